@@ -1,0 +1,1 @@
+"""Trajectory planning with CasADi over a ``FlowEstimate``."""

@@ -1,0 +1,137 @@
+"""The run's configuration: frozen, nested, every default visible here, an unknown key is an error.
+
+One TOML file holds it; each table is one class below. Command-line options override the file.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from replay_kit.errors import ConfigError
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LogConfig(_Section):
+    """``[logs]``: how logs are read."""
+
+    clock: Literal["log", "publish", "header"] = Field("log", description="which stamp orders the replay")
+    start: str | None = Field(None, description="first time used, ISO 8601 UTC")
+    end: str | None = Field(None, description="last time used, ISO 8601 UTC")
+    reorder_window: float = Field(1.0, ge=0.0, description="s; messages later than this are counted as late and left out")
+
+
+class MeasurementConfig(_Section):
+    """``[measurements]``: how messages become observations."""
+
+    position_max_age: float = Field(600.0, gt=0.0, description="s; a ping farther than this from any fix is not used")
+    surface_depth: float = Field(3.0, gt=0.0, description="m; shallower than this the vehicle is at the surface")
+    velocity_std: float = Field(0.09, gt=0.0, description="m/s; error of a bin whose message states none")
+
+
+class ForecastConfig(_Section):
+    """``[forecast]``: which part of the ensemble is used."""
+
+    region: tuple[float, float, float, float] | None = Field(None, description="west, south, east, north [degrees]")
+    levels: tuple[float, ...] | None = Field(None, description="m; the nearest levels are taken")
+    lead: float | None = Field(None, description="forecast period in the file's unit; the last by default")
+    time: str | None = Field(None, description="ISO 8601 UTC; the nearest time is taken, the first by default")
+    reference_time: str | None = Field(None, description="ISO 8601 UTC, for a file of leads that has none")
+    place: bool = Field(False, description="move the ensemble's centre to the mean fix of the log")
+
+
+class EstimatorConfig(_Section):
+    """``[estimator]``: the basis, the prior and the error model; ``None`` means the preset's own value."""
+
+    preset: Literal["default", "paper"] = "default"
+    modes: int | None = Field(300, ge=1, description="basis flows a level; fewer when fewer exist; None = all")
+    length_horizontal: float | None = Field(None, gt=0.0, description="m; default 1.16 cells, paper 10 km")
+    length_vertical: float = Field(100.0, gt=0.0, description="m; paper only")
+    nugget: float = Field(1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
+    hybrid_weight: float = Field(0.8, ge=0.0, le=1.0, description="share of the sample covariance in the prior; default only")
+    representation_error_std: float | None = Field(None, ge=0.0, description="m/s; None: from what the truncated basis leaves out")
+    paper_error_std: float = Field(0.12, gt=0.0, description="m/s; error of every bin under the paper preset")
+
+
+class PlannerConfig(_Section):
+    """``[planner]``: the glide."""
+
+    speed: float = Field(0.3, gt=0.0, description="m/s through water")
+    tolerance: float = Field(250.0, gt=0.0, description="m; a plan that passes this close has reached the goal")
+    interval: float = Field(21600.0, gt=0.0, description="s of log time between plans")
+    max_duration: float = Field(432000.0, gt=0.0, description="s; longest glide considered")
+
+
+class OutputConfig(_Section):
+    """``[output]``: what is published, and how often."""
+
+    depths: tuple[float, ...] | None = Field(None, description="m; depth slices published; three levels by default")
+    interval: float = Field(21600.0, gt=0.0, description="s of log time between published grids")
+    threads: int = Field(1, ge=1, description="BLAS threads; other counts give other last bits")
+
+
+class RunConfig(_Section):
+    """All of a run's settings."""
+
+    logs: LogConfig = LogConfig()
+    measurements: MeasurementConfig = MeasurementConfig()
+    forecast: ForecastConfig = ForecastConfig()
+    estimator: EstimatorConfig = EstimatorConfig()
+    planner: PlannerConfig = PlannerConfig()
+    output: OutputConfig = OutputConfig()
+
+
+def load_config(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> RunConfig:
+    """Return the configuration of a TOML file with command-line options laid over it.
+
+    Args:
+        path: The TOML file; None for the defaults.
+        overrides: Section name to option values; values of None are not options.
+
+    Raises:
+        ConfigError: The file is missing or no TOML, or a key or value is wrong.
+    """
+    tables: dict[str, Any] = {}
+    if path is not None:
+        try:
+            tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path}: not TOML: {error}") from error
+    for section, values in (overrides or {}).items():
+        given = {key: value for key, value in values.items() if value is not None}
+        if given:
+            table = tables.get(section, {})
+            tables[section] = {**table, **given} if isinstance(table, dict) else given
+    try:
+        return RunConfig.model_validate(tables)
+    except ValidationError as error:
+        raise ConfigError(f"{path or 'options'}: {_explain(error)}") from error
+
+
+def _explain(error: ValidationError) -> str:
+    lines = []
+    for item in error.errors():
+        key = ".".join(str(part) for part in item["loc"])
+        if item["type"] == "extra_forbidden":
+            known = sorted(_known_keys(item["loc"][:-1]))
+            lines.append(f"unknown key '{key}'; known here: {', '.join(known)}")
+        else:
+            lines.append(f"'{key}': {item['msg']}, got {item['input']!r}")
+    return "; ".join(lines)
+
+
+def _known_keys(location: tuple[int | str, ...]) -> list[str]:
+    model: type[BaseModel] = RunConfig
+    for part in location:
+        annotation = model.model_fields[str(part)].annotation
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            break
+        model = annotation
+    return list(model.model_fields)

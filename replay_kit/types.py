@@ -1,0 +1,335 @@
+"""The frozen values that flow through replay-kit, from a log's message to a plan.
+
+Arrays are float64 and are never written to after construction. Time is int64 nanoseconds, UTC. Velocities are
+(east, north) in m/s. Depth is metres, positive down. Names, frames and units: ``replay_kit/README.md``.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Reference = Literal["earth", "platform"]
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """Centre of the azimuthal equidistant projection (WGS84) that defines a local east-north frame.
+
+    Attributes:
+        longitude: Centre [degrees east].
+        latitude: Centre [degrees north].
+    """
+
+    longitude: float
+    latitude: float
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One decoded message of a log.
+
+    Attributes:
+        time_ns: The time that orders the replay [ns, UTC], by the clock the reader was asked for.
+        topic: Channel name; for MAVLink ``mavlink/{system}/{component}/{NAME}``.
+        schema: Schema name as the file gives it (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the
+            message's name.
+        payload: Plain mapping of field names to numbers, strings, bytes, lists and mappings, whatever the encoding was.
+        input: Position of the log among the run's inputs.
+        position: Ordinal or byte offset in that log; grows through the file.
+    """
+
+    time_ns: int
+    topic: str
+    schema: str
+    payload: Mapping[str, Any]
+    input: int
+    position: int
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """What a damaged log no longer holds.
+
+    Attributes:
+        what: Words for a person: where the damage is and what was done.
+        offset: Byte offset in the file at which whole records end.
+        bytes: Number of bytes that could not be used.
+    """
+
+    what: str
+    offset: int
+    bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class LogReport:
+    """What a reader met in one log, complete once its messages were read to the end.
+
+    Attributes:
+        path: The log.
+        format: ``mcap`` or ``tlog``.
+        read: Messages met, by topic, decoded or not.
+        undecodable: Topic to (count, reason) for what no decoder could read.
+        losses: Damage met; empty for a sound file.
+    """
+
+    path: str
+    format: str
+    read: Mapping[str, int]
+    undecodable: Mapping[str, tuple[int, str]]
+    losses: tuple[Loss, ...]
+
+
+class LogReader(Protocol):
+    """A log opened for one pass of reading."""
+
+    path: str
+    format: str
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the decoded messages, in the file's order made non-decreasing in time within a bounded window."""
+        ...
+
+    def report(self) -> LogReport:
+        """Return what was met so far."""
+        ...
+
+
+class Flag(IntEnum):
+    """QARTOD flags."""
+
+    GOOD = 1
+    NOT_EVALUATED = 2
+    SUSPECT = 3
+    FAIL = 4
+    MISSING = 9
+
+
+class Reason(IntFlag):
+    """Why a bin or a ping was not used."""
+
+    NONE = 0
+    MISSING = 1
+    ABOVE_SURFACE = 2
+    BELOW_GRID = 4
+    OUTSIDE_REGION = 8
+    PLATFORM_REFERENCE = 16
+    NOT_EARTH_COORDINATES = 32
+    NO_POSITION = 64
+    MALFORMED = 128
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """Where the vehicle was at one time.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: [m], positive down; NaN when unknown.
+        dead_reckoned: True when the position was not measured but computed.
+        source: The message that said so.
+    """
+
+    time_ns: int
+    longitude: float
+    latitude: float
+    depth: float
+    dead_reckoned: bool
+    source: "Source"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Pointer to the message that a value came from.
+
+    Attributes:
+        input: Position of the log among the run's inputs.
+        topic: Channel name.
+        position: Ordinal or byte offset in that log.
+        time_ns: The message's time [ns, UTC].
+    """
+
+    input: int
+    topic: str
+    position: int
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """One profile of the horizontal current: n bins under one position.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: shape (n,) [m], positive down.
+        velocity: shape (n, 2) [m/s], true east and true north; NaN where missing.
+        error_std: shape (n,) [m/s], the instrument's own error of each component.
+        reference: What the velocity is relative to.
+        flags: shape (n,), QARTOD flags.
+        reasons: shape (n,), bit mask of ``Reason``.
+        dive: Number of the dive the profile belongs to, counted from 1; 0 before the first dive or for a surface vessel.
+        source: The message it came from.
+    """
+
+    time_ns: int
+    longitude: float
+    latitude: float
+    depth: Array
+    velocity: Array
+    error_std: Array
+    reference: Reference
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    dive: int
+    source: Source
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """A forecast's grid in its local frame: a product in depth, curvilinear in the horizontal.
+
+    Attributes:
+        projection: The local frame.
+        longitude: shape (J, I) [degrees east], continuous across the antimeridian.
+        latitude: shape (J, I) [degrees north].
+        east: shape (J, I) [m], local frame.
+        north: shape (J, I) [m], local frame.
+        levels: shape (Z,) [m], positive down, increasing.
+        wet: shape (Z, J, I), True where the forecast has a velocity.
+    """
+
+    projection: Projection
+    longitude: Array
+    latitude: Array
+    east: Array
+    north: Array
+    levels: Array
+    wet: NDArray[np.bool_]
+
+    @property
+    def nodes(self) -> Array:
+        """Points that are wet at the first level, shape (N, 2) [m], local east and north."""
+        top = self.wet[0]
+        return np.column_stack([self.east[top], self.north[top]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ensemble:
+    """Forecast members on one grid. A truth is an ensemble of one.
+
+    Attributes:
+        grid: Where the members are given.
+        velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry.
+        time_ns: Time of the forecast [ns, UTC]; None when the file gives none.
+        source: Path of the file, with ``#member`` when one was chosen.
+    """
+
+    grid: Grid
+    velocity: Array
+    time_ns: int | None
+    source: str
+
+    @property
+    def n_members(self) -> int:
+        """Number of members E."""
+        return int(self.velocity.shape[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Innovation:
+    """What one observation said against the prediction made before it.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        depth: shape (n,) [m], the bins offered to the estimator, used or not.
+        innovation: shape (n, 2) [m/s], local east and north, measured minus predicted; NaN for bins not used.
+        innovation_std: shape (n, 2) [m/s], predicted standard deviation of the innovation.
+        residual: shape (n, 2) [m/s], measured minus estimated after the update.
+        prior_innovation: shape (n, 2) [m/s], measured minus predicted by the prior that has seen no observation.
+        nis: Normalised innovation squared of all rows used.
+        dof: Number of rows used.
+        accepted: False when no bin was usable.
+        flags: shape (n,), QARTOD flags after the region's checks.
+        reasons: shape (n,), bit mask of ``Reason``.
+        dive: As in the observation.
+        source: As in the observation.
+    """
+
+    time_ns: int
+    depth: Array
+    innovation: Array
+    innovation_std: Array
+    residual: Array
+    prior_innovation: Array
+    nis: float
+    dof: int
+    accepted: bool
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    dive: int
+    source: Source
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A point of the ocean.
+
+    Attributes:
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: [m], positive down.
+    """
+
+    longitude: float
+    latitude: float
+    depth: float
+
+
+PlanStatus = Literal["reached", "unreachable", "failed"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A glide at one constant velocity through water, and where it is predicted to go.
+
+    Attributes:
+        status: ``reached`` when the predicted path passes the goal within the tolerance, ``unreachable`` when the best path found
+            does not, ``failed`` when the solver gave no usable path.
+        start: Where it begins.
+        goal: Where it should pass.
+        start_time_ns: [ns, UTC].
+        heading_deg: Through water, clockwise from true north at the start, in [0, 360).
+        glide_angle_deg: Below the horizontal, positive down.
+        speed: Through water [m/s].
+        velocity_through_water: shape (3,) [m/s], local east, local north, down.
+        duration: To the closest approach [s].
+        closest_approach: Least predicted distance to the goal [m].
+        track_time: shape (n,) [s] since the start.
+        track: shape (n, 3) [m], predicted local east, north, depth.
+        message: Words for a person, with the limit that binds if any.
+        statistics: What the solver did: iterations, starts, return status.
+    """
+
+    status: PlanStatus
+    start: Place
+    goal: Place
+    start_time_ns: int
+    heading_deg: float
+    glide_angle_deg: float
+    speed: float
+    velocity_through_water: Array
+    duration: float
+    closest_approach: float
+    track_time: Array
+    track: Array
+    message: str
+    statistics: Mapping[str, float | int | str] = field(default_factory=dict)
