@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from replay_kit.errors import ConfigError
@@ -20,59 +21,69 @@ class _Section(BaseModel):
 class LogConfig(_Section):
     """``[logs]``: how logs are read."""
 
-    clock: Literal["log", "publish", "header"] = Field("log", description="which stamp orders the replay")
-    start: str | None = Field(None, description="first time used, ISO 8601 UTC")
-    end: str | None = Field(None, description="last time used, ISO 8601 UTC")
-    reorder_window: float = Field(1.0, ge=0.0, description="s; messages later than this are counted as late and left out")
+    clock: Literal["log", "publish", "header"] = Field(default="log", description="which stamp orders the replay")
+    start: str | None = Field(default=None, description="first time used, ISO 8601 UTC")
+    end: str | None = Field(default=None, description="last time used, ISO 8601 UTC")
+    reorder_window: float = Field(default=1.0, ge=0.0, description="s; messages later than this are counted as late and left out")
+
+    @property
+    def start_ns(self) -> int | None:
+        """First time used [ns, UTC]; None for no limit."""
+        return None if self.start is None else parse_time(self.start)
+
+    @property
+    def end_ns(self) -> int | None:
+        """Last time used [ns, UTC]; None for no limit."""
+        return None if self.end is None else parse_time(self.end)
 
 
 class MeasurementConfig(_Section):
     """``[measurements]``: how messages become observations."""
 
-    position_max_age: float = Field(600.0, gt=0.0, description="s; a ping farther than this from any fix is not used")
-    surface_depth: float = Field(3.0, gt=0.0, description="m; shallower than this the vehicle is at the surface")
-    velocity_std: float = Field(0.09, gt=0.0, description="m/s; error of a bin whose message states none")
+    position_max_age: float = Field(default=600.0, gt=0.0, description="s; a ping farther than this from any fix is not used")
+    surface_depth: float = Field(default=3.0, gt=0.0, description="m; shallower than this the vehicle is at the surface")
+    velocity_std: float = Field(default=0.09, gt=0.0, description="m/s; error of a bin whose message states none")
 
 
 class ForecastConfig(_Section):
     """``[forecast]``: which part of the ensemble is used."""
 
-    region: tuple[float, float, float, float] | None = Field(None, description="west, south, east, north [degrees]")
-    levels: tuple[float, ...] | None = Field(None, description="m; the nearest levels are taken")
-    lead: float | None = Field(None, description="forecast period in the file's unit; the last by default")
-    time: str | None = Field(None, description="ISO 8601 UTC; the nearest time is taken, the first by default")
-    reference_time: str | None = Field(None, description="ISO 8601 UTC, for a file of leads that has none")
-    place: bool = Field(False, description="move the ensemble's centre to the mean fix of the log")
+    region: tuple[float, float, float, float] | None = Field(default=None, description="west, south, east, north [degrees]")
+    levels: tuple[float, ...] | None = Field(default=None, description="m; the nearest levels are taken")
+    lead: float | None = Field(default=None, description="forecast period in the file's unit; the last by default")
+    time: str | None = Field(default=None, description="ISO 8601 UTC; the nearest time is taken, the first by default")
+    reference_time: str | None = Field(default=None, description="ISO 8601 UTC, for a file of leads that has none")
+    place: bool = Field(default=False, description="move the ensemble's centre to the mean fix of the log")
 
 
 class EstimatorConfig(_Section):
     """``[estimator]``: the basis, the prior and the error model; ``None`` means the preset's own value."""
 
     preset: Literal["default", "paper"] = "default"
-    modes: int | None = Field(300, ge=1, description="basis flows a level; fewer when fewer exist; None = all")
-    length_horizontal: float | None = Field(None, gt=0.0, description="m; default 1.16 cells, paper 10 km")
-    length_vertical: float = Field(100.0, gt=0.0, description="m; paper only")
-    nugget: float = Field(1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
-    hybrid_weight: float = Field(0.8, ge=0.0, le=1.0, description="share of the sample covariance in the prior; default only")
-    representation_error_std: float | None = Field(None, ge=0.0, description="m/s; None: from what the truncated basis leaves out")
-    paper_error_std: float = Field(0.12, gt=0.0, description="m/s; error of every bin under the paper preset")
+    modes: int | None = Field(default=300, ge=1, description="basis flows a level; fewer when fewer exist; None = all")
+    length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default 1.16 cells, paper 10 km")
+    length_vertical: float = Field(default=100.0, gt=0.0, description="m; paper only")
+    nugget: float = Field(default=1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
+    hybrid_weight: float = Field(default=0.8, ge=0.0, le=1.0, description="share of the sample covariance in the prior; default only")
+    representation_error_std: float | None = Field(default=None, ge=0.0, description="m/s; None: from what the truncated basis leaves out")
+    paper_error_std: float = Field(default=0.12, gt=0.0, description="m/s; error of every bin under the paper preset")
 
 
 class PlannerConfig(_Section):
     """``[planner]``: the glide."""
 
-    speed: float = Field(0.3, gt=0.0, description="m/s through water")
-    tolerance: float = Field(250.0, gt=0.0, description="m; a plan that passes this close has reached the goal")
-    interval: float = Field(21600.0, gt=0.0, description="s of log time between plans")
-    max_duration: float = Field(432000.0, gt=0.0, description="s; longest glide considered")
+    speed: float = Field(default=0.3, gt=0.0, description="m/s through water")
+    tolerance: float = Field(default=250.0, gt=0.0, description="m; a plan that passes this close has reached the goal")
+    interval: float = Field(default=21600.0, gt=0.0, description="s of log time between plans")
+    max_duration: float = Field(default=432000.0, gt=0.0, description="s; longest glide considered")
 
 
 class OutputConfig(_Section):
     """``[output]``: what is published, and how often."""
 
-    depths: tuple[float, ...] | None = Field(None, description="m; depth slices published; three levels by default")
-    interval: float = Field(21600.0, gt=0.0, description="s of log time between published grids")
-    threads: int = Field(1, ge=1, description="BLAS threads; other counts give other last bits")
+    depths: tuple[float, ...] | None = Field(default=None, description="m; depth slices published; three levels by default")
+    interval: float = Field(default=21600.0, gt=0.0, description="s of log time between published grids")
+    threads: int = Field(default=1, ge=1, description="BLAS threads; other counts give other last bits")
 
 
 class RunConfig(_Section):
@@ -84,6 +95,18 @@ class RunConfig(_Section):
     estimator: EstimatorConfig = EstimatorConfig()
     planner: PlannerConfig = PlannerConfig()
     output: OutputConfig = OutputConfig()
+
+
+def parse_time(text: str) -> int:
+    """Return a time [ns, UTC] written in ISO 8601.
+
+    Raises:
+        ConfigError: The text is no such time.
+    """
+    try:
+        return int(np.datetime64(text.strip().removesuffix("Z"), "ns").astype(np.int64))
+    except ValueError as error:
+        raise ConfigError(f"'{text}' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z") from error
 
 
 def load_config(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> RunConfig:

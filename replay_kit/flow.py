@@ -124,7 +124,9 @@ class FlowEstimate:
         certain = replace(self, modes=np.empty((self.modes.shape[0], 0)), weight_cov=np.empty((0, 0)))
         return tuple(replace(certain, latent=self.latent + self.modes @ weights.T) for weights in by_level)
 
-    def to_xarray(self, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None) -> "xr.Dataset":
+    def to_xarray(
+        self, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None
+    ) -> "xr.Dataset":
         """Return velocity and standard error on a grid as a CF dataset; see ``replay_kit.flow_netcdf.to_dataset``."""
         from replay_kit.flow_netcdf import to_dataset
 
@@ -139,7 +141,7 @@ class FlowEstimate:
     def _contract(self, points: Array, depths: Array, latent: Array) -> Array:
         by_level = velocity_kernel(self.kernel, points, self.nodes) @ latent
         weights = depth_weights(self.depth_functions, depths, self.levels)
-        return np.sum(by_level.reshape(2, depths.size, -1) * weights, axis=2).T
+        return np.asarray(np.sum(by_level.reshape(2, depths.size, -1) * weights, axis=2).T)
 
     def _variance(self, basis: Array, weights: Array) -> Array:
         """Return diag(H P H'), shape (P, 2): pairs of levels in turn, because a hat meets only its neighbours."""

@@ -7,10 +7,10 @@ are not true east and north: the angle between them is the meridian convergence,
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pyproj import Geod, Proj
 
-from replay_kit.types import Array, Projection
+from replay_kit.types import Array, Grid, Projection
 
 _ELLIPSOID = Geod(ellps="WGS84")
 
@@ -38,7 +38,9 @@ def grid_bearing_of_true_north(projection: Projection, longitude: ArrayLike, lat
     return -np.deg2rad(np.asarray(factors.meridian_convergence, dtype=np.float64))
 
 
-def rotate_to_local(projection: Projection, longitude: ArrayLike, latitude: ArrayLike, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
+def rotate_to_local(
+    projection: Projection, longitude: ArrayLike, latitude: ArrayLike, east: ArrayLike, north: ArrayLike
+) -> tuple[Array, Array]:
     """Return vector components along the local axes.
 
     Args:
@@ -51,7 +53,9 @@ def rotate_to_local(projection: Projection, longitude: ArrayLike, latitude: Arra
     return _rotate(grid_bearing_of_true_north(projection, longitude, latitude), east, north)
 
 
-def rotate_to_geographic(projection: Projection, longitude: ArrayLike, latitude: ArrayLike, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
+def rotate_to_geographic(
+    projection: Projection, longitude: ArrayLike, latitude: ArrayLike, east: ArrayLike, north: ArrayLike
+) -> tuple[Array, Array]:
     """Return vector components towards true east and true north; the inverse of ``rotate_to_local``."""
     return _rotate(-grid_bearing_of_true_north(projection, longitude, latitude), east, north)
 
@@ -77,3 +81,23 @@ def unwrap_longitude(longitude: ArrayLike, near: float) -> Array:
     """Return longitudes moved by whole turns to within 180 degrees of ``near``, so that regions may cross the antimeridian."""
     longitude = np.asarray(longitude, dtype=np.float64)
     return near + np.mod(longitude - near + 180.0, 360.0) - 180.0
+
+
+def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether local points [m] lie inside the grid's outline, its edge included to a millimetre; the shape is kept."""
+    ring = np.concatenate([_ring(grid.east)[:, None], _ring(grid.north)[:, None]], axis=1)
+    start, edge = ring, np.roll(ring, -1, axis=0) - ring
+    east, north = np.broadcast_arrays(np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64))
+    dx, dy = east[..., None] - start[:, 0], north[..., None] - start[:, 1]
+    # even-odd rule: count the edges that a ray towards growing east crosses
+    straddles = (dy >= 0.0) != (dy - edge[:, 1] >= 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left_of = dx < dy / edge[:, 1] * edge[:, 0]
+    inside = np.sum(straddles & left_of, axis=-1) % 2 == 1
+    along = np.clip((dx * edge[:, 0] + dy * edge[:, 1]) / np.sum(edge**2, axis=1), 0.0, 1.0)
+    to_edge = np.hypot(dx - along * edge[:, 0], dy - along * edge[:, 1]).min(axis=-1)
+    return np.asarray(inside | (to_edge < 1e-3))
+
+
+def _ring(values: Array) -> Array:
+    return np.concatenate([values[0, :-1], values[:-1, -1], values[-1, :0:-1], values[:0:-1, 0]])

@@ -231,12 +231,14 @@ class Ensemble:
         velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry.
         time_ns: Time of the forecast [ns, UTC]; None when the file gives none.
         source: Path of the file, with ``#member`` when one was chosen.
+        notes: What a user should know of how the file was read.
     """
 
     grid: Grid
     velocity: Array
     time_ns: int | None
     source: str
+    notes: tuple[str, ...] = ()
 
     @property
     def n_members(self) -> int:

@@ -1,0 +1,187 @@
+"""The estimator: a frozen problem, a frozen state, and one step that online and offline use share."""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.kalman import ProfileRows, compress_profile, update
+from replay_kit.estimator.modes import Basis, build_basis
+from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
+from replay_kit.flow import FlowEstimate
+from replay_kit.geodesy import inside_grid, rotate_to_local, to_local
+from replay_kit.kernels.depth import depth_weights
+from replay_kit.kernels.horizontal import velocity_kernel
+from replay_kit.types import Array, Ensemble, Flag, Grid, Innovation, Observation, Reason
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterState:
+    """What is known of the weights at one time.
+
+    Attributes:
+        mean: shape (Z r,), level after level.
+        cov: shape (Z r, Z r).
+        time_ns: Of the last observation used [ns, UTC]; None before the first.
+    """
+
+    mean: Array
+    cov: Array
+    time_ns: int | None
+
+
+class Estimator(Protocol):
+    """What a replay needs of any estimator."""
+
+    def initial(self) -> FilterState:
+        """Return the state before any observation."""
+        ...
+
+    def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
+        """Return the state after an observation, and what the observation said."""
+        ...
+
+    def misfit(self, state: FilterState, observation: Observation) -> Array:
+        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
+        ...
+
+    def flow(self, state: FilterState) -> FlowEstimate:
+        """Return the current estimate that a state stands for."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReducedBasisEstimator:
+    """The paper's 2.5D estimator, in both presets.
+
+    Attributes:
+        basis: Basis flows.
+        prior: Of the weights.
+        error_std: Error of every bin [m/s], replacing the bins' own (paper); None adds ``representation_std`` to the bins' own.
+        representation_std: shape (Z,) [m/s], what a bin sees and the basis cannot show, by level.
+        time_ns: Time of the forecast.
+    """
+
+    basis: Basis
+    prior: Prior
+    error_std: float | None
+    representation_std: Array
+    time_ns: int | None
+
+    def initial(self) -> FilterState:
+        """Return the prior as a state."""
+        return FilterState(self.prior.mean, self.prior.cov, None)
+
+    def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
+        """Return the state after an observation, and the innovation.
+
+        An observation without a usable bin leaves the state untouched.
+        """
+        flags, reasons = screen(observation, self.basis.grid)
+        used = np.flatnonzero(flags == Flag.GOOD)
+        blank = np.full((observation.depth.size, 2), np.nan)
+        said = Innovation(
+            time_ns=observation.time_ns,
+            depth=observation.depth,
+            innovation=blank,
+            innovation_std=blank,
+            residual=blank,
+            prior_innovation=blank,
+            nis=np.nan,
+            dof=0,
+            accepted=False,
+            flags=flags,
+            reasons=reasons,
+            dive=observation.dive,
+            source=observation.source,
+        )
+        if used.size == 0:
+            return state, said
+        rows, values = self._rows(observation, used)
+        design = rows.design()
+        prediction, prior_prediction = rows.expand(design @ state.mean), rows.expand(design @ self.prior.mean)
+        innovation = values - prediction
+        compressed, left_out = rows.compress(innovation)
+        mean, cov, predicted, nis = update(state.mean, state.cov, design, compressed)
+        variance = rows.expand_variance(predicted) + np.square(rows.error_std)[:, None]
+        said = replace(
+            said,
+            innovation=_scatter(blank, used, innovation),
+            innovation_std=_scatter(blank, used, np.sqrt(variance)),
+            residual=_scatter(blank, used, values - rows.expand(design @ mean)),
+            prior_innovation=_scatter(blank, used, values - prior_prediction),
+            nis=nis + left_out,
+            dof=2 * used.size,
+            accepted=True,
+        )
+        return FilterState(mean, cov, observation.time_ns), said
+
+    def misfit(self, state: FilterState, observation: Observation) -> Array:
+        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
+        flags, _ = screen(observation, self.basis.grid)
+        used = np.flatnonzero(flags == Flag.GOOD)
+        out = np.full((observation.depth.size, 2), np.nan)
+        if used.size:
+            rows, values = self._rows(observation, used)
+            out[used] = values - rows.expand(rows.design() @ state.mean)
+        return out
+
+    def flow(self, state: FilterState) -> FlowEstimate:
+        """Return the current estimate that a state stands for."""
+        by_level = state.mean.reshape(self.basis.grid.levels.size, -1)
+        latent = self.basis.offset + self.basis.modes @ by_level.T
+        time_ns = self.time_ns if state.time_ns is None else state.time_ns
+        return FlowEstimate(self.basis.grid, self.basis.kernel, self.basis.depth_functions, latent, self.basis.modes, state.cov, time_ns)
+
+    def _rows(self, observation: Observation, used: NDArray[np.intp]) -> tuple[ProfileRows, Array]:
+        """Return the compressed rows of the usable bins and their velocity about the offset, shape (n, 2), local axes."""
+        projection = self.basis.grid.projection
+        east, north = to_local(projection, observation.longitude, observation.latitude)
+        kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), self.basis.grid.nodes)
+        weights = depth_weights(self.basis.depth_functions, observation.depth[used], self.basis.grid.levels)
+        own = observation.error_std[used]
+        if self.error_std is not None:
+            error_std = np.full(used.size, self.error_std)
+        else:
+            representation = np.interp(observation.depth[used], self.basis.grid.levels, self.representation_std)
+            error_std = np.hypot(own, representation)
+        u, v = rotate_to_local(projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
+        values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
+        return compress_profile(weights, kernel_row @ self.basis.modes, error_std), values
+
+
+def screen(observation: Observation, grid: Grid) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
+    """Return flags and reasons of a profile's bins with the region's own checks added.
+
+    Args:
+        observation: The profile.
+        grid: The region.
+    """
+    flags, reasons = observation.flags.copy(), observation.reasons.copy()
+    east, north = to_local(grid.projection, observation.longitude, observation.latitude)
+    outside = np.full(flags.shape, not inside_grid(grid, east, north))
+    for failed, reason in ((observation.depth > grid.levels[-1], Reason.BELOW_GRID), (outside, Reason.OUTSIDE_REGION)):
+        reasons[failed] |= reason
+        flags[failed & (flags == Flag.GOOD)] = Flag.FAIL
+    return flags, reasons
+
+
+def _scatter(blank: Array, used: NDArray[np.intp], values: Array) -> Array:
+    out = blank.copy()
+    out[used] = values
+    return out
+
+
+def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
+    """Return the estimator of the configuration's preset for an ensemble."""
+    basis = build_basis(ensemble, config)
+    if config.preset == "paper":
+        return ReducedBasisEstimator(
+            basis, diagonal_prior(basis.member_weights), config.paper_error_std, basis.truncation_std, ensemble.time_ns
+        )
+    representation = basis.truncation_std
+    if config.representation_error_std is not None:
+        representation = np.full_like(representation, config.representation_error_std)
+    return ReducedBasisEstimator(basis, hybrid_prior(basis.member_weights, config.hybrid_weight), None, representation, ensemble.time_ns)

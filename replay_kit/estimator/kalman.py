@@ -1,0 +1,85 @@
+"""The Kalman update for one profile, compressed exactly to at most 2 Z rows.
+
+All bins of a profile lie under one point, so its design is a product: H = D (bins x Z) times G (2 x r), one row for each bin and
+component. Whitening by the bins' errors and a QR factorisation D / sigma = Q R leave rows R G that hold all the bins say of
+the weights; what Q discards is pure noise and enters the normalised innovation squared only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from replay_kit.types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileRows:
+    """A profile compressed: y = H w + noise of unit variance, with k = min(bins, Z) rows a component.
+
+    Attributes:
+        q: shape (n, k), orthonormal columns.
+        r: shape (k, Z), the whitened depth factor.
+        basis: shape (2, m), the modes' velocity at the point.
+        error_std: shape (n,) [m/s], error of each bin.
+    """
+
+    q: Array
+    r: Array
+    basis: Array
+    error_std: Array
+
+    def design(self) -> Array:
+        """Return H, shape (2 k, Z m): all east rows, then all north."""
+        rows: Array = np.einsum("kz,cm->ckzm", self.r, self.basis)
+        return rows.reshape(2 * self.r.shape[0], -1)
+
+    def compress(self, values: Array) -> tuple[Array, float]:
+        """Return the rows of bin values, shape (2 k,), and the squared norm of what they leave out.
+
+        Args:
+            values: shape (n, 2) [m/s].
+        """
+        whitened = values / self.error_std[:, None]
+        rows = self.q.T @ whitened
+        return rows.T.ravel(), max(float(np.sum(whitened**2) - np.sum(rows**2)), 0.0)
+
+    def expand(self, rows: Array) -> Array:
+        """Return bin values, shape (n, 2) [m/s], of compressed rows, shape (2 k,)."""
+        return self.error_std[:, None] * (self.q @ rows.reshape(2, -1).T)
+
+    def expand_variance(self, cov: Array) -> Array:
+        """Return the variance of bin values, shape (n, 2) [m^2/s^2], of rows with covariance ``cov``, shape (2 k, 2 k)."""
+        k = self.r.shape[0]
+        by_component = [np.einsum("nk,kl,nl->n", self.q, cov[c * k : (c + 1) * k, c * k : (c + 1) * k], self.q) for c in range(2)]
+        return np.asarray(np.square(self.error_std)[:, None] * np.column_stack(by_component))
+
+
+def compress_profile(depth_weights: Array, basis: Array, error_std: Array) -> ProfileRows:
+    """Return a profile's compressed rows.
+
+    Args:
+        depth_weights: shape (n, Z), D.
+        basis: shape (2, m), G.
+        error_std: shape (n,) [m/s], error of each bin, the same for both components, uncorrelated.
+    """
+    q, r = np.linalg.qr(depth_weights / error_std[:, None])
+    return ProfileRows(q, r, basis, error_std)
+
+
+def update(mean: Array, cov: Array, design: Array, innovation: Array) -> tuple[Array, Array, Array, float]:
+    """Return the updated mean and covariance, the rows' predicted covariance without noise, and the rows' NIS.
+
+    Args:
+        mean: shape (n,).
+        cov: shape (n, n), symmetric.
+        design: shape (m, n), of rows with independent noise of unit variance.
+        innovation: shape (m,), rows minus their prediction.
+    """
+    cov_design = cov @ design.T
+    predicted = design @ cov_design
+    predicted = 0.5 * (predicted + predicted.T)
+    lower = np.linalg.cholesky(predicted + np.eye(innovation.size))
+    whitened = scipy.linalg.solve_triangular(lower, innovation, lower=True)
+    half_gain = scipy.linalg.solve_triangular(lower, cov_design.T, lower=True)
+    return mean + half_gain.T @ whitened, cov - half_gain.T @ half_gain, predicted, float(whitened @ whitened)

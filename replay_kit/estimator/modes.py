@@ -1,0 +1,155 @@
+"""From ensemble members to a basis: kernel embedding, singular value decomposition, weights of each member.
+
+Stacked vectors hold all east, then all north components at the N wet nodes of a level; matrices of slices hold the levels of a
+member side by side, the members one after another: column e Z + z.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from replay_kit.config import EstimatorConfig
+from replay_kit.flow import FlowEstimate
+from replay_kit.kernels.depth import DepthFunctions, depth_weights
+from replay_kit.kernels.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.types import Array, Ensemble, Grid
+
+# The default length of the kernel in cells: the paper's 10 km on its 8.6 km cells.
+LENGTH_IN_CELLS = 1.16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """Basis flows of a region, and the members in them.
+
+    Attributes:
+        grid: The ensemble's grid; its wet top points are the kernel's nodes.
+        kernel: Horizontal kernel.
+        depth_functions: How levels combine.
+        offset: shape (2N, Z), latent velocities of the flow about which the weights are counted.
+        modes: shape (2N, r), latent velocities of the basis flows, the same at every level.
+        singular_values: shape (R,), of all modes, R >= r.
+        member_weights: shape (E, Z, r).
+        truncation_std: shape (Z,) [m/s], RMS per component of what the modes leave out of the members.
+    """
+
+    grid: Grid
+    kernel: HorizontalKernel
+    depth_functions: DepthFunctions
+    offset: Array
+    modes: Array
+    singular_values: Array
+    member_weights: Array
+    truncation_std: Array
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modes r a level."""
+        return int(self.modes.shape[1])
+
+
+def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
+    """Return the basis of the configuration's preset."""
+    slices = ensemble_slices(ensemble)
+    kernel = _kernel(ensemble, slices, config)
+    if config.preset == "paper":
+        return _paper_basis(ensemble.grid, slices, kernel, DepthFunctions("gaussian", config.length_vertical), config.modes)
+    return _default_basis(ensemble.grid, slices, kernel, config)
+
+
+def ensemble_slices(ensemble: Ensemble) -> Array:
+    """Return the members' velocities at the nodes, shape (E, Z, 2N) [m/s].
+
+    Below the sea floor a column keeps the velocity of its deepest wet level, so that modes have no jump there; the grid's mask
+    keeps such points out of every result.
+    """
+    top = ensemble.grid.wet[0]
+    at_nodes = ensemble.velocity[..., top]  # (E, 2, Z, N)
+    for z in range(1, at_nodes.shape[2]):
+        dry = ~ensemble.grid.wet[z][top]
+        at_nodes[:, :, z, dry] = at_nodes[:, :, z - 1, dry]
+    return np.moveaxis(at_nodes, 2, 1).reshape(ensemble.n_members, ensemble.grid.levels.size, -1)
+
+
+def cell_size(grid: Grid) -> tuple[float, float]:
+    """Return the median spacing of grid points [m] along its two directions, the one nearer to east-west first."""
+    along_i = np.hypot(np.diff(grid.east, axis=1), np.diff(grid.north, axis=1))
+    along_j = np.hypot(np.diff(grid.east, axis=0), np.diff(grid.north, axis=0))
+    sizes = float(np.median(along_i)), float(np.median(along_j))
+    i_is_east = np.median(np.abs(np.diff(grid.east, axis=1))) >= np.median(np.abs(np.diff(grid.north, axis=1)))
+    return sizes if i_is_east else sizes[::-1]
+
+
+def embed(kernel: HorizontalKernel, nodes: Array, velocity: Array, nugget: float) -> Array:
+    """Return latent velocities beta with (K + nugget max(eigenvalue) I) beta = velocity.
+
+    Args:
+        kernel: Horizontal kernel.
+        nodes: shape (N, 2) [m].
+        velocity: shape (2N, m) [m/s].
+        nugget: Share of the kernel matrix's largest eigenvalue added to its diagonal.
+    """
+    eigenvalues, vectors = np.linalg.eigh(velocity_kernel(kernel, nodes, nodes))
+    return np.asarray(vectors @ ((vectors.T @ velocity) / (eigenvalues + nugget * eigenvalues[-1])[:, None]))
+
+
+def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
+    """Return one member, or a truth, as a flow without uncertainty: hats in depth, the default kernel."""
+    slices = ensemble_slices(ensemble)[member]
+    kernel = _kernel(ensemble, slices[None], config.model_copy(update={"preset": "default"}))
+    latent = embed(kernel, ensemble.grid.nodes, slices.T, config.nugget)
+    nothing = np.empty((latent.shape[0], 0)), np.empty((0, 0))
+    return FlowEstimate(ensemble.grid, kernel, DepthFunctions("hat", config.length_vertical), latent, *nothing, ensemble.time_ns)
+
+
+def _kernel(ensemble: Ensemble, slices: Array, config: EstimatorConfig) -> HorizontalKernel:
+    speed = float(np.sqrt(np.mean(slices[:, 0] ** 2)))
+    if config.preset == "paper":
+        length = config.length_horizontal or 10_000.0
+        return HorizontalKernel(length, length, speed)
+    if config.length_horizontal is not None:
+        return HorizontalKernel(config.length_horizontal, config.length_horizontal, speed)
+    east, north = cell_size(ensemble.grid)
+    return HorizontalKernel(LENGTH_IN_CELLS * east, LENGTH_IN_CELLS * north, speed)
+
+
+def _svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
+    """Return the leading left singular vectors, signs fixed, and all singular values."""
+    u, s, _ = scipy.linalg.svd(columns, full_matrices=False, lapack_driver="gesdd")
+    largest = np.argmax(np.abs(u), axis=0)
+    u = u * np.sign(u[largest, np.arange(u.shape[1])])
+    rank = int(np.sum(s > s[0] * 1e-12))
+    return u[:, : min(n_modes or rank, rank)], s
+
+
+def _paper_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions, n_modes: int | None) -> Basis:
+    """The paper's: latents of the product kernel K_z x K_h without a nugget, SVD of all latent slices, weights about zero."""
+    n_members, n_levels, size = slices.shape
+    kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
+    by_member = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1)).reshape(n_levels, n_members, size)
+    latent = embed(kernel, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
+    modes, singular_values = _svd(latent, n_modes)
+    weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
+    return Basis(grid, kernel, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
+
+
+def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: EstimatorConfig) -> Basis:
+    """Hats in depth; SVD of the velocity anomalies about the ensemble's mean, which is kept whole as the offset."""
+    n_members, n_levels, size = slices.shape
+    mean: Array = slices.mean(axis=0)
+    anomalies = (slices - mean).reshape(-1, size).T  # (2N, E Z)
+    velocity_modes, singular_values = _svd(anomalies, config.modes)
+    weights = velocity_modes.T @ anomalies
+    left_out = (anomalies - velocity_modes @ weights).reshape(size, n_members, n_levels)
+    latents = embed(kernel, grid.nodes, np.asarray(np.hstack([mean.T, velocity_modes]), dtype=np.float64), config.nugget)
+    return Basis(
+        grid,
+        kernel,
+        DepthFunctions("hat", config.length_vertical),
+        latents[:, :n_levels],
+        latents[:, n_levels:],
+        singular_values,
+        weights.T.reshape(n_members, n_levels, -1),
+        np.sqrt(np.mean(left_out**2, axis=(0, 1))),
+    )

@@ -1,0 +1,5 @@
+"""Ensemble files to ``Ensemble`` values: NetCDF and Zarr through xarray."""
+
+from replay_kit.forecast.reader import read_ensemble, read_truth
+
+__all__ = ["read_ensemble", "read_truth"]

@@ -1,0 +1,82 @@
+"""Pure functions on the grid's arrays: the part inside a region, land, and components along the local axes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.geodesy import rotate_to_local, to_geographic, to_local, unwrap_longitude
+from replay_kit.types import Array, Grid, Projection
+
+
+def centre_longitude(longitude: Array) -> float:
+    """Return the longitude [degrees] in the middle of all given, right also across the antimeridian."""
+    radians = np.deg2rad(longitude)
+    mean = np.rad2deg(np.arctan2(np.mean(np.sin(radians)), np.mean(np.cos(radians))))
+    unwrapped = unwrap_longitude(longitude, float(mean))
+    return float(unwrap_longitude(0.5 * (unwrapped.min() + unwrapped.max()), 0.0))
+
+
+def region_slices(longitude: Array, latitude: Array, region: tuple[float, float, float, float]) -> tuple[slice, slice] | None:
+    """Return index slices (J, I) of the smallest block that holds every grid point inside the region; None when none is.
+
+    Args:
+        longitude: shape (J, I) [degrees].
+        latitude: shape (J, I) [degrees].
+        region: west, south, east, north [degrees]; west > east crosses the antimeridian.
+    """
+    west, south, east, north = region
+    width = (east - west) % 360.0 or 360.0
+    # a tolerance of some 10 m, because file coordinates are often float32
+    inside = (np.mod(longitude - west + 1e-4, 360.0) <= width + 2e-4) & (latitude >= south - 1e-4) & (latitude <= north + 1e-4)
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    if rows.size == 0:
+        return None
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def wet_mask(velocity: Array) -> tuple[NDArray[np.bool_], int]:
+    """Return where all members have a current, shape (Z, J, I), and how many columns were taken for land because all is zero.
+
+    Args:
+        velocity: shape (E, 2, Z, J, I), NaN where dry.
+    """
+    zero_columns = np.all(velocity == 0.0, axis=(0, 1, 2))
+    return np.isfinite(velocity).all(axis=(0, 1)) & ~zero_columns, int(zero_columns.sum())
+
+
+def local_grid(longitude: Array, latitude: Array, levels: Array, wet: NDArray[np.bool_], place_at: tuple[float, float] | None) -> Grid:
+    """Return the grid in a local frame about its centre.
+
+    Args:
+        longitude: shape (J, I) [degrees].
+        latitude: shape (J, I) [degrees].
+        levels: shape (Z,) [m].
+        wet: shape (Z, J, I).
+        place_at: (longitude, latitude) to move the grid's centre to, keeping distances; None leaves it.
+    """
+    middle = centre_longitude(longitude)
+    projection = Projection(middle, 0.5 * float(latitude.min() + latitude.max()))
+    longitude = unwrap_longitude(longitude, middle)
+    east, north = to_local(projection, longitude, latitude)
+    if place_at is not None:
+        projection = Projection(*place_at)
+        longitude, latitude = to_geographic(projection, east, north)
+        longitude = unwrap_longitude(longitude, place_at[0])
+    return Grid(projection, longitude, latitude, east, north, levels, wet)
+
+
+def true_to_local(projection: Projection, longitude: Array, latitude: Array, velocity: Array) -> Array:
+    """Return velocities, shape (..., 2, Z, J, I), turned from true east and north to the local axes."""
+    east, north = rotate_to_local(projection, longitude, latitude, velocity[..., 0, :, :, :], velocity[..., 1, :, :, :])
+    return np.stack([east, north], axis=-4)
+
+
+def grid_to_local(east: Array, north: Array, velocity: Array) -> Array:
+    """Return velocities, shape (..., 2, Z, J, I), turned from the grid's own axes to the local axes.
+
+    The first component is taken along growing i, the second at a right angle to it, anticlockwise: true for the orthogonal
+    curvilinear grids of ocean models.
+    """
+    along = np.gradient(east, axis=1) + 1j * np.gradient(north, axis=1)
+    along /= np.abs(along)
+    turned = (velocity[..., 0, :, :, :] + 1j * velocity[..., 1, :, :, :]) * along
+    return np.stack([turned.real, turned.imag], axis=-4)

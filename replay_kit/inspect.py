@@ -1,0 +1,157 @@
+"""What is in a log, and what it can be used for."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config import RunConfig
+from replay_kit.logs import open_log
+from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.types import Flag, LogReport, Observation, VehicleState
+
+
+@dataclass(slots=True)
+class TopicInfo:
+    """One topic of a log.
+
+    Attributes:
+        schema: Schema or message name.
+        messages: How many were met.
+        first_ns: Time of the first decoded [ns, UTC]; None when none was.
+        last_ns: Time of the last decoded.
+    """
+
+    schema: str = ""
+    messages: int = 0
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LogInfo:
+    """One log.
+
+    Attributes:
+        report: What the reader met.
+        topics: By name.
+        profiles: Profiles of the current it gives.
+        bins: Usable bins in them.
+        positions: Positions it gives.
+        dives: Dives begun.
+        box: West, south, east, north [degrees] of the positions; None without positions.
+        depths: Shallowest and deepest usable bin [m]; None without bins.
+        not_used: Topic to reason to count.
+    """
+
+    report: LogReport
+    topics: dict[str, TopicInfo]
+    profiles: int
+    bins: int
+    positions: int
+    dives: int
+    box: tuple[float, float, float, float] | None
+    depths: tuple[float, float] | None
+    not_used: dict[str, dict[str, int]]
+
+    @property
+    def use(self) -> str:
+        """What the log can be used for, in words."""
+        if self.bins:
+            return "replay: it has positions and profiles of the current"
+        if self.positions:
+            return "positions only: no usable profile of the current"
+        return "nothing yet: neither positions nor profiles of the current"
+
+
+@dataclass(slots=True)
+class _Found:
+    profiles: int = 0
+    bins: int = 0
+    depths: list[tuple[float, float]] = field(default_factory=list)
+    longitudes: list[float] = field(default_factory=list)
+    latitudes: list[float] = field(default_factory=list)
+    not_used: dict[str, dict[str, int]] = field(default_factory=lambda: defaultdict(lambda: defaultdict(int)))
+
+    def add(self, event: object) -> None:
+        if isinstance(event, Observation):
+            good = event.depth[event.flags == Flag.GOOD]
+            self.profiles += 1
+            self.bins += good.size
+            if good.size:
+                self.depths.append((float(good.min()), float(good.max())))
+        elif isinstance(event, VehicleState):
+            self.longitudes.append(event.longitude)
+            self.latitudes.append(event.latitude)
+        elif hasattr(event, "reason"):
+            self.not_used[event.topic][event.reason] += 1
+
+
+def inspect_log(path: Path, config: RunConfig) -> LogInfo:
+    """Return what a log holds; every message is read.
+
+    Raises:
+        LogError: The log cannot be opened.
+    """
+    reader, state, found = open_log(path, 0, config.logs), initial_state(), _Found()
+    topics: dict[str, TopicInfo] = defaultdict(TopicInfo)
+    for message in reader.messages():
+        topic = topics[message.topic]
+        topic.schema = message.schema
+        topic.first_ns = message.time_ns if topic.first_ns is None else min(topic.first_ns, message.time_ns)
+        topic.last_ns = message.time_ns if topic.last_ns is None else max(topic.last_ns, message.time_ns)
+        state, events = interpret(state, message, config.measurements)
+        for event in events:
+            found.add(event)
+    for event in finish(state, config.measurements):
+        found.add(event)
+    report = reader.report()
+    for name, count in report.read.items():
+        topics[name].messages = count
+    return LogInfo(
+        report=report,
+        topics=dict(sorted(topics.items())),
+        profiles=found.profiles,
+        bins=found.bins,
+        positions=len(found.longitudes),
+        dives=state.dive,
+        box=_box(found.longitudes, found.latitudes),
+        depths=(min(d[0] for d in found.depths), max(d[1] for d in found.depths)) if found.depths else None,
+        not_used={topic: dict(reasons) for topic, reasons in found.not_used.items()},
+    )
+
+
+def _box(longitudes: Sequence[float], latitudes: Sequence[float]) -> tuple[float, float, float, float] | None:
+    if not longitudes:
+        return None
+    return min(longitudes), min(latitudes), max(longitudes), max(latitudes)
+
+
+def info_json(info: LogInfo) -> dict[str, Any]:
+    """Return a log's description for JSON."""
+    return {
+        "file": info.report.path,
+        "format": info.report.format,
+        "use": info.use,
+        "profiles": info.profiles,
+        "bins": info.bins,
+        "positions": info.positions,
+        "dives": info.dives,
+        "box": info.box,
+        "depths": info.depths,
+        "topics": [
+            {"topic": name, "schema": topic.schema, "messages": topic.messages, "first": iso(topic.first_ns), "last": iso(topic.last_ns)}
+            for name, topic in info.topics.items()
+        ],
+        "not_used": info.not_used,
+        "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in info.report.undecodable.items()},
+        "losses": [{"what": loss.what, "offset": loss.offset, "bytes": loss.bytes} for loss in info.report.losses],
+    }
+
+
+def iso(time_ns: int | None) -> str | None:
+    """Return a time as ISO 8601 UTC to the second."""
+    return None if time_ns is None else f"{np.datetime_as_string(np.datetime64(time_ns, 'ns'), unit='s')}Z"

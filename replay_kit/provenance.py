@@ -1,0 +1,59 @@
+"""What a result says of how it was made: input hashes, versions, the region, the configuration."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from replay_kit import __version__
+from replay_kit.config import RunConfig
+from replay_kit.types import Ensemble
+
+_BLOCK = 1 << 20
+_PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a store in the order of their names."""
+    digest = hashlib.sha256()
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for part in files:
+        with part.open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble) -> dict[str, Mapping[str, str]]:
+    """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made."""
+    grid = ensemble.grid
+    inputs = {f"log{i}": f"{path.name} sha256:{file_hash(path)}" for i, path in enumerate(logs)}
+    inputs["ensemble"] = f"{ensemble_path.name} sha256:{file_hash(ensemble_path)}"
+    region = {
+        "projection": "azimuthal equidistant, WGS84",
+        "centre_longitude": repr(grid.projection.longitude),
+        "centre_latitude": repr(grid.projection.latitude),
+        "levels": ", ".join(repr(float(level)) for level in grid.levels),
+        "grid": " x ".join(str(n) for n in grid.east.shape),
+        "members": str(ensemble.n_members),
+    }
+    versions = {"replay-kit": __version__, **{name: version(name) for name in _PACKAGES}}
+    return {"replay_kit.inputs": inputs, "replay_kit.region": region, "replay_kit.versions": versions}
+
+
+def run_settings_toml(config: RunConfig) -> str:
+    """Return the configuration as TOML, every value given; what is unset is left out, as TOML has no null."""
+    lines: list[str] = []
+    for section, values in config.model_dump(mode="json").items():
+        lines += [f"[{section}]", *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""]
+    return "\n".join(lines)
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

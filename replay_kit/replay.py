@@ -1,0 +1,358 @@
+"""One log end to end: messages in, observations, estimates and plans out.
+
+The loop is driven by the messages' own times; nothing depends on the wall clock, and the same inputs and options give the same
+bytes. Wall times go to the summary only.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from replay_kit.config import RunConfig
+from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
+from replay_kit.estimator import Estimator, FilterState, build_estimator
+from replay_kit.flow import FlowEstimate
+from replay_kit.flow_netcdf import write_grid
+from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.logs import merge, open_log
+from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, finish, initial_state, interpret
+from replay_kit.provenance import run_metadata, run_settings_toml
+from replay_kit.report import ReplaySummary, TruthScore
+from replay_kit.results import ResultWriter
+from replay_kit.scoring import score_against_truth
+from replay_kit.tally import Tally
+from replay_kit.types import Ensemble, LogReader, Message, Observation, Place, Plan, VehicleState
+
+
+class Planner(Protocol):
+    """What a replay needs of a planner; the command line hands one in."""
+
+    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Plan | None) -> Plan:
+        """Return the best glide found from start towards goal."""
+        ...
+
+    def check(self, flow: FlowEstimate, goal: Place) -> None:
+        """Raise PlanError when the goal is outside the region or on land."""
+        ...
+
+    def closest_approach(self, flow: FlowEstimate, plan: Plan) -> float:
+        """Return how close [m] a plan passes its goal when it is flown in a flow."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayJob:
+    """What to replay, and where to put what comes out.
+
+    Attributes:
+        logs: Log files.
+        ensemble: Ensemble file or store.
+        out: Result MCAP; None computes without writing.
+        goal: Where the vehicle should go; None plans nothing.
+        netcdf: Gridded estimate, CF NetCDF.
+        save_estimate: Lossless estimate, NetCDF.
+        truth: ``PATH`` or ``PATH#MEMBER`` to score against.
+        truth_radius_km: Score only grid points this near to a profile used; None scores all.
+        overwrite: Whether existing outputs are replaced.
+    """
+
+    logs: tuple[Path, ...]
+    ensemble: Path
+    out: Path | None = None
+    goal: Place | None = None
+    netcdf: Path | None = None
+    save_estimate: Path | None = None
+    truth: str | None = None
+    truth_radius_km: float | None = None
+    overwrite: bool = False
+
+
+@dataclass(slots=True)
+class _Clock:
+    """Wall time spent in each stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
+
+
+@dataclass(slots=True)
+class _Run:
+    """The loop's moving parts: everything here is a frozen value that the next message replaces."""
+
+    estimator: Estimator
+    writer: ResultWriter | None
+    planner: Planner | None
+    job: ReplayJob
+    config: RunConfig
+    clock: _Clock
+    tally: Tally
+    state: FilterState
+    dive_start: FilterState
+    dive: int = 0
+    vehicle: VehicleState | None = None
+    plan: Plan | None = None
+    plan_note: str = ""
+    next_plan_ns: int | None = None
+    next_grid_ns: int | None = None
+    last_ns: int = 0
+    positions: list[tuple[float, float]] = field(default_factory=list)
+
+
+def replay(
+    job: ReplayJob, config: RunConfig, planner: Planner | None = None, on_message: Callable[[int], None] | None = None
+) -> tuple[ReplaySummary, FlowEstimate]:
+    """Replay logs through the estimator and return the summary and the final estimate.
+
+    Args:
+        job: Inputs and outputs.
+        config: The run's settings.
+        planner: Makes the plans when the job has a goal.
+        on_message: Called with each message's time [ns], for progress.
+
+    Raises:
+        LogError: A log cannot be opened.
+        ForecastError: The ensemble or truth cannot be used.
+        MeasurementError: The logs hold no usable ping of this region.
+        PlanError: The goal is outside the region or on land.
+        ConfigError: An output exists and may not be replaced, or an option is wrong.
+    """
+    _check_outputs(job)
+    with threadpool_limits(limits=config.output.threads):
+        return _replay(job, config, planner, on_message)
+
+
+def _check_outputs(job: ReplayJob) -> None:
+    inputs = {path.resolve() for path in (*job.logs, job.ensemble)}
+    for path in (job.out, job.netcdf, job.save_estimate):
+        if path is None:
+            continue
+        if path.resolve() in inputs:
+            raise ConfigError(f"{path}: is an input of this run; an input is never overwritten: choose another name")
+        if path.exists() and not job.overwrite:
+            raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
+
+
+def _replay(
+    job: ReplayJob, config: RunConfig, planner: Planner | None, on_message: Callable[[int], None] | None
+) -> tuple[ReplaySummary, FlowEstimate]:
+    clock, tally = _Clock(), Tally()
+    place_at, near_ns = _look_ahead(job.logs, config)
+    readers = open_readers(job.logs, config)
+    with clock.stage("forecast"):
+        ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
+    with clock.stage("basis"):
+        estimator = build_estimator(ensemble, config.estimator)
+        prior_flow = estimator.flow(estimator.initial())
+    if job.goal is not None and planner is not None:
+        planner.check(prior_flow, job.goal)
+    writer = ResultWriter(job.out, overwrite=job.overwrite) if job.out is not None else None
+    run = _Run(estimator, writer, planner, job, config, clock, tally, estimator.initial(), estimator.initial())
+    try:
+        _loop(run, readers, prior_flow, ensemble, on_message)
+        summary, flow = _conclude(run, ensemble, prior_flow, readers, near_ns)
+    except (MeasurementError, LogError, PlanError):
+        # the input was unusable: there is no result worth keeping
+        if writer is not None:
+            writer.discard()
+        raise
+    except BaseException:
+        # anything else, an interrupt first of all, leaves OUT.part with every whole chunk
+        if writer is not None:
+            writer.abandon()
+        raise
+    return summary, flow
+
+
+def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
+    """Return the logs, opened; of MAVLink only what the estimator uses is decoded.
+
+    Raises:
+        LogError: One is missing or not a log.
+    """
+    return [open_log(path, position, config.logs, wanted=MAVLINK_NAMES) for position, path in enumerate(logs)]
+
+
+def _look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
+    """Return the mean position, when the ensemble is to be placed there, and the time of the first message."""
+    positions, first_ns = [], None
+    state = initial_state()
+    for reader in open_readers(logs, config):
+        for message in reader.messages():
+            first_ns = message.time_ns if first_ns is None else min(first_ns, message.time_ns)
+            if not config.forecast.place:
+                break
+            state, events = interpret(state, message, config.measurements)
+            positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
+    if not config.forecast.place:
+        return None, first_ns
+    if not positions:
+        raise MeasurementError("--place-ensemble moves the ensemble to the mean fix, but the logs hold no position; leave the option out")
+    longitude, latitude = np.array(positions).T
+    turns = np.exp(1j * np.deg2rad(longitude))
+    return (float(np.rad2deg(np.angle(turns.mean()))), float(latitude.mean())), first_ns
+
+
+def _loop(
+    run: _Run, readers: Sequence[LogReader], prior_flow: FlowEstimate, ensemble: Ensemble, on_message: Callable[[int], None] | None
+) -> None:
+    state = initial_state()
+    logs = run.config.logs
+    merged = merge(readers, logs.reorder_window, logs.start_ns, logs.end_ns)
+    messages = iter(merged)
+    started = False
+    while True:
+        with run.clock.stage("read"):
+            message = next(messages, None)
+        if message is None:
+            break
+        if not started:
+            _start(run, message, prior_flow, ensemble)
+            started = True
+        run.last_ns = message.time_ns
+        with run.clock.stage("measure"):
+            state, events = interpret(state, message, run.config.measurements)
+        for event in events:
+            _handle(run, event)
+        if on_message is not None:
+            on_message(message.time_ns)
+    for event in finish(state, run.config.measurements):
+        _handle(run, event)
+    run.tally.late = sum(merged.late.values())
+
+
+def _start(run: _Run, first: Message, prior_flow: FlowEstimate, ensemble: Ensemble) -> None:
+    if run.writer is None:
+        return
+    with run.clock.stage("write"):
+        run.writer.start(
+            prior_flow.grid.projection, first.time_ns, run_metadata(run.job.logs, run.job.ensemble, ensemble), run_settings_toml(run.config)
+        )
+        for note in ensemble.notes:
+            run.writer.log(first.time_ns, "warning", note)
+
+
+def _handle(run: _Run, event: VehicleState | Observation | Used | Skipped) -> None:
+    if isinstance(event, Used):
+        run.tally.used(event.topic)
+    elif isinstance(event, Skipped):
+        run.tally.skipped(event.topic, event.reason)
+    elif isinstance(event, VehicleState):
+        run.vehicle = event
+        if run.writer is not None:
+            with run.clock.stage("write"):
+                run.writer.fix(event)
+    else:
+        _assimilate(run, event)
+
+
+def _assimilate(run: _Run, observation: Observation) -> None:
+    if observation.dive != run.dive:
+        run.dive, run.dive_start = observation.dive, run.state
+    with run.clock.stage("estimate"):
+        predicted = run.estimator.misfit(run.dive_start, observation)
+        run.state, innovation = run.estimator.step(run.state, observation)
+    run.tally.observed(innovation, predicted)
+    if innovation.accepted:
+        run.positions.append((observation.longitude, observation.latitude))
+    if run.writer is not None:
+        with run.clock.stage("write"):
+            run.writer.innovation(innovation)
+            if innovation.accepted:
+                run.writer.estimate(observation.time_ns, run.state.mean, run.estimator.flow(run.state).levels)
+    _publish_when_due(run, observation.time_ns)
+
+
+def _publish_when_due(run: _Run, now_ns: int) -> None:
+    if run.next_grid_ns is None or now_ns >= run.next_grid_ns:
+        run.next_grid_ns = now_ns + int(run.config.output.interval * 1e9)
+        _write_grids(run, now_ns, run.estimator.flow(run.state))
+    if run.next_plan_ns is None:
+        run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
+    elif now_ns >= run.next_plan_ns:
+        run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
+        _plan(run, now_ns, run.estimator.flow(run.state))
+
+
+def _write_grids(run: _Run, now_ns: int, flow: FlowEstimate) -> None:
+    if run.writer is None:
+        return
+    levels = flow.levels
+    depths = run.config.output.depths or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1}))
+    with run.clock.stage("write"):
+        run.writer.grids(now_ns, flow, depths)
+
+
+def _start_place(vehicle: VehicleState) -> Place:
+    return Place(vehicle.longitude, vehicle.latitude, max(vehicle.depth, 0.0) if np.isfinite(vehicle.depth) else 0.0)
+
+
+def _plan(run: _Run, now_ns: int, flow: FlowEstimate) -> None:
+    """Plan from where the vehicle is; a vehicle outside the region is said and does not end the replay."""
+    if run.planner is None or run.job.goal is None or run.vehicle is None:
+        return
+    with run.clock.stage("plan"):
+        try:
+            run.plan, run.plan_note = run.planner.plan(flow, _start_place(run.vehicle), run.job.goal, now_ns, run.plan), ""
+        except PlanError as error:
+            run.plan, run.plan_note = None, str(error)
+    if run.writer is not None:
+        with run.clock.stage("write"):
+            if run.plan is not None:
+                run.writer.plan(run.plan, flow.grid.projection)
+            else:
+                run.writer.log(now_ns, "warning", f"no plan: {run.plan_note}")
+
+
+def _conclude(
+    run: _Run, ensemble: Ensemble, prior_flow: FlowEstimate, readers: Sequence[LogReader], near_ns: int | None
+) -> tuple[ReplaySummary, FlowEstimate]:
+    reports = [reader.report() for reader in readers]
+    run.tally.require_usable(reports, ensemble.grid, run.vehicle)
+    flow = run.estimator.flow(run.state)
+    _plan(run, run.last_ns, flow)
+    truth = _score(run, ensemble, flow, prior_flow, near_ns)
+    notes = [*ensemble.notes, *run.tally.notes(reports)]
+    if run.job.goal is None:
+        notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
+    if run.writer is not None:
+        _write_grids(run, run.last_ns, flow)
+        with run.clock.stage("write"):
+            run.writer.finish(flow)
+            run.writer.close()
+    with run.clock.stage("write"):
+        if run.job.netcdf is not None:
+            write_grid(flow, run.job.netcdf)
+        if run.job.save_estimate is not None:
+            flow.save(run.job.save_estimate)
+    summary = run.tally.summary(reports, run.clock.seconds, run.plan, run.plan_note, truth, tuple(notes))
+    return summary, flow
+
+
+def _score(run: _Run, ensemble: Ensemble, flow: FlowEstimate, prior_flow: FlowEstimate, near_ns: int | None) -> TruthScore | None:
+    if run.job.truth is None:
+        return None
+    place_at = (ensemble.grid.projection.longitude, ensemble.grid.projection.latitude) if run.config.forecast.place else None
+    with run.clock.stage("score"):
+        truth = read_truth(run.job.truth, run.config.forecast, near_ns=near_ns, place_at=place_at)
+        score, truth_flow = score_against_truth(flow, ensemble, truth, run.positions, run.job.truth_radius_km, run.config.estimator)
+        if run.plan is None or run.planner is None or run.plan.status == "failed":
+            return score
+        mean_plan = run.planner.plan(prior_flow, run.plan.start, run.plan.goal, run.plan.start_time_ns, None)
+        return replace(
+            score,
+            closest_approach_m=run.planner.closest_approach(truth_flow, run.plan),
+            ensemble_mean_closest_approach_m=run.planner.closest_approach(truth_flow, mean_plan),
+        )

@@ -1,0 +1,167 @@
+"""Counting what a replay met: messages, profiles, innovations, dives."""
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from replay_kit.errors import MeasurementError
+from replay_kit.report import DiveRow, ReplaySummary, TopicRow, TruthScore
+from replay_kit.types import Array, Grid, Innovation, LogReport, Plan, Reason, VehicleState
+
+
+@dataclass(slots=True)
+class _Sums:
+    """Sums of squares over bins and components."""
+
+    profiles: int = 0
+    bins: int = 0
+    nis: float = 0.0
+    dof: int = 0
+    squares: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+
+    def add(self, innovation: Innovation, predicted: Array) -> None:
+        self.profiles += 1
+        self.bins += innovation.dof // 2
+        self.nis += innovation.nis
+        self.dof += innovation.dof
+        parts = {
+            "before": innovation.innovation,
+            "after": innovation.residual,
+            "prior": innovation.prior_innovation,
+            "predicted": predicted,
+        }
+        for name, values in parts.items():
+            self.squares[name] += float(np.nansum(values**2))
+
+    def rms(self, name: str) -> float:
+        return float(np.sqrt(self.squares[name] / self.dof)) if self.dof else float("nan")
+
+    @property
+    def nis_per_dof(self) -> float:
+        return self.nis / self.dof if self.dof else float("nan")
+
+
+@dataclass(slots=True)
+class Tally:
+    """Running counts of one replay."""
+
+    late: int = 0
+    _used: Counter[str] = field(default_factory=Counter)
+    _reasons: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    _rejected: int = 0
+    _bins_rejected: Counter[str] = field(default_factory=Counter)
+    _all: _Sums = field(default_factory=_Sums)
+    _dives: dict[int, _Sums] = field(default_factory=dict)
+
+    def used(self, topic: str) -> None:
+        """Count a message that was used."""
+        self._used[topic] += 1
+
+    def skipped(self, topic: str, reason: str) -> None:
+        """Count a message that was not used."""
+        self._reasons[topic][reason] += 1
+
+    def observed(self, innovation: Innovation, predicted: Array) -> None:
+        """Count a profile.
+
+        Args:
+            innovation: What it said.
+            predicted: shape (n, 2) [m/s], measured minus predicted from all dives before its own.
+        """
+        for reason in Reason:
+            count = int(np.count_nonzero(innovation.reasons & reason))
+            if count and reason:
+                self._bins_rejected[str(reason.name).lower()] += count
+        if not innovation.accepted:
+            self._rejected += 1
+            return
+        self._all.add(innovation, predicted)
+        if innovation.dive > 0:
+            self._dives.setdefault(innovation.dive, _Sums()).add(innovation, predicted)
+
+    def require_usable(self, reports: Sequence[LogReport], grid: Grid, vehicle: VehicleState | None) -> None:
+        """Raise MeasurementError, saying what was found instead, when no profile was used."""
+        if self._all.profiles:
+            return
+        names = ", ".join(report.path for report in reports)
+        if self._bins_rejected.get("outside_region") and vehicle is not None:
+            raise MeasurementError(
+                f"{names}: the log lies outside the ensemble's region: "
+                f"last position {vehicle.latitude:.4f} N, {vehicle.longitude:.4f} E; the region is "
+                f"{grid.longitude.min():.3f}..{grid.longitude.max():.3f} E, {grid.latitude.min():.3f}..{grid.latitude.max():.3f} N. "
+                "Use an ensemble of the right place, or --place-ensemble for a study"
+            )
+        if self._rejected:
+            why = ", ".join(f"{count} bins {name}" for name, count in self._bins_rejected.items())
+            raise MeasurementError(f"{names}: {self._rejected} ADCP pings, none usable: {why}")
+        found = "; ".join(_describe(row) for row in self._rows(reports)) or "no messages at all"
+        raise MeasurementError(
+            f"{names}: no usable ADCP ping; expected replay_kit.AdcpPing messages in earth coordinates "
+            f"or ADCP_* DEBUG_FLOAT_ARRAY frames. Found: {found}"
+        )
+
+    def notes(self, reports: Sequence[LogReport]) -> list[str]:
+        """Return what a user should know of messages that could not be decoded."""
+        return [
+            f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
+            for report in reports
+            for topic, (count, why) in sorted(report.undecodable.items())
+        ]
+
+    def summary(
+        self,
+        reports: Sequence[LogReport],
+        seconds: Mapping[str, float],
+        plan: Plan | None,
+        plan_note: str,
+        truth: TruthScore | None,
+        notes: tuple[str, ...],
+    ) -> ReplaySummary:
+        """Return the replay's summary."""
+        dives = tuple(
+            DiveRow(dive, sums.profiles, sums.bins, sums.rms("predicted"), sums.rms("prior"), sums.nis_per_dof)
+            for dive, sums in sorted(self._dives.items())
+        )
+        return ReplaySummary(
+            messages=self._rows(reports),
+            losses=tuple((report.path, loss) for report in reports for loss in report.losses),
+            late=self.late,
+            profiles_used=self._all.profiles,
+            profiles_rejected=self._rejected,
+            bins_used=self._all.bins,
+            bins_rejected=dict(self._bins_rejected),
+            rms_before=self._all.rms("before"),
+            rms_after=self._all.rms("after"),
+            rms_prior=self._all.rms("prior"),
+            nis_per_dof=self._all.nis_per_dof,
+            by_dive=dives,
+            seconds=dict(seconds),
+            plan=plan,
+            plan_note=plan_note,
+            truth=truth,
+            notes=notes,
+        )
+
+    def _rows(self, reports: Sequence[LogReport]) -> tuple[TopicRow, ...]:
+        read: Counter[str] = Counter()
+        reasons: dict[str, Counter[str]] = defaultdict(Counter)
+        for report in reports:
+            read.update(report.read)
+            for topic, (count, why) in report.undecodable.items():
+                reasons[topic][f"cannot be decoded: {why}"] += count
+        for topic, counts in self._reasons.items():
+            reasons[topic].update(counts)
+        rows = []
+        for topic in sorted(read):
+            unexplained = read[topic] - self._used[topic] - sum(reasons[topic].values())
+            if unexplained > 0:
+                reasons[topic]["not needed, late, or outside the time span"] += unexplained
+            rows.append(TopicRow(topic, read[topic], self._used[topic], read[topic] - self._used[topic], dict(reasons[topic])))
+        return tuple(rows)
+
+
+def _describe(row: TopicRow) -> str:
+    why = ", ".join(f"{count} x {reason}" for reason, count in row.reasons.items())
+    return f"{row.topic} ({row.read}{': ' + why if why else ''})"

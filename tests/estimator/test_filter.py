@@ -1,0 +1,184 @@
+"""The estimator against its slow twin, online against batch, and the physics every basis flow must obey."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.config import EstimatorConfig
+from replay_kit.estimator import FilterState, build_estimator
+from replay_kit.estimator.modes import ensemble_slices
+from replay_kit.geodesy import rotate_to_local, to_local
+from replay_kit.kernels.depth import depth_weights
+from replay_kit.kernels.horizontal import velocity_kernel
+from replay_kit.types import Flag, Reason
+from tests import synthetic
+from tests.reference import estimator as slow
+
+SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
+DEFAULT = EstimatorConfig()
+
+
+def run(estimator, observations):
+    state = estimator.initial()
+    innovations = []
+    for observation in observations:
+        state, innovation = estimator.step(state, observation)
+        innovations.append(innovation)
+    return state, innovations
+
+
+def local_values(grid, observation):
+    u, v = rotate_to_local(grid.projection, observation.longitude, observation.latitude, *observation.velocity.T)
+    return np.concatenate([u, v])
+
+
+def test_paper_equals_a_dense_twin():
+    config = EstimatorConfig(preset="paper", modes=12, length_vertical=60.0)
+    estimator = build_estimator(SMALL, config)
+    members, grid = ensemble_slices(SMALL), SMALL.grid
+    lengths, speed = (10_000.0, 10_000.0, 60.0), float(np.sqrt(np.mean(members[:, 0] ** 2)))
+    modes, weights, points = slow.paper_basis(members, grid.nodes, grid.levels, lengths, speed, 12)
+    stacked = weights.reshape(len(members), -1)
+    mean, cov = stacked.mean(axis=0), np.diag(stacked.var(axis=0, ddof=1))
+    observations = synthetic.random_profiles(grid, 6)
+    state = estimator.initial()
+    for observation in observations:
+        used = observation.depth <= grid.levels[-1]
+        place = to_local(grid.projection, observation.longitude, observation.latitude)
+        h = slow.design_matrix(place, observation.depth[used], points, modes, 3, grid.levels[0], lengths, speed)
+        value = local_values(grid, observation)[np.tile(used, 2)]
+        mean, cov, nis, _ = slow.kalman_update(mean, cov, h, value, 0.12**2 * np.eye(value.size))
+        state, innovation = estimator.step(state, observation)
+        assert innovation.nis == pytest.approx(nis, rel=1e-8)
+        assert innovation.dof == value.size
+    probe = synthetic.random_profiles(grid, 3, seed=9)
+    for observation in probe:
+        east, north = to_local(grid.projection, observation.longitude, observation.latitude)
+        depths = np.array([5.0, 50.0, 200.0])
+        h = slow.design_matrix((east, north), depths, points, modes, 3, grid.levels[0], lengths, speed)
+        flow = estimator.flow(state)
+        expected = (h @ mean).reshape(2, -1).T
+        np.testing.assert_allclose(flow.velocity(east, north, depths), expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
+        std = np.sqrt(np.diag(h @ cov @ h.T)).reshape(2, -1).T
+        np.testing.assert_allclose(flow.standard_error(east, north, depths), std, rtol=1e-8)
+
+
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_online_equals_batch(preset):
+    config = EstimatorConfig(preset=preset, modes=10)
+    estimator = build_estimator(SMALL, config)
+    observations = synthetic.random_profiles(SMALL.grid, 15, seed=2)
+    state, _ = run(estimator, observations)
+    basis = estimator.basis
+    rows, values, variances = [], [], []
+    for observation in observations:
+        used = observation.depth <= SMALL.grid.levels[-1]
+        point = np.array([to_local(SMALL.grid.projection, observation.longitude, observation.latitude)])
+        kernel = velocity_kernel(basis.kernel, point, basis.grid.nodes)
+        weights = depth_weights(basis.depth_functions, observation.depth[used], basis.grid.levels)
+        rows.append(np.vstack([np.kron(weights, kernel[c] @ basis.modes) for c in range(2)]))
+        values.append(local_values(SMALL.grid, observation)[np.tile(used, 2)] - (weights @ (kernel @ basis.offset).T).T.ravel())
+        if preset == "paper":
+            std = np.full(used.sum(), 0.12)
+        else:
+            std = np.hypot(0.05, np.interp(observation.depth[used], basis.grid.levels, basis.truncation_std))
+        variances.append(np.tile(std**2, 2))
+    h, y, r = np.vstack(rows), np.concatenate(values), np.diag(np.concatenate(variances))
+    mean, cov, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.cov, h, y, r)
+    np.testing.assert_allclose(state.mean, mean, atol=1e-10 * np.abs(mean).max())
+    np.testing.assert_allclose(state.cov, cov, atol=1e-10 * np.abs(estimator.prior.cov).max())
+
+
+def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
+    estimator = build_estimator(SMALL, DEFAULT)
+    observation = synthetic.random_profiles(SMALL.grid, 1, seed=5)[0]
+    state, innovation = estimator.step(estimator.initial(), observation)
+    before, after = estimator.flow(estimator.initial()), estimator.flow(state)
+    east, north = to_local(SMALL.grid.projection, observation.longitude, observation.latitude)
+    used = observation.depth <= SMALL.grid.levels[-1]
+    depth, value = observation.depth[used], local_values(SMALL.grid, observation).reshape(2, -1).T[used]
+    np.testing.assert_allclose(innovation.innovation[used], value - before.velocity(east, north, depth), atol=1e-12)
+    np.testing.assert_allclose(innovation.residual[used], value - after.velocity(east, north, depth), atol=1e-12)
+    error_std = np.hypot(0.05, np.interp(depth, SMALL.grid.levels, estimator.representation_std))
+    expected = np.hypot(before.standard_error(east, north, depth), error_std[:, None])
+    np.testing.assert_allclose(innovation.innovation_std[used], expected, rtol=1e-10)
+    assert np.isnan(innovation.innovation[~used]).all()
+
+
+def test_an_unusable_profile_changes_nothing_and_says_why():
+    estimator = build_estimator(SMALL, DEFAULT)
+    state = estimator.initial()
+    observation = synthetic.random_profiles(SMALL.grid, 1)[0]
+    missing = replace(observation, velocity=np.full_like(observation.velocity, np.nan), flags=np.full(11, Flag.MISSING, np.int8))
+    after, innovation = estimator.step(state, missing)
+    assert after is state
+    assert not innovation.accepted
+    outside = replace(observation, longitude=160.0)
+    after, innovation = estimator.step(state, outside)
+    assert after is state
+    assert np.all(innovation.reasons & Reason.OUTSIDE_REGION)
+    deep = replace(observation, depth=observation.depth + 1000.0)
+    _, innovation = estimator.step(state, deep)
+    assert np.all(innovation.reasons & Reason.BELOW_GRID)
+
+
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_estimate_and_modes_are_divergence_free(preset):
+    """Analytic: the velocity is the rotated gradient of a stream function; here by fourth-order differences."""
+    estimator = build_estimator(SMALL, EstimatorConfig(preset=preset))
+    state, _ = run(estimator, synthetic.random_profiles(SMALL.grid, 5))
+    n_levels = SMALL.grid.levels.size
+    rng = np.random.default_rng(1)
+    east, north = rng.uniform(-1.5e4, 1.5e4, (2, 6))
+    depth = rng.uniform(0.0, 220.0, 6)
+    means = [state.mean] + [np.tile(np.eye(estimator.basis.n_modes)[m], n_levels) for m in (0, 3, estimator.basis.n_modes - 1)]
+    step = 60.0
+    for mean in means:
+        flow = estimator.flow(FilterState(mean, state.cov, None))
+
+        def slope(shift_east, shift_north, component, flow=flow):
+            values = [flow.velocity(east + k * shift_east, north + k * shift_north, depth)[:, component] for k in (-2, -1, 1, 2)]
+            return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
+
+        u_x, v_y = slope(step, 0.0, 0), slope(0.0, step, 1)
+        assert np.max(np.abs(u_x + v_y)) < 1e-8 * np.max(np.abs(u_x))
+
+
+def test_the_prior_s_flow_is_the_ensemble_s_mean():
+    estimator = build_estimator(SMALL, EstimatorConfig(nugget=1e-12))
+    flow, grid = estimator.flow(estimator.initial()), SMALL.grid
+    ours = flow.velocity(grid.east[None], grid.north[None], grid.levels[:, None, None])
+    np.testing.assert_allclose(np.moveaxis(ours, -1, 0), SMALL.velocity.mean(axis=0), atol=1e-6)
+
+
+def test_hybrid_prior_mixes_the_two_covariances():
+    estimator = build_estimator(SMALL, EstimatorConfig(hybrid_weight=0.3))
+    weights = estimator.basis.member_weights
+    stacked = weights.reshape(len(weights), -1)
+    sample = np.cov(stacked.T)
+    n_modes, n_levels = estimator.basis.n_modes, weights.shape[1]
+    expected = 0.3 * sample
+    for mode in range(n_modes):
+        at = mode + n_modes * np.arange(n_levels)
+        expected[np.ix_(at, at)] += 0.7 * np.cov(weights[:, :, mode].T)
+    np.testing.assert_allclose(estimator.prior.cov, expected, atol=1e-14)
+
+
+def test_samples_have_the_stated_spread_and_are_seeded():
+    estimator = build_estimator(SMALL, EstimatorConfig(modes=8))
+    flow = estimator.flow(estimator.initial())
+    point = (3_000.0, -2_000.0, 40.0)
+    drawn = np.array([sample.velocity(*point) for sample in flow.sample(4000, seed=1)])
+    np.testing.assert_allclose(drawn.std(axis=0), flow.standard_error(*point), rtol=0.05)
+    np.testing.assert_array_equal(flow.sample(2, seed=1)[1].velocity(*point), flow.sample(2, seed=1)[1].velocity(*point))
+
+
+def test_measurements_shrink_the_uncertainty_everywhere():
+    estimator = build_estimator(SMALL, DEFAULT)
+    state, _ = run(estimator, synthetic.random_profiles(SMALL.grid, 5))
+    grid = SMALL.grid
+    points = grid.east[None], grid.north[None], grid.levels[:, None, None]
+    before, after = (estimator.flow(s).standard_error(*points) for s in (estimator.initial(), state))
+    assert np.all(after <= before * (1 + 1e-12))
+    assert after.mean() < 0.8 * before.mean()

@@ -1,0 +1,207 @@
+"""Messages to observations: pings, positions, dives, and everything a message can get wrong."""
+
+import math
+
+import numpy as np
+import pytest
+
+from replay_kit.config import MeasurementConfig
+from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret, observations
+from replay_kit.types import Flag, Message, Observation, Reason, VehicleState
+
+CONFIG = MeasurementConfig()
+SECOND = 10**9
+
+
+def ping(time_s=0.0, **changes):
+    payload = {
+        "coordinate_system": "earth",
+        "reference": "earth",
+        "orientation": "down",
+        "n_cells": 3,
+        "cell_size": 32.0,
+        "bin0_distance": 16.0,
+        "transducer_depth": 0.0,
+        "velocity": [[0.1, 0.2, None], [0.3, None, 0.0], [0.5, 0.6, 0.0]],
+        "velocity_std": 0.09,
+        "pressure": 0.0,
+    } | changes
+    return Message(int(time_s * SECOND), "/adcp", "replay_kit.AdcpPing", payload, 0, int(time_s))
+
+
+def fix(time_s, longitude=152.0, latitude=-40.0, depth=None, **changes):
+    metadata = [] if depth is None else [{"key": "depth", "value": str(depth)}]
+    payload = {"longitude": longitude, "latitude": latitude, "altitude": 30.0, "metadata": metadata} | changes
+    return Message(int(time_s * SECOND), "/vehicle/fix", "foxglove.LocationFix", payload, 0, int(time_s))
+
+
+def run(messages, config=CONFIG):
+    state, events = initial_state(), []
+    for message in messages:
+        state, more = interpret(state, message, config)
+        events += more
+    return events + finish(state, config)
+
+
+def only(kind, events):
+    return [event for event in events if isinstance(event, kind)]
+
+
+def test_a_ping_becomes_a_profile_at_the_interpolated_position():
+    events = run([fix(0, 152.0), ping(30), fix(60, 152.01)])
+    (observation,) = only(Observation, events)
+    assert observation.longitude == pytest.approx(152.005, abs=1e-6)
+    np.testing.assert_allclose(observation.depth, [16.0, 48.0, 80.0])
+    np.testing.assert_allclose(observation.velocity[0], [0.1, 0.2])
+    assert observation.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
+    assert observation.reasons.tolist() == [0, Reason.MISSING, 0]
+    np.testing.assert_array_equal(observation.error_std, 0.09)
+    assert len(only(Used, events)) == 3
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_fix_of_the_same_time_is_the_position_whichever_comes_first(order):
+    messages = [ping(10), fix(10, 152.3)]
+    (observation,) = only(Observation, run([fix(0), *(messages[i] for i in order), fix(99, 153.0)]))
+    assert observation.longitude == 152.3
+
+
+def test_without_a_near_position_a_ping_is_skipped():
+    (skipped,) = only(Skipped, run([fix(0), ping(2000), fix(5000)]))
+    assert skipped.reason == "no position within 600 s"
+    assert only(Skipped, run([ping(0)]))[0].reason == "no position within 600 s"
+    assert len(only(Observation, run([fix(0), ping(500)]))) == 1
+
+
+def test_pings_do_not_pile_up_without_positions():
+    state = initial_state()
+    for k in range(200):
+        state, _ = interpret(state, ping(100.0 * k), CONFIG)
+    assert len(state.waiting) <= 8
+
+
+def test_across_the_antimeridian():
+    (observation,) = only(Observation, run([fix(0, 179.99), ping(5), fix(10, -179.99)]))
+    assert abs(observation.longitude) == pytest.approx(180.0, abs=1e-6)
+
+
+def test_depths_up_and_down_and_from_a_submerged_transducer():
+    deep = only(Observation, run([fix(0), ping(0, pressure=100.0, transducer_depth=1.0)]))[0].depth
+    assert deep[0] == pytest.approx(99.2 + 1.0 + 16.0, abs=0.2)
+    up = only(Observation, run([fix(0), ping(0, orientation="up", pressure=None, transducer_depth=60.0)]))[0]
+    np.testing.assert_allclose(up.depth, [44.0, 12.0, -20.0])
+    assert up.flags[2] == Flag.FAIL
+    assert up.reasons[2] & Reason.ABOVE_SURFACE
+    known = only(Observation, run([fix(0, depth=200.0), ping(0, pressure=float("nan"))]))[0]
+    assert known.depth[0] == pytest.approx(216.0)
+
+
+def test_dives_are_counted_from_depths():
+    messages = []
+    for k, depth in enumerate([0, 1, 50, 100, 4, 2, 0, 5, 80, 1]):
+        messages += [fix(60 * k, depth=depth), ping(60 * k, pressure=None)]
+    assert [o.dive for o in only(Observation, run(messages))] == [0, 0, 1, 1, 1, 1, 1, 1, 2, 2]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"reference": "platform"}, "relative to the platform"),
+        ({"reference": None}, "expected reference"),
+        ({"coordinate_system": "beam"}, "earth coordinates are needed"),
+        ({"coordinate_system": "sideways"}, "expected coordinate_system"),
+        ({"velocity": [[0.1, 0.2]]}, "expected 3 cells"),
+        ({"velocity": None}, "list of velocities"),
+        ({"cell_size": 0.0}, "cell_size > 0"),
+        ({"velocity_std": [0.1, 0.1]}, "3 numbers"),
+        ({"orientation": "left"}, "expected orientation"),
+    ],
+)
+def test_bad_pings_are_skipped_with_a_reason(changes, reason):
+    events = run([fix(0), ping(0, **changes)])
+    assert not only(Observation, events)
+    assert reason in only(Skipped, events)[0].reason
+
+
+@pytest.mark.parametrize("bad", [None, "NaN", float("nan"), float("inf"), "-inf", "words"])
+def test_every_way_to_write_a_missing_number(bad):
+    events = run([fix(0), ping(0, velocity=[[bad, 0.1], [0.1, bad], [0.1, 0.1]], pressure=bad, velocity_std=bad)])
+    (observation,) = only(Observation, events)
+    assert observation.flags.tolist() == [9, 9, 1]
+    np.testing.assert_array_equal(observation.error_std, CONFIG.velocity_std)
+
+
+def test_flat_velocities_of_protobuf_are_split_by_cell():
+    flat = ping(0, velocity=[0.1, 0.2, math.nan, 0.3, math.nan, 0.0, 0.5, 0.6, 0.0], velocity_std=[0.09])
+    nested = ping(0)
+    ours, theirs = (only(Observation, run([fix(0), p]))[0] for p in (flat, nested))
+    np.testing.assert_array_equal(ours.velocity, theirs.velocity)
+
+
+def mavlink_frames(time_s=5.0, array_id=7, n_components=3.0, skip=()):
+    nan = math.nan
+    parts = {
+        "ADCP_CFG": [3.0, 32.0, 16.0, 3.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1500.0, nan, 0.0, 1.0, n_components, 0.0],
+        "ADCP_E": [0.1, 0.3, 0.5],
+        "ADCP_N": [0.2, nan, 0.6],
+        "ADCP_U": [nan, 0.0, 0.0],
+        "ADCP_STD": [0.09, 0.09, 0.09],
+    }
+    for k, (name, data) in enumerate(parts.items()):
+        if name not in skip:
+            payload = {"name": name, "array_id": array_id, "time_usec": int(time_s * 1e6), "data": [*data, *[0.0] * (58 - len(data))]}
+            yield Message(int(time_s * SECOND), "mavlink/1/1/DEBUG_FLOAT_ARRAY", "DEBUG_FLOAT_ARRAY", payload, 0, 10 + k)
+
+
+def position_int(time_s, depth=0.0, lon=1_520_000_000, lat=-400_000_000):
+    payload = {"lon": lon, "lat": lat, "relative_alt": -int(depth * 1000)}
+    return Message(int(time_s * SECOND), "mavlink/1/1/GLOBAL_POSITION_INT", "GLOBAL_POSITION_INT", payload, 0, int(time_s))
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_mavlink_frames_make_the_same_profile_as_json_in_any_order(reverse):
+    frames = list(mavlink_frames())
+    events = run([position_int(5), *(frames[::-1] if reverse else frames)])
+    (ours,), (theirs,) = only(Observation, events), only(Observation, run([fix(5), ping(5)]))
+    np.testing.assert_array_equal(ours.velocity, theirs.velocity)
+    np.testing.assert_array_equal(ours.depth, theirs.depth)
+    assert len(only(Used, events)) == 6
+
+
+def test_an_incomplete_mavlink_ping_is_said():
+    events = run([position_int(5), *mavlink_frames(skip=("ADCP_N",))])
+    assert not only(Observation, events)
+    assert [event.reason for event in only(Skipped, events)] == ["part of an incomplete ping"] * 4
+    assert len(only(Observation, run([position_int(5), *mavlink_frames(n_components=2.0, skip=("ADCP_U",))]))) == 1
+
+
+def test_null_island_and_no_fix_are_no_positions():
+    events = run([position_int(0, lon=0, lat=0), fix(1, latitude=math.nan), fix(2, latitude=99.0)])
+    assert not only(VehicleState, events)
+    assert "no fix" in only(Skipped, events)[0].reason
+    payload = {"longitude": 1.0, "latitude": 2.0, "status": {"status": -1}}
+    nav = Message(0, "/gps", "sensor_msgs/msg/NavSatFix", payload, 0, 0)
+    assert only(Skipped, run([nav]))[0].reason == "no fix (status < 0)"
+
+
+def test_odometry_moves_the_last_measured_fix():
+    def odometry(time_s, x, y, z):
+        payload = {"pose": {"pose": {"position": {"x": x, "y": y, "z": z}}}}
+        return Message(time_s * SECOND, "/odom", "nav_msgs/msg/Odometry", payload, 0, time_s)
+
+    states = only(VehicleState, run([odometry(0, 0, 0, 0), fix(1), odometry(2, 10.0, 20.0, -3.0), odometry(3, 1010.0, 20.0, -40.0)]))
+    assert [s.dead_reckoned for s in states] == [False, True, True]
+    assert states[2].depth == 40.0
+    assert states[2].longitude - 152.0 == pytest.approx(1000.0 / 85_400.0, rel=1e-3)
+    assert states[2].latitude == pytest.approx(-40.0, abs=1e-4)
+
+
+def test_pressure_gives_depth():
+    pressure = Message(0, "/p", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e6}, 0, 0)
+    state = only(VehicleState, run([fix(0), pressure, fix(1)]))[1]
+    assert state.depth == pytest.approx(99.2, abs=0.2)
+
+
+def test_observations_is_the_same_loop_for_scripts():
+    messages = [fix(0), ping(0), fix(100), ping(90)]
+    assert len(list(observations(messages))) == 2
