@@ -72,7 +72,7 @@ class LogReport:
 
     Attributes:
         path: The log.
-        format: ``mcap`` or ``tlog``.
+        format: ``mcap``, ``tlog`` or ``seaglider``.
         read: Messages met, by topic, decoded or not.
         undecodable: Topic to (count, reason) for what no decoder could read.
         losses: Damage met; empty for a sound file.
@@ -92,7 +92,7 @@ class LogReader(Protocol):
     format: str
 
     def messages(self) -> Iterator[Message]:
-        """Yield the decoded messages, in the file's order made non-decreasing in time within a bounded window."""
+        """Yield the decoded messages in the file's order; ``merge`` puts them in the order of their times."""
         ...
 
     def report(self) -> LogReport:

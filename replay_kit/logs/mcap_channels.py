@@ -1,0 +1,73 @@
+"""Which topic, schema and decoder the messages of each MCAP channel have."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+from replay_kit.logs.decode import Decoder, channel_decoder
+from replay_kit.logs.mcap_records import Summary, parse
+
+
+@dataclass(frozen=True, slots=True)
+class Sink:
+    """Where the messages of one channel go.
+
+    Attributes:
+        topic: The channel's topic.
+        schema: Name of its schema; empty when it has none.
+        decode: The decoder, or the reason why there is none.
+    """
+
+    topic: str
+    schema: str
+    decode: Decoder | str
+
+
+class Channels:
+    """The channels and schemas declared so far; a decoder is built when its first message comes."""
+
+    def __init__(self, summary: Callable[[], Summary]) -> None:
+        """Start with nothing declared.
+
+        Args:
+            summary: Gives the file's summary, asked only for what was not declared before its use, as after a lost chunk.
+        """
+        self._summary = summary
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._sinks: dict[int, Sink] = {}
+
+    def declare(self, opcode: int, body: bytes) -> None:
+        """Take up a schema or channel record.
+
+        Raises:
+            struct.error, ValueError, OverflowError, mcap.exceptions.McapError: The body is no such record.
+        """
+        if opcode == Opcode.SCHEMA:
+            schema = parse(Schema, body)
+            if self._schemas.get(schema.id) != schema:
+                self._schemas[schema.id] = schema
+                self._sinks.clear()
+        else:
+            channel = parse(Channel, body)
+            if self._channels.get(channel.id) != channel:
+                self._channels[channel.id] = channel
+                self._sinks.pop(channel.id, None)
+
+    def sink(self, channel_id: int) -> Sink:
+        """Return where the messages of this channel go, known or not."""
+        found = self._sinks.get(channel_id)
+        if found is None:
+            found = self._sinks[channel_id] = self._build(channel_id)
+        return found
+
+    def _build(self, channel_id: int) -> Sink:
+        channel = self._channels.get(channel_id) or self._summary().channels.get(channel_id)
+        if channel is None:
+            return Sink(f"(channel {channel_id})", "", "the file does not say what this channel is")
+        schema = None
+        if channel.schema_id != 0:
+            schema = self._schemas.get(channel.schema_id) or self._summary().schemas.get(channel.schema_id)
+        return Sink(channel.topic, schema.name if schema else "", channel_decoder(channel.message_encoding, schema))

@@ -1,0 +1,69 @@
+"""Choice of the reader by a file's first bytes, never by its name."""
+
+from pathlib import Path
+
+from replay_kit.config import LogConfig
+from replay_kit.errors import LogError
+from replay_kit.types import LogReader
+
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
+_NETCDF_MAGICS = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
+_HEAD = 1 << 16
+
+#: Logs that are recognised only to say what to do with them.
+_FOREIGN = (
+    (b"\xa3\x95", "an ArduPilot DataFlash log; give the telemetry log (.tlog) of the same run"),
+    (b"#ROSBAG", "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap"),
+    (b"SQLite format 3", "an SQLite file, perhaps a ROS 2 bag; convert it with: ros2 bag convert, storage mcap"),
+)
+
+
+def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogReader:
+    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink telemetry log, or a Seaglider's NetCDF.
+
+    Args:
+        path: The log.
+        input: Position of the log among the run's inputs.
+        config: How logs are read; the defaults when None.
+        wanted: MAVLink message names to decode; others are counted only. None decodes all. Of no effect on other formats.
+
+    Raises:
+        LogError: The file is missing, no file, empty, unreadable, or none of the known logs.
+    """
+    config = config or LogConfig()
+    path = Path(path)
+    head = _first_bytes(path)
+    # The readers are imported when needed: the libraries of one format take longer to load than a small log of another to read.
+    if head.startswith(_MCAP_MAGIC):
+        from replay_kit.logs.mcap_reader import McapReader
+
+        return McapReader(path, input, config)
+    if head.startswith(_NETCDF_MAGICS):
+        from replay_kit.logs.seaglider import SeagliderReader
+
+        reader: LogReader = SeagliderReader(path, input, config)
+        return reader
+    from replay_kit.logs.mavlink import TlogReader, is_tlog
+
+    if is_tlog(head):
+        return TlogReader(path, input, config, wanted)
+    known = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
+    raise LogError(
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog) or a Seaglider NetCDF file; "
+        + (f"this is {known}" if known else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats")
+    )
+
+
+def _first_bytes(path: Path) -> bytes:
+    if path.is_dir():
+        raise LogError(f"{path}: expected a log, got a directory; give the files in it")
+    try:
+        with open(path, "rb") as file:
+            head = file.read(_HEAD)
+    except FileNotFoundError as error:
+        raise LogError(f"{path}: expected a log, there is no such file; check the path") from error
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+    if not head:
+        raise LogError(f"{path}: expected a log, the file is empty (0 bytes); was the recording stopped before anything was written?")
+    return head

@@ -1,0 +1,32 @@
+"""The estimate inside a result MCAP, for whoever plans or reports on it later."""
+
+from pathlib import Path
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from replay_kit.errors import ForecastError
+from replay_kit.flow import FlowEstimate
+from replay_kit.flow_netcdf import load_bytes
+from replay_kit.results.mcap_writer import ESTIMATE_NAME
+
+
+def read_estimate(path: Path) -> FlowEstimate:
+    """Return the last estimate of a result MCAP, from its attachment ``estimate.nc``.
+
+    Args:
+        path: A file written by ``ResultWriter``.
+
+    Raises:
+        ForecastError: The file is no readable MCAP or carries no estimate.
+    """
+    try:
+        with path.open("rb") as file:
+            attachments = [record.data for record in make_reader(file).iter_attachments() if record.name == ESTIMATE_NAME]
+    except OSError as error:
+        raise ForecastError(f"{path}: cannot read the result: {error.strerror}") from error
+    except (McapError, ValueError) as error:
+        raise ForecastError(f"{path}: not a whole MCAP: {error!r}") from error
+    if not attachments:
+        raise ForecastError(f"{path}: carries no {ESTIMATE_NAME}; expected a result of replay-kit replay")
+    return load_bytes(attachments[-1], f"{path}#{ESTIMATE_NAME}")

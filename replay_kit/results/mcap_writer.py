@@ -1,0 +1,252 @@
+"""The result MCAP: everything a run found, in stock Foxglove messages where one exists.
+
+The file is written as ``OUT.mcap.part`` and gets its name only when it is whole on the disk and was read back. Times in it
+are those of the events, never of the writing, so that the same run gives the same bytes.
+"""
+
+import math
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol
+
+import foxglove
+from foxglove.mcap import MCAPCompression, MCAPWriteOptions
+
+from replay_kit import __version__
+from replay_kit.errors import ConfigError, ReplayKitError
+from replay_kit.flow import FlowEstimate
+from replay_kit.flow_netcdf import save_bytes
+from replay_kit.results import messages
+from replay_kit.results.readback import check_written
+from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
+from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message
+from replay_kit.types import Array, Innovation, Plan, Projection, VehicleState
+
+ESTIMATE_NAME = "estimate.nc"
+CONFIG_NAME = "config.toml"
+
+
+class _Encodable(Protocol):
+    def encode(self) -> bytes: ...
+    @staticmethod
+    def get_schema() -> foxglove.Schema: ...
+
+
+class ResultWriter:
+    """Writes one result MCAP; a context manager that publishes the file when its block ends well.
+
+    After an exception or an interrupt the file stays as ``OUT.mcap.part``, closed and readable up to there.
+    """
+
+    def __init__(self, path: Path, overwrite: bool = False) -> None:
+        """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
+
+        Args:
+            path: The result file.
+            overwrite: Replace an existing result.
+
+        Raises:
+            ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
+        """
+        self.path = Path(path)
+        self.part = self.path.with_name(self.path.name + ".part")
+        self._overwrite = overwrite
+        self._check_target()
+        self._context = foxglove.Context()
+        # One thread: several would cut the compressed frames at places that differ from run to run.
+        options = MCAPWriteOptions(compression=MCAPCompression.Zstd, compression_threads=0, profile="replay-kit")
+        try:
+            self._writer = foxglove.open_mcap(self.part, allow_overwrite=True, context=self._context, writer_options=options)
+        except (OSError, RuntimeError) as error:
+            raise ConfigError(f"{self.path}: cannot write there: {error}") from error
+        self._channels: dict[str, foxglove.Channel] = {}
+        self._counts: Counter[str] = Counter()
+        self._attachments = 0
+        self._accepted = 0
+        self._last_time_ns = 0
+        self._arrow_scale: float | None = None
+        self._open = True
+
+    def __enter__(self) -> "ResultWriter":
+        """Return the writer."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Publish the file, or leave it as ``.part`` when the block raised."""
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+    def start(self, projection: Projection, time_ns: int, metadata: Mapping[str, Mapping[str, str]], config_toml: str) -> None:
+        """Write what holds for the whole run: the frame, the metadata records and the configuration.
+
+        Args:
+            projection: The local frame, which the messages call ``map``.
+            time_ns: Time of the run's first event [ns, UTC].
+            metadata: Record name to keys and values: input hashes, options, versions, basis identity.
+            config_toml: The configuration, attached as ``config.toml``.
+        """
+        self._log("/tf", messages.frame_transform(time_ns), time_ns)
+        self._metadata("contract", {"version": str(CONTRACT_VERSION), "replay_kit": __version__})
+        frame = {
+            "projection": "azimuthal equidistant, WGS84",
+            "longitude": repr(float(projection.longitude)),
+            "latitude": repr(float(projection.latitude)),
+        }
+        self._metadata("frame map", frame)
+        for name, values in metadata.items():
+            self._metadata(name, values)
+        self._attach(time_ns, CONFIG_NAME, "application/toml", config_toml.encode())
+
+    def fix(self, state: VehicleState) -> None:
+        """Write a position to ``/vehicle/fix``."""
+        self._log("/vehicle/fix", messages.location_fix(state), state.time_ns)
+
+    def innovation(self, value: Innovation) -> None:
+        """Write what an observation said against the prediction to ``/flow/innovation``."""
+        self._log_own("/flow/innovation", "Innovation", messages.innovation(value), value.time_ns)
+        self._accepted += bool(value.accepted)
+
+    def estimate(self, time_ns: int, weights: Array, levels: Array, rms_speed: float = math.nan) -> None:
+        """Write the current weights to ``/flow/estimate``, with the number of accepted innovations written before.
+
+        Args:
+            time_ns: [ns, UTC].
+            weights: shape (rZ,), of r modes a level, level after level.
+            levels: shape (Z,) [m], positive down.
+            rms_speed: Root mean square speed of the flow at its wet grid points [m/s]; NaN when not computed.
+        """
+        data = messages.flow_estimate(time_ns, weights, levels, rms_speed, self._accepted)
+        self._log_own("/flow/estimate", "FlowEstimate", data, time_ns)
+
+    def grids(self, time_ns: int, flow: FlowEstimate, depths: Sequence[float]) -> None:
+        """Write depth slices to ``/flow/grid/{depth}m`` and ``/flow/arrows/{depth}m``.
+
+        The first flow that moves sets the length of arrows for the whole file, so that later ones compare.
+
+        Args:
+            time_ns: [ns, UTC].
+            flow: The flow.
+            depths: [m], positive down.
+        """
+        slices = [depth_slice(flow, depth) for depth in depths]
+        self._arrow_scale = self._arrow_scale or arrow_scale(slices)
+        for value in slices:
+            self._log(f"/flow/grid/{value.depth:g}m", grid_message(time_ns, value), time_ns)
+            self._log(f"/flow/arrows/{value.depth:g}m", arrows_message(time_ns, value, self._arrow_scale or 0.0), time_ns)
+
+    def plan(self, plan: Plan, projection: Projection) -> None:
+        """Write a plan to ``/plan/path``, ``/plan/geojson`` and ``/plan/controls``.
+
+        Args:
+            plan: The plan.
+            projection: The local frame of its track.
+        """
+        time_ns = plan.start_time_ns
+        self._log("/plan/path", messages.plan_path(plan), time_ns)
+        self._log("/plan/geojson", messages.plan_geojson(plan, projection), time_ns)
+        self._log_own("/plan/controls", "Plan", messages.plan_controls(plan), time_ns)
+
+    def log(self, time_ns: int, level: messages.Level, text: str) -> None:
+        """Write an event to ``/log``."""
+        self._log("/log", messages.log_message(time_ns, level, text), time_ns)
+
+    def finish(self, flow: FlowEstimate) -> None:
+        """Attach the last estimate without loss, with its covariance, as ``estimate.nc``; then close.
+
+        Raises:
+            ReplayKitError: As for ``close``.
+        """
+        time_ns = self._last_time_ns if flow.time_ns is None else flow.time_ns
+        self._attach(time_ns, ESTIMATE_NAME, "application/netcdf", save_bytes(flow))
+        self.close()
+
+    def close(self) -> None:
+        """Complete the file, read it back and give it its name; a second call does nothing.
+
+        Raises:
+            ReplayKitError: The file could not be written whole; it stays as ``.part``.
+            ConfigError: A result appeared under the name meanwhile and may not be replaced; ours stays as ``.part``.
+        """
+        if not self._open:
+            return
+        self._end()
+        check_written(self.part, self._counts, self._attachments)
+        self._check_target()
+        os.replace(self.part, self.path)
+        _sync(self.path.parent)
+
+    def abandon(self) -> None:
+        """Stop: what was written so far stays as ``.part``; on a closed result this does nothing."""
+        # The caller is already handling the error that stopped the run; a second one would hide it.
+        with suppress(ReplayKitError):
+            if self._open:
+                self._end()
+
+    def discard(self) -> None:
+        """Stop and leave nothing; on a closed result this does nothing."""
+        if self._open:
+            self.abandon()
+            self.part.unlink(missing_ok=True)
+
+    def _end(self) -> None:
+        self._open = False
+        for channel in self._channels.values():
+            channel.close()
+        with self._storing("complete the result"):
+            self._writer.close()
+            _sync(self.part)
+
+    def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
+        self._write(topic, message.get_schema(), message.encode(), time_ns)
+
+    def _log_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:
+        schema = foxglove.Schema(name=f"replay_kit.{name}", encoding="protobuf", data=DESCRIPTOR_SET)
+        self._write(topic, schema, data, time_ns)
+
+    def _write(self, topic: str, schema: foxglove.Schema, data: bytes, time_ns: int) -> None:
+        assert self._open, "a closed result takes no messages"
+        if topic not in self._channels:
+            self._channels[topic] = foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=self._context)
+        self._channels[topic].log(data, log_time=time_ns)
+        self._counts[topic] += 1
+        self._last_time_ns = max(self._last_time_ns, time_ns)
+
+    def _attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
+        with self._storing(f"attach {name}"):
+            self._writer.attach(log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data)
+        self._attachments += 1
+
+    def _metadata(self, name: str, values: Mapping[str, str]) -> None:
+        with self._storing(f"write the metadata {name}"):
+            self._writer.write_metadata(name, dict(values))
+
+    @contextmanager
+    def _storing(self, what: str) -> Iterator[None]:
+        # The writing library's own errors are bare RuntimeErrors.
+        try:
+            yield
+        except (OSError, RuntimeError) as error:
+            raise ReplayKitError(f"{self.part}: cannot {what}: {error}; is the disk full?") from error
+
+    def _check_target(self) -> None:
+        if not self.path.parent.is_dir():
+            raise ConfigError(f"{self.path}: the folder {self.path.parent} does not exist; make it or write elsewhere")
+        if self.path.is_dir():
+            raise ConfigError(f"{self.path}: a folder, but the result is a file; give it a name")
+        if self.path.exists() and not self._overwrite:
+            raise ConfigError(f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere")
+
+
+def _sync(path: Path) -> None:
+    """Force a file or folder to the disk, so that a rename never outlives its content after a power cut."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,210 @@
+"""Values to the messages of the result file: pure functions, one a topic.
+
+Poses are in the frame ``map``: local east, local north, up, so z = -depth.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import foxglove.messages as fox
+import numpy as np
+
+from replay_kit.errors import ReplayKitError
+from replay_kit.geodesy import to_geographic, unwrap_longitude
+from replay_kit.results.schemas import encode
+from replay_kit.types import Array, Innovation, Place, Plan, Projection, VehicleState
+
+Level = Literal["debug", "info", "warning", "error"]
+
+FRAME = "map"
+ROOT_FRAME = "earth"
+VEHICLE_FRAME = "vehicle"
+
+_LEVELS = {
+    "debug": fox.LogLevel.Debug,
+    "info": fox.LogLevel.Info,
+    "warning": fox.LogLevel.Warning,
+    "error": fox.LogLevel.Error,
+}
+_SECOND = 1_000_000_000
+
+
+def stamp(time_ns: int) -> fox.Timestamp:
+    """Return a Foxglove timestamp.
+
+    Raises:
+        ReplayKitError: The time lies outside 1970 to 2106, which the message cannot hold.
+    """
+    try:
+        return fox.Timestamp(*divmod(time_ns, _SECOND))
+    except OverflowError as error:
+        raise ReplayKitError(
+            f"time {time_ns} ns cannot be written: result files hold times from 1970 to 2106; check the log's clock"
+        ) from error
+
+
+def frame_transform(time_ns: int) -> fox.FrameTransform:
+    """Return the transform that declares the frame ``map``, at the root with nothing turned or moved."""
+    return fox.FrameTransform(
+        timestamp=stamp(time_ns),
+        parent_frame_id=ROOT_FRAME,
+        child_frame_id=FRAME,
+        translation=fox.Vector3(),
+        rotation=fox.Quaternion(w=1.0),
+    )
+
+
+def location_fix(state: VehicleState) -> fox.LocationFix:
+    """Return the vehicle's position, longitude in -180..180; altitude is -depth, NaN when the depth is unknown."""
+    longitude = state.longitude if -180.0 <= state.longitude <= 180.0 else float(unwrap_longitude(state.longitude, 0.0))
+    return fox.LocationFix(
+        timestamp=stamp(state.time_ns),
+        frame_id=VEHICLE_FRAME,
+        latitude=state.latitude,
+        longitude=longitude,
+        altitude=-state.depth,
+        metadata=[fox.KeyValuePair(key="dead_reckoned", value=str(int(state.dead_reckoned)))],
+    )
+
+
+def log_message(time_ns: int, level: Level, text: str) -> fox.Log:
+    """Return a log line."""
+    return fox.Log(timestamp=stamp(time_ns), level=_LEVELS[level], message=text, name="replay-kit")
+
+
+def innovation(value: Innovation) -> bytes:
+    """Return ``replay_kit.Innovation``."""
+    values: dict[str, Any] = {
+        "timestamp": _time(value.time_ns),
+        "source_input": value.source.input,
+        "source_topic": value.source.topic,
+        "source_position": value.source.position,
+        "source_time": _time(value.source.time_ns),
+        "dive": value.dive,
+        "depth": value.depth,
+        "nis": value.nis,
+        "dof": value.dof,
+        "accepted": bool(value.accepted),
+        "flags": value.flags.tolist(),
+        "reasons": value.reasons.tolist(),
+    }
+    for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
+        values[f"{name}_east"], values[f"{name}_north"] = getattr(value, name).T
+    return encode("Innovation", values)
+
+
+def flow_estimate(time_ns: int, weights: Array, levels: Array, rms_speed: float, n_observations: int) -> bytes:
+    """Return ``replay_kit.FlowEstimate``; arguments as in ``ResultWriter.estimate``."""
+    return encode(
+        "FlowEstimate",
+        {
+            "timestamp": _time(time_ns),
+            "n_modes": weights.size // levels.size,
+            "levels": levels,
+            "weights": weights,
+            "rms_speed": rms_speed,
+            "n_observations": n_observations,
+        },
+    )
+
+
+def plan_controls(plan: Plan) -> bytes:
+    """Return ``replay_kit.Plan``."""
+    track_east, track_north, track_depth = plan.track.T
+    return encode(
+        "Plan",
+        {
+            "timestamp": _time(plan.start_time_ns),
+            "status": plan.status,
+            "message": plan.message,
+            "start": _place(plan.start),
+            "goal": _place(plan.goal),
+            "heading_deg": plan.heading_deg,
+            "glide_angle_deg": plan.glide_angle_deg,
+            "speed": plan.speed,
+            "velocity_through_water": plan.velocity_through_water,
+            "duration": plan.duration,
+            "closest_approach": plan.closest_approach,
+            "track_time": plan.track_time,
+            "track_east": track_east,
+            "track_north": track_north,
+            "track_depth": track_depth,
+            "statistics": [{"name": name, "value": str(value)} for name, value in sorted(plan.statistics.items())],
+        },
+    )
+
+
+def plan_path(plan: Plan) -> fox.PosesInFrame:
+    """Return the predicted track as poses that look along the glide through water."""
+    east, north, down = plan.velocity_through_water.tolist()
+    poses = [pose(x, y, -depth, orientation(east, north, -down)) for x, y, depth in plan.track.tolist()]
+    return fox.PosesInFrame(timestamp=stamp(plan.start_time_ns), frame_id=FRAME, poses=poses)
+
+
+def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
+    """Return the predicted track as a line, and start and goal as points, with the plan's figures as properties."""
+
+    def positions(longitude: Array, latitude: Array) -> list[list[float]]:
+        # Continuous across the antimeridian, or a map draws the line around the world.
+        near: list[list[float]] = np.column_stack([unwrap_longitude(longitude, plan.start.longitude), latitude]).round(7).tolist()
+        return near
+
+    places = (plan.start, plan.goal)
+    ends = positions(np.array([place.longitude for place in places]), np.array([place.latitude for place in places]))
+    features = [
+        _feature("Point", end, {"name": name, "depth_m": _finite(place.depth)})
+        for name, end, place in zip(("start", "goal"), ends, places, strict=True)
+    ]
+    # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
+    if len(plan.track) > 1:
+        line = positions(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
+        features.insert(0, _feature("LineString", line, _properties(plan)))
+    return fox.GeoJson(geojson=json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False))
+
+
+def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
+    """Return a pose in the frame ``map``."""
+    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=rotation)
+
+
+def orientation(east: float, north: float, up: float) -> fox.Quaternion:
+    """Return the rotation that turns the x axis to a direction, without roll: yaw 0 = east, counter-clockwise, then nose up."""
+    yaw, down = 0.5 * math.atan2(north, east), -0.5 * math.atan2(up, math.hypot(east, north))
+    return fox.Quaternion(
+        x=-math.sin(yaw) * math.sin(down),
+        y=math.cos(yaw) * math.sin(down),
+        z=math.sin(yaw) * math.cos(down),
+        w=math.cos(yaw) * math.cos(down),
+    )
+
+
+def _properties(plan: Plan) -> dict[str, Any]:
+    return {
+        "name": "plan",
+        "status": plan.status,
+        "message": plan.message,
+        "heading_deg": _finite(plan.heading_deg),
+        "glide_angle_deg": _finite(plan.glide_angle_deg),
+        "duration_s": _finite(plan.duration),
+        "closest_approach_m": _finite(plan.closest_approach),
+    }
+
+
+def _feature(kind: str, coordinates: list[Any], properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+
+
+def _finite(number: float) -> float | None:
+    """Return the number, or None (JSON null) for what JSON cannot say."""
+    return float(number) if math.isfinite(number) else None
+
+
+def _time(time_ns: int) -> dict[str, int]:
+    time = stamp(time_ns)
+    return {"seconds": time.sec, "nanos": time.nsec}
+
+
+def _place(place: Place) -> dict[str, float]:
+    return {"longitude": place.longitude, "latitude": place.latitude, "depth": place.depth}

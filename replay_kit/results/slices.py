@@ -1,0 +1,150 @@
+"""Depth slices of a flow for viewers: a regular grid of values and a field of arrows.
+
+The grid is along the local axes, its spacing the ensemble's own cell, its cells centred on whole cells from the ensemble's
+south-west corner. Values are for looking at (float32); the lossless flow is in the attachment ``estimate.nc``.
+"""
+
+from dataclasses import dataclass
+
+import foxglove.messages as fox
+import numpy as np
+
+from replay_kit.flow import FlowEstimate
+from replay_kit.flow_netcdf import wet_at
+from replay_kit.results.messages import FRAME, orientation, pose, stamp
+from replay_kit.types import Array, Grid
+
+# The longest arrow of the first slices is this many arrow spacings long.
+_ARROW_CELLS = 1.5
+
+# Arrows beyond this many along a side are thinned: a viewer draws each as a mesh.
+_MAX_ARROWS_A_SIDE = 40
+
+_FIELDS = ("u", "v", "speed")
+_COLOR = fox.Color(r=0.05, g=0.2, b=0.5, a=1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slice:
+    """A flow at one depth on a regular local grid.
+
+    Attributes:
+        depth: [m], positive down.
+        east: shape (I,) [m], cell centres.
+        north: shape (J,) [m], cell centres.
+        velocity: shape (J, I, 2) [m/s], local east and north; NaN where dry or off the ensemble's grid.
+    """
+
+    depth: float
+    east: Array
+    north: Array
+    velocity: Array
+
+    @property
+    def cell(self) -> tuple[float, float]:
+        """Cell size (east, north) [m]."""
+        return float(self.east[1] - self.east[0]), float(self.north[1] - self.north[0])
+
+    @property
+    def arrow_stride(self) -> int:
+        """Cells from one arrow to the next."""
+        return -(-max(self.east.size, self.north.size) // _MAX_ARROWS_A_SIDE)
+
+    @property
+    def max_speed(self) -> float:
+        """Largest speed [m/s]; 0 when all is dry."""
+        speed = np.hypot(self.velocity[..., 0], self.velocity[..., 1])
+        return float(np.max(speed, where=np.isfinite(speed), initial=0.0))
+
+
+def depth_slice(flow: FlowEstimate, depth: float) -> Slice:
+    """Return the flow at a depth [m] on a regular grid near the ensemble's own."""
+    grid = flow.grid
+    east = _axis(grid.east, _cell(grid, 1))
+    north = _axis(grid.north, _cell(grid, 0))
+    e, n = np.meshgrid(east, north)
+    velocity = np.where(wet_at(grid, e, n, depth)[..., None], flow.velocity(e, n, depth), np.nan)
+    return Slice(float(depth), east, north, velocity)
+
+
+def grid_message(time_ns: int, value: Slice) -> fox.Grid:
+    """Return a slice as cells of packed float32 u, v and speed [m/s]; rows go north, columns east."""
+    speed = np.hypot(value.velocity[..., 0], value.velocity[..., 1])
+    packed = np.concatenate([value.velocity, speed[..., None]], axis=-1).astype("<f4")
+    east, north = value.cell
+    float32 = fox.PackedElementFieldNumericType.Float32
+    return fox.Grid(
+        timestamp=stamp(time_ns),
+        frame_id=FRAME,
+        pose=pose(value.east[0] - 0.5 * east, value.north[0] - 0.5 * north, -value.depth, fox.Quaternion(w=1.0)),
+        column_count=value.east.size,
+        cell_size=fox.Vector2(x=east, y=north),
+        row_stride=packed.strides[0],
+        cell_stride=packed.strides[1],
+        fields=[fox.PackedElementField(name=name, offset=4 * index, type=float32) for index, name in enumerate(_FIELDS)],
+        data=packed.tobytes(),
+    )
+
+
+def arrow_scale(slices: list[Slice]) -> float | None:
+    """Return metres of arrow for 1 m/s so that the fastest arrow is 1.5 arrow spacings long; None when nothing moves."""
+    fastest = max((value.max_speed for value in slices), default=0.0)
+    if fastest == 0.0:
+        return None
+    return _ARROW_CELLS * min(min(value.cell) * value.arrow_stride for value in slices) / fastest
+
+
+def arrows_message(time_ns: int, value: Slice, scale: float) -> fox.SceneUpdate:
+    """Return a slice as one entity of arrows, which replaces the one published before for the same depth.
+
+    Args:
+        time_ns: [ns, UTC].
+        value: The slice.
+        scale: Length of an arrow for 1 m/s [m]; also in the entity's metadata.
+    """
+    step = value.arrow_stride
+    start = step // 2
+    width = 0.08 * _ARROW_CELLS * min(value.cell) * step
+    arrows = []
+    for j in range(start, value.north.size, step):
+        for i in range(start, value.east.size, step):
+            u, v = value.velocity[j, i].tolist()
+            length = scale * float(np.hypot(u, v))
+            # Dry cells are NaN, which compares false.
+            if length > 0.0:
+                arrows.append(_arrow(pose(value.east[i], value.north[j], -value.depth, orientation(u, v, 0.0)), length, width))
+    entity = fox.SceneEntity(
+        timestamp=stamp(time_ns),
+        frame_id=FRAME,
+        id=f"flow {value.depth:g} m",
+        metadata=[
+            fox.KeyValuePair(key="arrow_metres_per_m_s", value=repr(scale)),
+            fox.KeyValuePair(key="depth_m", value=repr(value.depth)),
+        ],
+        arrows=arrows,
+    )
+    return fox.SceneUpdate(entities=[entity])
+
+
+def _arrow(where: fox.Pose, length: float, width: float) -> fox.ArrowPrimitive:
+    head = min(0.35 * length, 2.5 * width)
+    return fox.ArrowPrimitive(
+        pose=where,
+        shaft_length=length - head,
+        shaft_diameter=min(width, 0.2 * length),
+        head_length=head,
+        head_diameter=min(2.0 * width, 0.4 * length),
+        color=_COLOR,
+    )
+
+
+def _cell(grid: Grid, axis: int) -> float:
+    """Return the median spacing [m] along an axis of the horizontal grid, or along the other when it has one row only."""
+    axis = axis if grid.east.shape[axis] > 1 else 1 - axis
+    return float(np.median(np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis))))
+
+
+def _axis(values: Array, cell: float) -> Array:
+    first, last = float(values.min()), float(values.max())
+    # At least two centres: a slice's cell size is the distance between them.
+    return first + cell * np.arange(float(max(2, round((last - first) / cell) + 1)))

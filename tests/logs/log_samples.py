@@ -1,0 +1,62 @@
+"""Small logs made in memory for the tests of the readers."""
+
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import orjson
+from mcap.writer import CompressionType, Writer
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "logs"
+SECOND = 1_000_000_000
+
+
+def json_mcap(
+    times_ns: Sequence[int],
+    compression: CompressionType = CompressionType.NONE,
+    chunk_size: int = 400,
+    use_chunking: bool = True,
+    data_crcs: bool = False,
+) -> bytes:
+    """Return an MCAP file of JSON messages ``{"n": 0}``, ``{"n": 1}``, ... on /a and /b in turn."""
+    out = BytesIO()
+    writer = Writer(out, chunk_size=chunk_size, compression=compression, use_chunking=use_chunking, enable_data_crcs=data_crcs)
+    writer.start()
+    schema = writer.register_schema("test.Number", "jsonschema", b"{}")
+    channels = [writer.register_channel(topic, "json", schema) for topic in ("/a", "/b")]
+    for n, time_ns in enumerate(times_ns):
+        payload = orjson.dumps({"n": n, "text": "x" * 20})
+        writer.add_message(channels[n % 2], log_time=time_ns, data=payload, publish_time=time_ns + 7, sequence=n)
+    writer.finish()
+    return out.getvalue()
+
+
+def one_channel_mcap(encoding: str, schema: tuple[str, str, bytes] | None, payloads: Sequence[bytes]) -> bytes:
+    """Return an MCAP file with one channel /x; schema is (name, encoding, data)."""
+    out = BytesIO()
+    writer = Writer(out)
+    writer.start()
+    schema_id = writer.register_schema(*schema) if schema else 0
+    channel = writer.register_channel("/x", encoding, schema_id)
+    for n, payload in enumerate(payloads):
+        writer.add_message(channel, log_time=n, data=payload, publish_time=n)
+    writer.finish()
+    return out.getvalue()
+
+
+def tlog_entry(stamp_us: int, message: Any, version: int = 2, system: int = 1, component: int = 1) -> bytes:
+    """Return one entry of a telemetry log."""
+    sender = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    return stamp_us.to_bytes(8, "big") + bytes(message.pack(sender, force_mavlink1=version == 1))
+
+
+def attitude(boot_ms: int) -> Any:
+    """Return an ATTITUDE message, its time since boot telling it from others."""
+    return dialect.MAVLink_attitude_message(boot_ms, 0.1, -0.2, 1.5, 0.0, 0.0, 0.25)
+
+
+def tlog(n: int, start_us: int = 1_700_000_000_000_000) -> list[bytes]:
+    """Return the entries of a telemetry log, one a second."""
+    return [tlog_entry(start_us + 1_000_000 * k, attitude(k), version=1 + k % 2) for k in range(n)]

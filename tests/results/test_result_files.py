@@ -1,0 +1,170 @@
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from replay_kit.errors import ConfigError, ForecastError, ReplayKitError
+from replay_kit.flow import FlowEstimate
+from replay_kit.flow_netcdf import load_bytes
+from replay_kit.results import CONTRACT_VERSION, ResultWriter, read_estimate
+from replay_kit.results.readback import check_written
+from replay_kit.types import VehicleState
+from tests.results.result_samples import CONFIG, METADATA, Run, decoded
+
+
+def test_records_and_attachments(run: Run, flow: FlowEstimate, tmp_path: Path) -> None:
+    path = run(tmp_path / "out.mcap")
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        attachments = {record.name: record for record in reader.iter_attachments()}
+    assert metadata["inputs"] == METADATA["inputs"]
+    assert metadata["contract"]["version"] == str(CONTRACT_VERSION)
+    assert float(metadata["frame map"]["latitude"]) == 62.0
+    assert attachments["config.toml"].data.decode() == CONFIG
+    for estimate in (load_bytes(attachments["estimate.nc"].data, "attachment"), read_estimate(path)):
+        np.testing.assert_array_equal(estimate.weight_cov, flow.weight_cov)
+        np.testing.assert_array_equal(estimate.latent, flow.latent)
+
+
+def test_log_levels(tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        for level in ("debug", "info", "warning", "error"):
+            writer.log(1, level, f"said {level}")
+    assert [(value.level, value.message) for _, value in decoded(tmp_path / "out.mcap")["/log"]] == [
+        (1, "said debug"),
+        (2, "said info"),
+        (3, "said warning"),
+        (4, "said error"),
+    ]
+
+
+def test_two_runs_give_the_same_bytes(run: Run, tmp_path: Path) -> None:
+    assert run(tmp_path / "one.mcap").read_bytes() == run(tmp_path / "two.mcap").read_bytes()
+
+
+def test_an_interrupt_leaves_a_readable_part(flow: FlowEstimate, state: VehicleState, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+
+    def interrupted() -> None:
+        with ResultWriter(path) as writer:
+            writer.start(flow.grid.projection, state.time_ns, METADATA, CONFIG)
+            writer.fix(state)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [item.name for item in tmp_path.iterdir()] == ["out.mcap.part"]
+    assert len(decoded(tmp_path / "out.mcap.part")["/vehicle/fix"]) == 1
+    with ResultWriter(path) as writer:
+        writer.fix(state)
+    assert [item.name for item in tmp_path.iterdir()] == ["out.mcap"]
+
+
+def test_discard_leaves_nothing(state: VehicleState, tmp_path: Path) -> None:
+    writer = ResultWriter(tmp_path / "out.mcap")
+    writer.fix(state)
+    writer.discard()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_published_result_stays(state: VehicleState, tmp_path: Path) -> None:
+    writer = ResultWriter(tmp_path / "out.mcap")
+    writer.fix(state)
+    writer.close()
+    data = writer.path.read_bytes()
+    for again in (writer.close, writer.abandon, writer.discard):
+        again()
+    assert [item.name for item in tmp_path.iterdir()] == ["out.mcap"]
+    assert writer.path.read_bytes() == data
+
+
+def test_existing_result_is_kept_unless_told(state: VehicleState, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    path.write_bytes(b"precious")
+    with pytest.raises(ConfigError, match="exists already"):
+        ResultWriter(path)
+    assert path.read_bytes() == b"precious"
+    assert len(list(tmp_path.iterdir())) == 1
+    with ResultWriter(path, overwrite=True) as writer:
+        writer.fix(state)
+        assert path.read_bytes() == b"precious"
+    assert len(decoded(path)["/vehicle/fix"]) == 1
+
+
+def test_result_that_appears_meanwhile_is_kept(state: VehicleState, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    writer = ResultWriter(path)
+    writer.fix(state)
+    path.write_bytes(b"precious")
+    with pytest.raises(ConfigError, match="exists already"):
+        writer.close()
+    assert path.read_bytes() == b"precious"
+
+
+def test_bad_targets_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="does not exist"):
+        ResultWriter(tmp_path / "missing" / "out.mcap")
+    with pytest.raises(ConfigError, match="a folder"):
+        ResultWriter(tmp_path, overwrite=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_time_that_cannot_be_written_is_said(state: VehicleState, tmp_path: Path) -> None:
+    writer = ResultWriter(tmp_path / "out.mcap")
+    with pytest.raises(ReplayKitError, match="1970 to 2106"):
+        writer.fix(replace(state, time_ns=-1))
+    writer.abandon()
+
+
+def test_read_back_finds_damage_and_loss(run: Run, tmp_path: Path) -> None:
+    path = run(tmp_path / "out.mcap")
+    with pytest.raises(ReplayKitError, match="read back"):
+        check_written(path, {"/log": 1}, 0)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(ReplayKitError):
+        check_written(path, {}, 0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
+def test_full_disk_never_publishes(tmp_path: Path) -> None:
+    """A process that may write 100 kB a file stands for a full disk."""
+    program = """
+import resource, signal, sys
+from pathlib import Path
+import numpy as np
+from replay_kit.errors import ReplayKitError
+from replay_kit.results import ResultWriter
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+try:
+    with ResultWriter(Path(sys.argv[1])) as writer:
+        noise = np.random.default_rng(0).normal(size=100_000)
+        for step in range(5):
+            writer.estimate(step, noise, np.array([1.0]))
+except ReplayKitError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", program, os.fspath(tmp_path / "out.mcap")], capture_output=True, text=True, check=True)
+    assert "is the disk full?" in done.stdout
+    assert [item.name for item in tmp_path.iterdir()] == ["out.mcap.part"]
+
+
+def test_estimate_of_other_files_is_refused(state: VehicleState, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    with pytest.raises(ForecastError, match="cannot read"):
+        read_estimate(path)
+    with ResultWriter(path) as writer:
+        writer.fix(state)
+    with pytest.raises(ForecastError, match=r"carries no estimate\.nc"):
+        read_estimate(path)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(ForecastError, match="not a whole MCAP"):
+        read_estimate(path)

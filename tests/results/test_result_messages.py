@@ -1,0 +1,160 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from replay_kit.flow import FlowEstimate
+from replay_kit.geodesy import to_geographic
+from replay_kit.results import ResultWriter
+from replay_kit.types import Innovation, Plan, Projection, VehicleState
+from tests.results.result_samples import DEPTHS, TOPICS, decoded
+
+
+def time_ns(stamp: Any) -> int:
+    return int(stamp.seconds) * 1_000_000_000 + int(stamp.nanos)
+
+
+def test_every_channel_decodes_with_stock_readers(result) -> None:
+    assert set(result) == set(TOPICS)
+    assert len(result["/vehicle/fix"]) == len(result["/flow/innovation"]) == 300
+
+
+def test_fix(result, state: VehicleState) -> None:
+    log_time, fix = result["/vehicle/fix"][0]
+    assert log_time == time_ns(fix.timestamp) == state.time_ns
+    assert (fix.longitude, fix.latitude, fix.altitude) == (state.longitude, state.latitude, -state.depth)
+    assert [(pair.key, pair.value) for pair in fix.metadata] == [("dead_reckoned", "1")]
+
+
+def test_unknown_depth_is_not_the_surface(state: VehicleState, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.fix(replace(state, depth=np.nan))
+    assert np.isnan(decoded(tmp_path / "out.mcap")["/vehicle/fix"][0][1].altitude)
+
+
+def test_longitudes_of_a_full_circle_are_turned(state: VehicleState, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.fix(replace(state, longitude=355.5))
+    assert decoded(tmp_path / "out.mcap")["/vehicle/fix"][0][1].longitude == -4.5
+
+
+def test_innovation(result, innovation: Innovation) -> None:
+    log_time, value = result["/flow/innovation"][0]
+    assert log_time == time_ns(value.timestamp) == innovation.time_ns
+    for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
+        np.testing.assert_array_equal(
+            np.column_stack([getattr(value, f"{name}_east"), getattr(value, f"{name}_north")]), getattr(innovation, name)
+        )
+    np.testing.assert_array_equal(value.depth, innovation.depth)
+    assert (value.nis, value.dof, value.accepted, value.dive) == (innovation.nis, innovation.dof, innovation.accepted, innovation.dive)
+    assert (list(value.flags), list(value.reasons)) == (innovation.flags.tolist(), innovation.reasons.tolist())
+    source = innovation.source
+    assert (value.source_input, value.source_topic, value.source_position) == (source.input, source.topic, source.position)
+    assert time_ns(value.source_time) == source.time_ns
+
+
+def test_estimate(result, flow: FlowEstimate, weights: np.ndarray) -> None:
+    _, value = result["/flow/estimate"][-1]
+    np.testing.assert_array_equal(value.weights, weights)
+    np.testing.assert_array_equal(value.levels, flow.levels)
+    assert (value.n_modes, value.rms_speed, value.n_observations) == (4, 0.25, 300)
+
+
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_grid(result, flow: FlowEstimate, depth: float) -> None:
+    _, value = result[f"/flow/grid/{depth:g}m"][0]
+    assert [(field.name, field.offset, field.type) for field in value.fields] == [("u", 0, 7), ("v", 4, 7), ("speed", 8, 7)]
+    packed = np.frombuffer(value.data, "<f4").reshape(-1, value.row_stride // value.cell_stride, 3)
+    assert packed.shape == (5, value.column_count, 3)
+    assert (value.frame_id, value.pose.position.z) == ("map", -depth)
+    assert (value.cell_size.x, value.cell_size.y) == (5_000.0, 5_000.0)
+    east = value.pose.position.x + value.cell_size.x * (np.arange(7) + 0.5)
+    north = value.pose.position.y + value.cell_size.y * (np.arange(5) + 0.5)
+    np.testing.assert_allclose(east, flow.grid.east[0])
+    expected = flow.velocity(east, north[:, None], depth)
+    wet = flow.grid.wet[np.argmin(np.abs(flow.levels - depth))]
+    np.testing.assert_array_equal(packed[wet, :2], expected[wet].astype(np.float32))
+    np.testing.assert_allclose(packed[wet, 2], np.hypot(*expected[wet].T), rtol=1e-6)
+    assert np.isnan(packed[~wet]).all()
+
+
+def test_arrows(result, flow: FlowEstimate) -> None:
+    lengths, scales = [], set()
+    for depth in DEPTHS:
+        (entity,) = result[f"/flow/arrows/{depth:g}m"][0][1].entities
+        assert (entity.id, entity.frame_id) == (f"flow {depth:g} m", "map")
+        scale = float({pair.key: pair.value for pair in entity.metadata}["arrow_metres_per_m_s"])
+        scales.add(scale)
+        for arrow in entity.arrows:
+            where, turn = arrow.pose.position, arrow.pose.orientation
+            u, v = flow.velocity(where.x, where.y, depth)
+            assert where.z == -depth
+            yaw = 2.0 * np.arctan2(turn.z, turn.w)
+            np.testing.assert_allclose([np.cos(yaw), np.sin(yaw)], [u, v] / np.hypot(u, v), atol=1e-12)
+            lengths.append(arrow.shaft_length + arrow.head_length)
+            assert lengths[-1] == pytest.approx(scale * np.hypot(u, v))
+    assert len(scales) == 1
+    assert max(lengths) == pytest.approx(1.5 * 5_000.0)
+
+
+def test_later_arrows_keep_the_scale(flow: FlowEstimate, tmp_path: Path) -> None:
+    still = replace(flow, latent=np.zeros_like(flow.latent))
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        for factor, value in ((0, still), (1, flow), (2, replace(flow, latent=0.5 * flow.latent))):
+            writer.grids(flow.time_ns + factor, value, [10.0])
+    nothing, first, second = [message.entities[0] for _, message in decoded(tmp_path / "out.mcap")["/flow/arrows/10m"]]
+    assert len(nothing.arrows) == 0
+    assert second.arrows[3].shaft_length + second.arrows[3].head_length == pytest.approx(
+        0.5 * (first.arrows[3].shaft_length + first.arrows[3].head_length)
+    )
+
+
+def test_plan(result, flow: FlowEstimate, plan: Plan) -> None:
+    log_time, controls = result["/plan/controls"][0]
+    assert log_time == time_ns(controls.timestamp) == plan.start_time_ns
+    for name in ("status", "message", "heading_deg", "glide_angle_deg", "speed", "duration", "closest_approach"):
+        assert getattr(controls, name) == getattr(plan, name)
+    assert (controls.goal.longitude, controls.goal.latitude, controls.goal.depth) == (5.1, 62.05, 100.0)
+    np.testing.assert_array_equal(controls.velocity_through_water, plan.velocity_through_water)
+    np.testing.assert_array_equal(controls.track_time, plan.track_time)
+    np.testing.assert_array_equal(np.column_stack([controls.track_east, controls.track_north, controls.track_depth]), plan.track)
+    assert (controls.statistics[0].name, controls.statistics[0].value) == ("iterations", "17")
+    _, path = result["/plan/path"][0]
+    assert path.frame_id == "map"
+    np.testing.assert_array_equal([[pose.position.x, pose.position.y, -pose.position.z] for pose in path.poses], plan.track)
+    line = json.loads(result["/plan/geojson"][0][1].geojson)["features"][0]
+    assert line["properties"]["status"] == "reached"
+    longitude, latitude = to_geographic(flow.grid.projection, plan.track[:, 0], plan.track[:, 1])
+    np.testing.assert_allclose(line["geometry"]["coordinates"], np.column_stack([longitude, latitude]), atol=1e-7)
+
+
+def test_path_poses_look_along_the_glide(result, plan: Plan) -> None:
+    turn = result["/plan/path"][0][1].poses[0].orientation
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    ahead = [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)]
+    np.testing.assert_allclose(ahead, plan.velocity_through_water * [1, 1, -1] / np.linalg.norm(plan.velocity_through_water), atol=1e-12)
+
+
+def test_failed_plan_is_valid_json_without_a_line(failed_plan: Plan, flow: FlowEstimate, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.plan(failed_plan, flow.grid.projection)
+    result = decoded(tmp_path / "out.mcap")
+    kinds = [feature["geometry"]["type"] for feature in json.loads(result["/plan/geojson"][0][1].geojson)["features"]]
+    assert kinds == ["Point", "Point"]
+    assert result["/plan/controls"][0][1].closest_approach == np.inf
+    assert len(result["/plan/path"][0][1].poses) == 0
+
+
+def test_line_is_continuous_across_the_antimeridian(plan: Plan, tmp_path: Path) -> None:
+    projection = Projection(179.99, 62.0)
+    crossing = replace(plan, start=replace(plan.start, longitude=179.99), goal=replace(plan.goal, longitude=-179.99))
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.plan(crossing, projection)
+    line, *points = json.loads(decoded(tmp_path / "out.mcap")["/plan/geojson"][0][1].geojson)["features"]
+    assert [point["geometry"]["coordinates"][0] for point in points] == [179.99, 180.01]
+    longitude = np.array(line["geometry"]["coordinates"])[:, 0]
+    assert longitude[-1] > 180.0
+    assert np.abs(np.diff(longitude)).max() < 0.1

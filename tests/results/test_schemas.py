@@ -1,0 +1,31 @@
+import re
+from pathlib import Path
+
+import pytest
+
+import replay_kit.results
+from replay_kit.results.schemas import CONTRACT_VERSION, MESSAGES
+
+README = (Path(replay_kit.results.__file__).parent / "README.md").read_text(encoding="utf-8")
+
+
+def documented(message: str) -> list[tuple[str, str]]:
+    """Return (field, type) of a message's table in the README."""
+    section = README.split(f"### replay_kit.{message}\n")[1].split("\n#")[0]
+    return re.findall(r"^\| `(\w+)` \| ([\w.\[\]]+) \| .+ \| .+ \|$", section, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("message", MESSAGES)
+def test_readme_lists_every_field_in_order(message: str) -> None:
+    fields = [(field.name, field.type.lstrip(".") + ("[]" if field.repeated else "")) for field in MESSAGES[message]]
+    assert documented(message) == fields
+
+
+def test_readme_names_the_contract_version() -> None:
+    assert f"Contract version {CONTRACT_VERSION}." in README
+
+
+def test_readme_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
+    for block in re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL):
+        exec(compile(block, "results/README.md", "exec"), {"__name__": "__readme__"})
+    assert capsys.readouterr().out
