@@ -19,6 +19,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 import planners
+from planners.region import locate, region_of
 from replay_kit import __version__
 from replay_kit.config import PlannerConfig, RunConfig, load_config
 from replay_kit.convert import convert as convert_logs
@@ -67,11 +68,12 @@ class GlidePlanner:
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land."""
-        planners.check_place(flow.grid, goal, "goal")
+        locate(region_of(flow.grid), goal, "goal")
 
     def closest_approach(self, flow: FlowEstimate, plan: Plan) -> float:
         """Return how close [m] a plan passes its goal when it is flown in a flow."""
-        return planners.fly(flow, plan).closest_approach
+        _, _, closest_approach = planners.fly(flow, plan)
+        return closest_approach
 
 
 def main() -> None:
@@ -194,8 +196,8 @@ def convert(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Convert logs to one MCAP."""
-    with _progress("converting") as _:
-        summary = convert_logs(inputs, out, overwrite, RunConfig().logs)
+    with _progress("converting") as advance:
+        summary = convert_logs(inputs, out, overwrite, RunConfig().logs, advance)
     console = _console(json_file)
     table = Table("topic", "messages", title=str(out), title_justify="left")
     for topic, count in sorted(summary.messages.items()):
@@ -203,14 +205,20 @@ def convert(
     console.print(table)
     for path, loss in summary.losses:
         console.print(f"LOST: {path}: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})", soft_wrap=True)
+    for topic, count in summary.late.items():
+        console.print(f"LOST: {count} x {topic}: later than the reorder window allows", soft_wrap=True)
+    for topic, (count, why) in summary.undecodable.items():
+        console.print(f"Cannot be decoded: {count} x {topic}: {why}", soft_wrap=True)
     _write_json(
         json_file,
         {
             "messages": dict(summary.messages),
+            "late": dict(summary.late),
+            "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in summary.undecodable.items()},
             "losses": [{"file": path, "what": loss.what, "offset": loss.offset, "bytes": loss.bytes} for path, loss in summary.losses],
         },
     )
-    raise typer.Exit(4 if summary.losses else 0)
+    raise typer.Exit(4 if summary.losses or summary.late else 0)
 
 
 @app.command()

@@ -64,7 +64,7 @@ class EstimatorConfig(_Section):
     length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default 1.16 cells, paper 10 km")
     length_vertical: float = Field(default=100.0, gt=0.0, description="m; paper only")
     nugget: float = Field(default=1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
-    hybrid_weight: float = Field(default=0.8, ge=0.0, le=1.0, description="share of the sample covariance in the prior; default only")
+    hybrid_weight: float = Field(default=0.5, ge=0.0, le=1.0, description="share of the sample covariance in the prior; default only")
     representation_error_std: float | None = Field(default=None, ge=0.0, description="m/s; None: from what the truncated basis leaves out")
     paper_error_std: float = Field(default=0.12, gt=0.0, description="m/s; error of every bin under the paper preset")
 
@@ -74,7 +74,7 @@ class PlannerConfig(_Section):
 
     speed: float = Field(default=0.3, gt=0.0, description="m/s through water")
     tolerance: float = Field(default=250.0, gt=0.0, description="m; a plan that passes this close has reached the goal")
-    interval: float = Field(default=21600.0, gt=0.0, description="s of log time between plans")
+    interval: float = Field(default=43200.0, gt=0.0, description="s of log time between plans")
     max_duration: float = Field(default=432000.0, gt=0.0, description="s; longest glide considered")
 
 

@@ -68,7 +68,8 @@ def _rotate(clockwise: Array, east: ArrayLike, north: ArrayLike) -> tuple[Array,
 
 def distance(longitude: ArrayLike, latitude: ArrayLike, other_longitude: ArrayLike, other_latitude: ArrayLike) -> Array:
     """Return geodesic distances [m] on WGS84 between places given in degrees."""
-    _, _, metres = _ELLIPSOID.inv(*np.broadcast_arrays(longitude, latitude, other_longitude, other_latitude))
+    x0, y0, x1, y1 = np.broadcast_arrays(longitude, latitude, other_longitude, other_latitude)
+    _, _, metres = _ELLIPSOID.inv(x0, y0, x1, y1)
     return np.asarray(metres, dtype=np.float64)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from replay_kit.config import RunConfig
 from replay_kit.logs import open_log
-from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.measurements import Skipped, finish, initial_state, interpret
 from replay_kit.types import Flag, LogReport, Observation, VehicleState
 
 
@@ -86,7 +86,7 @@ class _Found:
         elif isinstance(event, VehicleState):
             self.longitudes.append(event.longitude)
             self.latitudes.append(event.latitude)
-        elif hasattr(event, "reason"):
+        elif isinstance(event, Skipped):
             self.not_used[event.topic][event.reason] += 1
 
 

@@ -213,29 +213,31 @@ def print_summary(summary: ReplaySummary, console: Console) -> None:
     if summary.by_dive:
         console.print(_dive_table(summary))
     if summary.plan is not None:
-        console.print(f"Plan: {plan_in_words(summary.plan)}")
+        _say(console, f"Plan: {plan_in_words(summary.plan)}")
     elif summary.plan_note:
-        console.print(f"Plan: none; {summary.plan_note}")
+        _say(console, f"Plan: none; {summary.plan_note}")
     if summary.truth is not None:
         _print_truth(summary.truth, console)
-    console.print("Time: " + ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in summary.seconds.items()))
+    _say(console, "Time: " + ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in summary.seconds.items()))
     for note in summary.notes:
-        console.print(f"Note: {note}")
+        _say(console, f"Note: {note}")
     for path, loss in summary.losses:
-        console.print(f"LOST: {path}: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})")
+        _say(console, f"LOST: {path}: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})")
     if summary.late:
-        console.print(f"LOST: {summary.late} messages came later than the reorder window allows; widen logs.reorder_window")
+        _say(console, f"LOST: {summary.late} messages came later than the reorder window allows; widen logs.reorder_window")
 
 
 def _print_estimate(summary: ReplaySummary, console: Console) -> None:
     rejected = ", ".join(f"{count} {name}" for name, count in summary.bins_rejected.items()) or "none"
-    console.print(
+    _say(
+        console,
         f"Observations: {summary.profiles_used} profiles used ({summary.bins_used} bins), "
-        f"{summary.profiles_rejected} rejected; bins not used: {rejected}"
+        f"{summary.profiles_rejected} rejected; bins not used: {rejected}",
     )
-    console.print(
+    _say(
+        console,
         f"RMS innovation: {_cm(summary.rms_before)} before each update, {_cm(summary.rms_after)} after it, "
-        f"{_cm(summary.rms_prior)} against the ensemble alone; NIS per degree of freedom {summary.nis_per_dof:.2f}"
+        f"{_cm(summary.rms_prior)} against the ensemble alone; NIS per degree of freedom {summary.nis_per_dof:.2f}",
     )
 
 
@@ -257,26 +259,31 @@ def _dive_table(summary: ReplaySummary) -> Table:
 
 def plan_in_words(plan: Plan) -> str:
     """Return a plan as a sentence."""
-    goal = f"{plan.goal.latitude:.4f} N, {plan.goal.longitude:.4f} E, {plan.goal.depth:.0f} m"
     if plan.status == "failed":
         return f"failed: {plan.message}"
     return (
-        f"{plan.status}: steer {plan.heading_deg:.1f} degrees true at {plan.speed:.2f} m/s "
-        f"with a glide angle of {plan.glide_angle_deg:.2f} degrees "
-        f"for {plan.duration / 3600.0:.1f} h; closest approach {plan.closest_approach:.0f} m from the goal at {goal}. {plan.message}"
-    ).rstrip()
+        f"{plan.status}: steer {plan.heading_deg:.1f} degrees true at {plan.speed:.2f} m/s through water, "
+        f"{plan.glide_angle_deg:.2f} degrees down; {plan.message}"
+    )
 
 
 def _print_truth(truth: TruthScore, console: Console) -> None:
-    console.print(
+    _say(
+        console,
         f"Against the truth over {truth.points} grid points: RMSE {_cm(truth.rmse)} (relative error {truth.rel_error:.3f}); "
-        f"ensemble mean {_cm(truth.ensemble_mean_rmse)}"
+        f"ensemble mean {_cm(truth.ensemble_mean_rmse)}",
     )
     if math.isfinite(truth.closest_approach_m):
-        console.print(
+        _say(
+            console,
             f"Flown in the truth, the plan passes {truth.closest_approach_m:.0f} m from the goal; "
-            f"the ensemble mean's plan {truth.ensemble_mean_closest_approach_m:.0f} m"
+            f"the ensemble mean's plan {truth.ensemble_mean_closest_approach_m:.0f} m",
         )
+
+
+def _say(console: Console, sentence: str) -> None:
+    # a sentence stays one line in a pipe
+    console.print(sentence, soft_wrap=True)
 
 
 def _cm(value: float) -> str:

@@ -260,6 +260,8 @@ class Innovation:
         nis: Normalised innovation squared of all rows used.
         dof: Number of rows used.
         accepted: False when no bin was usable.
+        error_inflation: Factor, at least 1, by which the bins' error variance was grown in the update because their residuals
+            were correlated along the profile; ``innovation_std`` and ``nis`` are those of the stated errors.
         flags: shape (n,), QARTOD flags after the region's checks.
         reasons: shape (n,), bit mask of ``Reason``.
         dive: As in the observation.
@@ -275,6 +277,7 @@ class Innovation:
     nis: float
     dof: int
     accepted: bool
+    error_inflation: float
     flags: NDArray[np.int8]
     reasons: NDArray[np.int32]
     dive: int

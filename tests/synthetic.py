@@ -21,6 +21,8 @@ def dataset(seed=0, n_members=8, shape=(5, 6), levels=LEVELS, west=152.0, south=
         for _ in range(5):
             kx, ky, phase, decay = rng.normal(0, 0.7), rng.normal(0, 0.7), rng.uniform(0, 2 * np.pi), rng.uniform(100.0, 500.0)
             psi_x, psi_y = kx * np.cos(kx * x + ky * y + phase), ky * np.cos(kx * x + ky * y + phase)
+            # a cell is shorter along longitude: without this the flow would not be divergence-free
+            psi_y = psi_y * np.cos(np.deg2rad(south))
             fields[:, member] += 0.15 * np.stack([psi_y, -psi_x])[:, None] * np.exp(-levels / decay)[:, None, None]
     dims = ("member", "depth", "lat", "lon")
     return xr.Dataset(

@@ -16,5 +16,7 @@ def test_imports_point_one_way():
 def test_only_cli_imports_planners_and_only_planners_imports_casadi():
     for path in (ROOT / "replay_kit").rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        assert path.name == "cli.py" or "planners" not in [word for line in text.splitlines() if "import" in line for word in line.split()], path
+        assert path.name == "cli.py" or "planners" not in [
+            word for line in text.splitlines() if "import" in line for word in line.split()
+        ], path
         assert "import casadi" not in text, path

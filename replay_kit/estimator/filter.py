@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
-from replay_kit.estimator.kalman import ProfileRows, compress_profile, update
+from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation, update
 from replay_kit.estimator.modes import Basis, build_basis
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
 from replay_kit.flow import FlowEstimate
@@ -92,6 +92,7 @@ class ReducedBasisEstimator:
             nis=np.nan,
             dof=0,
             accepted=False,
+            error_inflation=1.0,
             flags=flags,
             reasons=reasons,
             dive=observation.dive,
@@ -106,6 +107,12 @@ class ReducedBasisEstimator:
         compressed, left_out = rows.compress(innovation)
         mean, cov, predicted, nis = update(state.mean, state.cov, design, compressed)
         variance = rows.expand_variance(predicted) + np.square(rows.error_std)[:, None]
+        inflation = 1.0
+        if self.error_std is None and used.size > 1:
+            inflation = dependence_inflation((values - rows.expand(design @ mean)) / rows.error_std[:, None])
+            if inflation > 1.0:
+                scale = 1.0 / np.sqrt(inflation)
+                mean, cov, _, _ = update(state.mean, state.cov, scale * design, scale * compressed)
         said = replace(
             said,
             innovation=_scatter(blank, used, innovation),
@@ -115,6 +122,7 @@ class ReducedBasisEstimator:
             nis=nis + left_out,
             dof=2 * used.size,
             accepted=True,
+            error_inflation=inflation,
         )
         return FilterState(mean, cov, observation.time_ns), said
 

@@ -67,6 +67,27 @@ def compress_profile(depth_weights: Array, basis: Array, error_std: Array) -> Pr
     return ProfileRows(q, r, basis, error_std)
 
 
+def dependence_inflation(residual: Array) -> float:
+    """Return by how much the error variance of a profile's bins must grow because their errors are not independent.
+
+    Bins that an inversion smoothed, or that all see a structure the basis cannot show, leave residuals that are correlated
+    along the profile; taken for independent they would count many times over. For a first-order autoregressive error of
+    lag-one correlation rho the mean of n bins has (1 + rho) / (1 - rho) times the variance of n independent ones. The
+    residuals' own mean square enters too when it is above one. Below three standard errors of rho nothing is done.
+
+    Args:
+        residual: shape (n, 2), measured minus estimated over the bins' error, neighbours in depth next to each other.
+
+    Returns:
+        A factor of at least 1.
+    """
+    mean_square = float(np.mean(residual**2))
+    rho = float(np.sum(residual[1:] * residual[:-1]) / np.sum(residual**2))
+    if rho <= 3.0 / np.sqrt(residual.size):
+        return 1.0
+    return (1.0 + rho) / (1.0 - rho) * max(1.0, mean_square)
+
+
 def update(mean: Array, cov: Array, design: Array, innovation: Array) -> tuple[Array, Array, Array, float]:
     """Return the updated mean and covariance, the rows' predicted covariance without noise, and the rows' NIS.
 

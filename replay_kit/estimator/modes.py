@@ -128,7 +128,8 @@ def _paper_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, depth_func
     n_members, n_levels, size = slices.shape
     kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
     by_member = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1)).reshape(n_levels, n_members, size)
-    latent = embed(kernel, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
+    columns: Array = by_member.transpose(1, 0, 2).reshape(-1, size).T
+    latent = embed(kernel, grid.nodes, columns, 0.0)  # (2N, E Z)
     modes, singular_values = _svd(latent, n_modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
     return Basis(grid, kernel, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
@@ -142,7 +143,8 @@ def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: 
     velocity_modes, singular_values = _svd(anomalies, config.modes)
     weights = velocity_modes.T @ anomalies
     left_out = (anomalies - velocity_modes @ weights).reshape(size, n_members, n_levels)
-    latents = embed(kernel, grid.nodes, np.asarray(np.hstack([mean.T, velocity_modes]), dtype=np.float64), config.nugget)
+    velocities: Array = np.hstack([mean.T, velocity_modes])
+    latents = embed(kernel, grid.nodes, velocities, config.nugget)
     return Basis(
         grid,
         kernel,

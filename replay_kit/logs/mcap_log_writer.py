@@ -56,7 +56,7 @@ class McapLogWriter:
 
     def finish(self) -> None:
         """Write the summary and the end of the file."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _channel(self, topic: str, schema: str) -> int:
         """Return the channel of a topic and schema; one topic of two schemas has two channels."""

@@ -251,7 +251,7 @@ def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState 
     known = [fix for fix in (before, after) if fix is not None]
     if not known or min(abs(fix.time_ns - time_ns) for fix in known) > max_age_s * 1e9:
         return None
-    if before is None or after is None or after.time_ns <= before.time_ns or time_ns <= before.time_ns:
+    if before is None or after is None or not before.time_ns < time_ns < after.time_ns:
         nearest = min(known, key=lambda fix: abs(fix.time_ns - time_ns))
         return nearest.longitude, nearest.latitude
     projection = Projection(before.longitude, before.latitude)

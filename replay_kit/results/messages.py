@@ -87,6 +87,7 @@ def innovation(value: Innovation) -> bytes:
         "nis": value.nis,
         "dof": value.dof,
         "accepted": bool(value.accepted),
+        "error_inflation": value.error_inflation,
         "flags": value.flags.tolist(),
         "reasons": value.reasons.tolist(),
     }

@@ -68,6 +68,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         Field("nis", "double"),
         Field("dof", "uint32"),
         Field("accepted", "bool"),
+        Field("error_inflation", "double"),
         Field("flags", "int32", repeated=True),
         Field("reasons", "uint32", repeated=True),
     ),

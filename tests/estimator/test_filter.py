@@ -7,6 +7,7 @@ import pytest
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator import FilterState, build_estimator
+from replay_kit.estimator.kalman import dependence_inflation
 from replay_kit.estimator.modes import ensemble_slices
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
@@ -182,3 +183,37 @@ def test_measurements_shrink_the_uncertainty_everywhere():
     before, after = (estimator.flow(s).standard_error(*points) for s in (estimator.initial(), state))
     assert np.all(after <= before * (1 + 1e-12))
     assert after.mean() < 0.8 * before.mean()
+
+
+def test_inflation_is_one_for_independent_residuals_and_ar1_s_for_correlated_ones():
+    rng = np.random.default_rng(0)
+    assert dependence_inflation(rng.standard_normal((22, 2))) == 1.0
+    for rho in (0.6, 0.9):
+        noise = rng.standard_normal((20_000, 2))
+        series = np.zeros_like(noise)
+        for k in range(1, len(series)):
+            series[k] = rho * series[k - 1] + np.sqrt(1 - rho**2) * noise[k]
+        assert dependence_inflation(series) == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
+        # twice the residual is four times the variance
+        assert dependence_inflation(2.0 * series) == pytest.approx(4 * (1 + rho) / (1 - rho), rel=0.1)
+
+
+def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_paper_never_inflates():
+    observation = synthetic.random_profiles(SMALL.grid, 1)[0]
+    depth = np.arange(5.0, 220.0, 2.0)
+    wiggle = 0.3 * np.column_stack([np.sin(depth / 12.0), np.cos(depth / 12.0)])
+    smooth = synthetic.profile(SMALL.grid, 1e3, 2e3, depth, wiggle)
+    estimator = build_estimator(SMALL, DEFAULT)
+    state, innovation = estimator.step(estimator.initial(), smooth)
+    assert innovation.error_inflation > 5.0
+    own = np.hypot(smooth.error_std, np.interp(depth, SMALL.grid.levels, estimator.representation_std))
+    weights = depth_weights(estimator.basis.depth_functions, depth, SMALL.grid.levels)
+    kernel = velocity_kernel(estimator.basis.kernel, np.array([[1e3, 2e3]]), SMALL.grid.nodes)
+    h = np.vstack([np.kron(weights, kernel[c] @ estimator.basis.modes) for c in range(2)])
+    value = (wiggle - weights @ (kernel @ estimator.basis.offset).reshape(2, -1).T).T.ravel()
+    noise = np.diag(np.tile(own**2 * innovation.error_inflation, 2))
+    mean, _, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.cov, h, value, noise)
+    np.testing.assert_allclose(state.mean, mean, atol=1e-9)
+    assert estimator.step(estimator.initial(), observation)[1].error_inflation == 1.0
+    paper = build_estimator(SMALL, EstimatorConfig(preset="paper"))
+    assert paper.step(paper.initial(), smooth)[1].error_inflation == 1.0

@@ -35,7 +35,7 @@ def test_velocity_is_the_rotated_gradient_of_the_stream_function(column):
     def psi(points):
         return stream_function_kernel(KERNEL, points, NODES)[:, column]
 
-    u = (psi(POINTS + [0, step]) - psi(POINTS - [0, step])) / (2 * step)
-    v = -(psi(POINTS + [step, 0]) - psi(POINTS - [step, 0])) / (2 * step)
+    u = (psi(POINTS + np.array([0, step])) - psi(POINTS - np.array([0, step]))) / (2 * step)
+    v = -(psi(POINTS + np.array([step, 0])) - psi(POINTS - np.array([step, 0]))) / (2 * step)
     ours = velocity_kernel(KERNEL, POINTS, NODES)[:, column]
     np.testing.assert_allclose(ours, np.concatenate([u, v]), atol=1e-8 * np.abs(ours).max() + 1e-10)

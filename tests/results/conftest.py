@@ -74,6 +74,7 @@ def innovation() -> Innovation:
         nis=5.5,
         dof=6,
         accepted=True,
+        error_inflation=1.5,
         flags=np.array([1, 1, 9, 1], dtype=np.int8),
         reasons=np.array([0, 0, 1, 0], dtype=np.int32),
         dive=2,

@@ -1,0 +1,110 @@
+"""A glide flown densely in a flow with NumPy, and the closest approach on its continuous path."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.glider import rk4_step
+from replay_kit.flow import FlowEstimate
+from replay_kit.types import Array
+
+# Each round narrows the time of closest approach sixteenfold; five leave well under a millimetre.
+_ZOOM_POINTS, _ZOOM_ROUNDS = 33, 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A path known at some times together with its velocity, so that it is continuous between them (cubic Hermite).
+
+    Attributes:
+        time: shape (n,) [s] since the start, increasing.
+        position: shape (n, 3) [m], local east, north, depth.
+        velocity: shape (n, 3) [m/s], over ground.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+
+    def at(self, time: Array) -> Array:
+        """Return positions, shape (m, 3) [m], at times [s] within the track."""
+        i = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.time.size - 2)
+        step = (self.time[i + 1] - self.time[i])[:, None]
+        s = (time - self.time[i])[:, None] / step
+        begin, end = self.position[i], self.position[i + 1]
+        bend = s * (1.0 - s) * ((1.0 - s) * (step * self.velocity[i] - (end - begin)) - s * (step * self.velocity[i + 1] - (end - begin)))
+        return np.asarray(begin + s * (end - begin) + bend)
+
+    def closest(self, goal: Array, until: float) -> tuple[float, float]:
+        """Return (time [s], distance [m]) of the closest approach to a goal, shape (3,) [m], no later than ``until`` [s]."""
+        inner = self.time[:-1, None] + np.diff(self.time)[:, None] * np.linspace(0.0, 1.0, 8, endpoint=False)
+        times = np.append(inner[inner < until], until)
+        for _ in range(_ZOOM_ROUNDS):
+            distance = np.linalg.norm(self.at(times) - goal, axis=1)
+            i = int(np.argmin(distance))
+            best = float(times[i]), float(distance[i])
+            times = np.linspace(times[max(i - 1, 0)], times[min(i + 1, times.size - 1)], _ZOOM_POINTS)
+        return best
+
+    def allowed_until(self, allowed: Callable[[Array], NDArray[np.bool_]]) -> float:
+        """Return the last time [s] before the path first leaves what is allowed; the whole track when it never does."""
+        outside = np.flatnonzero(~allowed(self.position))
+        if outside.size == 0:
+            return float(self.time[-1])
+        if outside[0] == 0:
+            return 0.0
+        low, high = self.time[outside[0] - 1], self.time[outside[0]]
+        while high - low > 1e-3:
+            middle = 0.5 * (low + high)
+            if allowed(self.at(np.array([middle])))[0]:
+                low = middle
+            else:
+                high = middle
+        return float(low)
+
+
+def fractions_of_duration(start_depth: float, end_depth: float, levels: Array, n_steps: int) -> Array:
+    """Return where the steps of a steady glide end, shape (n_steps + 1,) from 0 to 1, with a step's end at each level crossed.
+
+    Hats bend at the levels; a step across a bend would lose the integrator's order.
+
+    Args:
+        start_depth: [m].
+        end_depth: [m].
+        levels: shape (Z,) [m].
+        n_steps: Number of steps, more than the number of levels crossed.
+    """
+    low, high = min(start_depth, end_depth), max(start_depth, end_depth)
+    crossed = levels[(levels > low) & (levels < high)]
+    knots = np.concatenate([[0.0], np.sort((crossed - start_depth) / (end_depth - start_depth)) if crossed.size else [], [1.0]])
+    share = np.diff(knots) * (n_steps - (knots.size - 1))
+    counts = 1 + np.floor(share).astype(int)
+    # What rounding down left over goes to the segments that lost most; a stable sort keeps it reproducible.
+    counts[np.argsort(np.floor(share) - share, kind="stable")[: n_steps - counts.sum()]] += 1
+    inner = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(knots[:-1], knots[1:], counts, strict=True)]
+    fractions: Array = np.concatenate([*inner, np.ones(1)])
+    return fractions
+
+
+def fly_glide(flow: FlowEstimate, start: Array, velocity: Array, time: Array) -> Track:
+    """Return the track of a constant velocity through water in a flow, by RK4 between the given times.
+
+    Args:
+        flow: The current.
+        start: shape (3,) [m], local east, north, depth.
+        velocity: shape (3,) [m/s], through water.
+        time: shape (n,) [s], from zero.
+    """
+
+    def over_ground(position: Array) -> Array:
+        u, v = flow.velocity(*position)
+        ground: Array = velocity + np.array([u, v, 0.0])
+        return ground
+
+    positions, velocities = [start], [over_ground(start)]
+    for step in np.diff(time):
+        positions.append(rk4_step(over_ground, positions[-1], step, velocities[-1]))
+        velocities.append(over_ground(positions[-1]))
+    return Track(time, np.array(positions), np.array(velocities))

@@ -1,0 +1,147 @@
+"""A truth sampled anywhere: cubic in the grid's indices, where a curvilinear grid is a product, and cubic in depth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import NdBSpline, make_interp_spline
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
+
+from replay_kit.errors import ForecastError
+from replay_kit.types import Array, Ensemble, Grid
+
+_TOLERANCE = 1e-6  # m; places nearer than this are the same
+_ITERATIONS = 30
+_EDGE = 1e-7  # of a cell; rounding does not put a point of the edge outside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """A current that can be sampled anywhere in its grid; make it with ``build_field``.
+
+    Attributes:
+        grid: Where the current was given.
+        velocity_spline: (depth, j, i) to local east and north [m/s].
+        place_spline: (j, i) to local east and north [m].
+        nodes: The grid's nodes, for first guesses of (j, i).
+    """
+
+    grid: Grid
+    velocity_spline: NdBSpline
+    place_spline: NdBSpline
+    nodes: cKDTree
+
+    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
+        """Return the current along the local axes, shape (..., 2) [m/s].
+
+        Above the first level it is that of the first level. It is NaN below the last level, outside the grid, and in a cell
+        that has a dry corner.
+
+        Args:
+            east: [m], local frame; the arguments are broadcast against each other.
+            north: [m], local frame.
+            depth: [m], positive down.
+        """
+        east, north, depth = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64), np.asarray(depth, np.float64))
+        shape = east.shape
+        j, i, inside = grid_indices(self, east.ravel(), north.ravel())
+        levels = self.grid.levels
+        z = np.maximum(depth.ravel(), levels[0])
+        usable = inside & (z <= levels[-1])
+        usable[usable] = _cell_is_wet(self.grid, z[usable], j[usable], i[usable])
+        values = np.full((east.size, 2), np.nan)
+        if usable.any():
+            values[usable] = self.velocity_spline(np.column_stack([z, j, i])[usable])
+        return values.reshape(*shape, 2)
+
+
+def build_field(truth: Ensemble) -> Field:
+    """Return the field of a truth.
+
+    Raises:
+        ForecastError: The truth is not an ensemble of one, or has no wet point.
+    """
+    if truth.n_members != 1:
+        raise ForecastError(f"{truth.source}: a truth is one member, got {truth.n_members}; choose one with FILE#MEMBER")
+    grid = truth.grid
+    if not grid.wet.any():
+        raise ForecastError(f"{truth.source}: no wet point to sample; give a truth with water in it")
+    rows, columns = (np.arange(n, dtype=np.float64) for n in grid.east.shape)
+    values = np.moveaxis(_without_land(truth.velocity[0], grid.wet), 0, -1)
+    places = np.stack([grid.east, grid.north], axis=-1)
+    nodes = cKDTree(places.reshape(-1, 2))
+    return Field(grid, _tensor_spline((grid.levels, rows, columns), values), _tensor_spline((rows, columns), places), nodes)
+
+
+def grid_indices(field: Field, east: Array, north: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return fractional (j, i) of places and whether each is in the grid, by Newton's method from the nearest node.
+
+    Args:
+        field: The field.
+        east: shape (n,) [m], local frame.
+        north: shape (n,) [m], local frame.
+    """
+    rows, columns = field.grid.east.shape
+    last = np.array([rows - 1.0, columns - 1.0])
+    wanted = np.column_stack([east, north])
+    finite = np.isfinite(wanted).all(axis=1)
+    index = np.zeros_like(wanted)
+    _, nearest = field.nodes.query(wanted[finite])
+    index[finite] = np.column_stack(np.unravel_index(nearest, (rows, columns)))
+    found = np.zeros(len(wanted), dtype=np.bool_)
+    for _ in range(_ITERATIONS):
+        active = np.flatnonzero(finite & ~found)
+        if active.size == 0:
+            break
+        at = index[active]
+        residual = wanted[active] - field.place_spline(at)
+        near = np.hypot(residual[:, 0], residual[:, 1]) < _TOLERANCE
+        found[active[near]] = True
+        active, at, residual = active[~near], at[~near], residual[~near]
+        jacobian = np.stack([field.place_spline(at, nu=nu) for nu in ((1, 0), (0, 1))], axis=-1)
+        step = np.linalg.solve(jacobian, residual[..., None])[..., 0]
+        # one cell at a time, and one beyond the edge at most, where the extrapolated map is still one to one
+        index[active] = np.clip(at + np.clip(step, -1.0, 1.0), -1.0, last + 1.0)
+    inside = found & (index >= -_EDGE).all(axis=1) & (index <= last + _EDGE).all(axis=1)
+    index = np.clip(index, 0.0, last)
+    return index[:, 0], index[:, 1], inside
+
+
+def _tensor_spline(axes: tuple[Array, ...], values: Array) -> NdBSpline:
+    """Return the not-a-knot cubic interpolant of values, shape (*axes, n); axes of fewer than four points get a lower order."""
+    knots, orders = [], []
+    coefficients = values
+    for axis, points in enumerate(axes):
+        if points.size == 1:
+            knots.append(np.array([points[0], points[0] + 1.0]))
+            orders.append(0)
+            continue
+        spline = make_interp_spline(points, coefficients, k=min(3, points.size - 1), axis=axis)
+        # SciPy moves the interpolated axis to the front
+        coefficients = np.moveaxis(spline.c, 0, axis)
+        knots.append(spline.t)
+        orders.append(spline.k)
+    return NdBSpline(tuple(knots), np.ascontiguousarray(coefficients), tuple(orders))
+
+
+def _without_land(velocity: Array, wet: NDArray[np.bool_]) -> Array:
+    """Return velocities, shape (2, Z, J, I), with dry points given the nearest wet value: a spline needs a number everywhere."""
+    filled = np.where(wet, velocity, 0.0)
+    for level, mask in enumerate(wet):
+        if mask.any() and not mask.all():
+            nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+            filled[:, level] = filled[:, level, nearest[0], nearest[1]]
+    return filled
+
+
+def _cell_is_wet(grid: Grid, z: Array, j: Array, i: Array) -> NDArray[np.bool_]:
+    """Return whether all corners of the cell around each place are wet."""
+    n_levels, rows, columns = grid.wet.shape
+    k0 = np.clip(np.searchsorted(grid.levels, z, side="right") - 1, 0, n_levels - 1)
+    # on a level, the level below does not count
+    k1 = np.where(z > grid.levels[k0], k0 + 1, k0)
+    j0 = np.clip(np.floor(j).astype(np.intp), 0, rows - 2)
+    i0 = np.clip(np.floor(i).astype(np.intp), 0, columns - 2)
+    corners = [grid.wet[k, j0 + dj, i0 + di] for k in (k0, k1) for dj in (0, 1) for di in (0, 1)]
+    return np.asarray(np.all(corners, axis=0))

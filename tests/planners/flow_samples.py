@@ -1,0 +1,68 @@
+"""Small flows for the planner's tests: random eddies, no current, a nearly uniform current."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from replay_kit.flow import FlowEstimate
+from replay_kit.geodesy import to_geographic, to_local
+from replay_kit.kernels.depth import DepthFunctions
+from replay_kit.kernels.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.types import Array, Grid, Place, Projection
+
+CENTRE = Projection(152.5, -40.0)
+LEVELS = (5.0, 40.0, 110.0, 230.0, 400.0)
+
+
+def still_flow(
+    shape: tuple[int, int] = (8, 10),
+    levels: tuple[float, ...] = LEVELS,
+    kind: Literal["hat", "gaussian"] = "hat",
+    length: float = 12e3,
+) -> FlowEstimate:
+    """Return a flow without current on a grid of some 10 km cells."""
+    longitude, latitude = np.meshgrid(
+        152.5 + 0.1 * (np.arange(shape[1]) - shape[1] / 2), -40.0 + 0.08 * (np.arange(shape[0]) - shape[0] / 2)
+    )
+    east, north = to_local(CENTRE, longitude, latitude)
+    depths = np.array(levels)
+    grid = Grid(CENTRE, longitude, latitude, east, north, depths, np.full((depths.size, *shape), True))
+    n = 2 * len(grid.nodes)
+    kernel = HorizontalKernel(length, 0.9 * length, 0.2)
+    return FlowEstimate(grid, kernel, DepthFunctions(kind, 80.0), np.zeros((n, depths.size)), np.empty((n, 0)), np.empty((0, 0)), None)
+
+
+def eddying_flow(
+    seed: int, kind: Literal["hat", "gaussian"] = "hat", speed: float = 0.2, levels: tuple[float, ...] = LEVELS
+) -> FlowEstimate:
+    """Return a flow of random latent velocities that fade with depth, of the given RMS speed at its nodes at the first level."""
+    flow = still_flow(levels=levels, kind=kind)
+    rng = np.random.default_rng(seed)
+    latent = rng.standard_normal(flow.latent.shape[:1])[:, None] + 0.4 * rng.standard_normal(flow.latent.shape)
+    flow = replace(flow, latent=latent * np.exp(-flow.levels / 500.0))
+    at_nodes = flow.velocity(flow.nodes[:, 0], flow.nodes[:, 1], flow.levels[0])
+    return replace(flow, latent=flow.latent * speed / np.sqrt(np.mean(np.sum(at_nodes**2, axis=1))))
+
+
+def uniform_flow(east: float, north: float) -> FlowEstimate:
+    """Return a current that is uniform to a fraction of a percent over the inner grid, at all depths."""
+    flow = still_flow(length=40e3)
+    matrix = velocity_kernel(flow.kernel, flow.nodes, flow.nodes)
+    wanted = np.repeat([east, north], len(flow.nodes))
+    latent = np.linalg.solve(matrix + 1e-9 * np.eye(len(matrix)), wanted)
+    return replace(flow, latent=np.tile(latent[:, None], (1, flow.levels.size)))
+
+
+def place(flow: FlowEstimate, east: float, north: float, depth: float) -> Place:
+    """Return a local point as a place."""
+    longitude, latitude = to_geographic(flow.grid.projection, east, north)
+    return Place(float(longitude), float(latitude), depth)
+
+
+def random_points(flow: FlowEstimate, n: int, seed: int) -> Array:
+    """Return points in and somewhat outside the grid's box, shape (n, 3) [m]."""
+    rng = np.random.default_rng(seed)
+    low = [flow.grid.east.min(), flow.grid.north.min(), -20.0]
+    high = [flow.grid.east.max(), flow.grid.north.max(), flow.levels[-1] + 60.0]
+    return rng.uniform(low, high, (n, 3))

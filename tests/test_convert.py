@@ -1,0 +1,105 @@
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from replay_kit.config import LogConfig
+from replay_kit.convert import convert
+from replay_kit.errors import ConfigError, LogError
+from replay_kit.logs import merge, open_log
+from replay_kit.measurements import observations
+from replay_kit.twin import make_twin
+from tests.twin.truths import make_truth
+
+SEAGLIDER = sorted((Path(__file__).parents[2] / "shared" / "data" / "seaglider").glob("p17101*.nc"))
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> list[Path]:
+    paths = [tmp_path / "glider.mcap", tmp_path / "vessel.tlog"]
+    make_twin(make_truth(), "glider", 30, 0.09, 0, paths[0])
+    make_twin(make_truth(), "vessel", 20, 0.09, 1, paths[1])
+    return paths
+
+
+def test_logs_are_merged_in_order_and_read_by_the_stock_reader(tmp_path: Path, logs: list[Path]) -> None:
+    out = tmp_path / "out.mcap"
+    summary = convert(logs, out, False, LogConfig())
+    with out.open("rb") as file:
+        read = [
+            (message.log_time, channel.topic, json.loads(message.data))
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False)
+        ]
+    assert [time for time, _, _ in read] == sorted(time for time, _, _ in read)
+    assert Counter(topic for _, topic, _ in read) == summary.messages
+    assert summary.messages["/adcp"] == 30
+    assert summary.messages["mavlink/1/1/DEBUG_FLOAT_ARRAY"] == 100
+    assert (summary.losses, summary.undecodable, summary.late) == ((), {}, {})
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_converted_log_gives_the_same_observations(tmp_path: Path, logs: list[Path], which: int) -> None:
+    out = tmp_path / "out.mcap"
+    convert([logs[which]], out, False, LogConfig())
+    pairs = [list(observations(merge([open_log(path)], 1.0))) for path in (logs[which], out)]
+    assert len(pairs[0]) > 0
+    for before, after in zip(*pairs, strict=True):
+        assert (before.time_ns, before.longitude, before.latitude) == (after.time_ns, after.longitude, after.latitude)
+        assert before.velocity.tobytes() == after.velocity.tobytes()
+
+
+def test_the_same_input_gives_the_same_bytes(tmp_path: Path, logs: list[Path]) -> None:
+    for name in ("a.mcap", "b.mcap"):
+        convert(logs, tmp_path / name, False, LogConfig())
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_start_and_end_limit_what_is_written(tmp_path: Path, logs: list[Path]) -> None:
+    config = LogConfig(start="2018-11-16T01:00:00Z", end="2018-11-16T02:00:00Z")
+    summary = convert(logs[:1], tmp_path / "out.mcap", False, config)
+    assert summary.messages["/adcp"] == 7
+
+
+def test_losses_are_reported(tmp_path: Path, logs: list[Path]) -> None:
+    data = logs[1].read_bytes()
+    (tmp_path / "cut.tlog").write_bytes(data[:5000] + b"\x00" * 50 + data[5000:])
+    summary = convert([tmp_path / "cut.tlog"], tmp_path / "out.mcap", False, LogConfig())
+    assert summary.losses
+    assert {path for path, _ in summary.losses} == {str(tmp_path / "cut.tlog")}
+
+
+def test_an_input_is_never_overwritten(tmp_path: Path, logs: list[Path]) -> None:
+    before = logs[0].read_bytes()
+    (tmp_path / "link.mcap").symlink_to(logs[0])
+    for out in (logs[0], tmp_path / "link.mcap", tmp_path / "." / "glider.mcap"):
+        with pytest.raises(ConfigError, match="never overwritten"):
+            convert(logs, out, True, LogConfig())
+    assert logs[0].read_bytes() == before
+
+
+def test_an_output_is_kept_unless_asked(tmp_path: Path, logs: list[Path]) -> None:
+    out = tmp_path / "out.mcap"
+    out.write_bytes(b"mine")
+    with pytest.raises(ConfigError, match="exists"):
+        convert(logs, out, False, LogConfig())
+    assert out.read_bytes() == b"mine"
+    convert(logs, out, True, LogConfig())
+    assert out.read_bytes()[:5] == b"\x89MCAP"
+
+
+def test_bad_inputs_are_refused_before_anything_is_written(tmp_path: Path, logs: list[Path]) -> None:
+    with pytest.raises(LogError, match="no such file"):
+        convert([*logs, tmp_path / "missing.mcap"], tmp_path / "out.mcap", False, LogConfig())
+    with pytest.raises(ConfigError, match="at least one log"):
+        convert([], tmp_path / "out.mcap", False, LogConfig())
+    assert not list(tmp_path.glob("out.mcap*"))
+
+
+@pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there")
+def test_real_dives_become_ten_profiles(tmp_path: Path) -> None:
+    summary = convert(SEAGLIDER, tmp_path / "out.mcap", False, LogConfig())
+    assert (summary.messages["/adcp/inverted"], summary.messages["/dac"], summary.messages["/vehicle/fix"]) == (10, 5, 15)
+    observed = list(observations(merge([open_log(tmp_path / "out.mcap")], 1.0)))
+    assert [observation.dive for observation in observed] == [100, 100, 101, 101, 102, 102, 103, 103, 104, 104]
