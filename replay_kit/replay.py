@@ -230,7 +230,7 @@ def _loop(
             on_message(message.time_ns)
     for event in finish(state, run.config.measurements):
         _handle(run, event)
-    run.tally.late = sum(merged.late.values())
+    run.tally.late = merged.late
 
 
 def _start(run: _Run, first: Message, prior_flow: FlowEstimate, ensemble: Ensemble) -> None:

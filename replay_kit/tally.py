@@ -10,6 +10,9 @@ from replay_kit.errors import MeasurementError
 from replay_kit.report import DiveRow, ReplaySummary, TopicRow, TruthScore
 from replay_kit.types import Array, Grid, Innovation, LogReport, Plan, Reason, VehicleState
 
+# Topics named when a log turns out to be of no use; `replay-kit info` names all.
+_TOPICS_SHOWN = 10
+
 
 @dataclass(slots=True)
 class _Sums:
@@ -47,7 +50,7 @@ class _Sums:
 class Tally:
     """Running counts of one replay."""
 
-    late: int = 0
+    late: Mapping[str, int] = field(default_factory=dict)
     _used: Counter[str] = field(default_factory=Counter)
     _reasons: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     _rejected: int = 0
@@ -96,7 +99,7 @@ class Tally:
         if self._rejected:
             why = ", ".join(f"{count} bins {name}" for name, count in self._bins_rejected.items())
             raise MeasurementError(f"{names}: {self._rejected} ADCP pings, none usable: {why}")
-        found = "; ".join(_describe(row) for row in self._rows(reports)) or "no messages at all"
+        found = _describe(self._rows(reports)) or "no messages at all"
         raise MeasurementError(
             f"{names}: no usable ADCP ping; expected replay_kit.AdcpPing messages in earth coordinates "
             f"or ADCP_* DEBUG_FLOAT_ARRAY frames. Found: {found}"
@@ -127,7 +130,7 @@ class Tally:
         return ReplaySummary(
             messages=self._rows(reports),
             losses=tuple((report.path, loss) for report in reports for loss in report.losses),
-            late=self.late,
+            late=sum(self.late.values()),
             profiles_used=self._all.profiles,
             profiles_rejected=self._rejected,
             bins_used=self._all.bins,
@@ -153,15 +156,28 @@ class Tally:
                 reasons[topic][f"cannot be decoded: {why}"] += count
         for topic, counts in self._reasons.items():
             reasons[topic].update(counts)
+        for topic, count in self.late.items():
+            reasons[topic]["later than the reorder window allows"] += count
         rows = []
         for topic in sorted(read):
             unexplained = read[topic] - self._used[topic] - sum(reasons[topic].values())
             if unexplained > 0:
-                reasons[topic]["not needed, late, or outside the time span"] += unexplained
+                reasons[topic]["not asked for: of no use to the estimator, or outside the time span"] += unexplained
             rows.append(TopicRow(topic, read[topic], self._used[topic], read[topic] - self._used[topic], dict(reasons[topic])))
         return tuple(rows)
 
 
-def _describe(row: TopicRow) -> str:
-    why = ", ".join(f"{count} x {reason}" for reason, count in row.reasons.items())
-    return f"{row.topic} ({row.read}{': ' + why if why else ''})"
+def _describe(rows: Sequence[TopicRow]) -> str:
+    """Return the topics met, those that speak of current or position with their reasons first, the rest by their number."""
+    shown = sorted(rows, key=lambda row: (not _near_miss(row), -row.read))
+    words = []
+    for row in shown[:_TOPICS_SHOWN]:
+        why = ", ".join(f"{count} x {reason}" for reason, count in row.reasons.items()) if _near_miss(row) else ""
+        words.append(f"{row.topic} ({row.read}{': ' + why if why else ''})")
+    more = f", and {len(rows) - _TOPICS_SHOWN} more topics" if len(rows) > _TOPICS_SHOWN else ""
+    return "; ".join(words) + more
+
+
+def _near_miss(row: TopicRow) -> bool:
+    """Return whether something of a topic was used, or refused for a reason of its own."""
+    return row.used > 0 or any(not reason.startswith(("not asked for", "not a kind")) for reason in row.reasons)

@@ -127,9 +127,9 @@ def _paper_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, depth_func
     """The paper's: latents of the product kernel K_z x K_h without a nugget, SVD of all latent slices, weights about zero."""
     n_members, n_levels, size = slices.shape
     kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
-    by_member = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1)).reshape(n_levels, n_members, size)
-    columns: Array = by_member.transpose(1, 0, 2).reshape(-1, size).T
-    latent = embed(kernel, grid.nodes, columns, 0.0)  # (2N, E Z)
+    by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
+    by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
+    latent = embed(kernel, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
     modes, singular_values = _svd(latent, n_modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
     return Basis(grid, kernel, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
