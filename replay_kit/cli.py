@@ -26,7 +26,8 @@ from replay_kit.convert import convert as convert_logs
 from replay_kit.errors import ConfigError, ReplayKitError
 from replay_kit.flow import FlowEstimate
 from replay_kit.forecast import read_truth
-from replay_kit.inspect import LogInfo, info_json, inspect_log, iso
+from replay_kit.inspect import info_json, inspect_log, iso, print_info
+from replay_kit.rehearse import print_rehearsal, rehearsal_json, rehearse
 from replay_kit.replay import ReplayJob
 from replay_kit.replay import replay as replay_logs
 from replay_kit.report import print_summary, to_json
@@ -135,6 +136,7 @@ def replay(
     truth_radius: Annotated[
         float | None, typer.Option("--truth-radius", metavar="KM", help="Score only this near to the profiles.")
     ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be used, and the memory and time expected.")] = False,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -165,6 +167,11 @@ def replay(
         truth_radius_km=truth_radius,
         overwrite=overwrite,
     )
+    if dry_run:
+        rehearsal = rehearse(job, settings)
+        print_rehearsal(rehearsal, _console(json_file))
+        _write_json(json_file, rehearsal_json(rehearsal))
+        return
     with _progress("replaying") as advance:
         summary, _ = replay_logs(job, settings, GlidePlanner.of(settings.planner), advance)
     print_summary(summary, _console(json_file))
@@ -183,7 +190,7 @@ def info(
     found = [inspect_log(path, settings) for path in logs]
     console = _console(json_file)
     for log in found:
-        _print_info(log, console)
+        print_info(log, console)
     _write_json(json_file, {"logs": [info_json(log) for log in found]})
     raise typer.Exit(4 if any(log.report.losses for log in found) else 0)
 
@@ -304,23 +311,3 @@ def _write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
         sys.stdout.write(text)
     else:
         path.write_text(text, encoding="utf-8")
-
-
-def _print_info(log: LogInfo, console: Console) -> None:
-    table = Table("topic", "schema", "messages", "first", "last", title=f"{log.report.path} ({log.report.format})", title_justify="left")
-    for name, topic in log.topics.items():
-        table.add_row(name, topic.schema, str(topic.messages), iso(topic.first_ns) or "", iso(topic.last_ns) or "")
-    console.print(table)
-    console.print(f"Use: {log.use}. {log.profiles} profiles with {log.bins} usable bins, {log.positions} positions, {log.dives} dives")
-    if log.box is not None:
-        console.print(f"Positions: {log.box[0]:.4f}..{log.box[2]:.4f} E, {log.box[1]:.4f}..{log.box[3]:.4f} N")
-    if log.depths is not None:
-        console.print(f"Bins: {log.depths[0]:.0f}..{log.depths[1]:.0f} m")
-    for topic_name, reasons in log.not_used.items():
-        for reason, count in reasons.items():
-            if reason != "not a kind of message the estimator uses":
-                console.print(f"Not used: {count} x {topic_name}: {reason}", soft_wrap=True)
-    for topic_name, (count, why) in log.report.undecodable.items():
-        console.print(f"Cannot be decoded: {count} x {topic_name}: {why}", soft_wrap=True)
-    for loss in log.report.losses:
-        console.print(f"LOST: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})", soft_wrap=True)

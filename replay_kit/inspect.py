@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 
 from replay_kit.config import RunConfig
 from replay_kit.logs import open_log
@@ -155,3 +157,24 @@ def info_json(info: LogInfo) -> dict[str, Any]:
 def iso(time_ns: int | None) -> str | None:
     """Return a time as ISO 8601 UTC to the second."""
     return None if time_ns is None else f"{np.datetime_as_string(np.datetime64(time_ns, 'ns'), unit='s')}Z"
+
+
+def print_info(log: LogInfo, console: Console) -> None:
+    """Print what a log holds."""
+    table = Table("topic", "schema", "messages", "first", "last", title=f"{log.report.path} ({log.report.format})", title_justify="left")
+    for name, topic in log.topics.items():
+        table.add_row(name, topic.schema, str(topic.messages), iso(topic.first_ns) or "", iso(topic.last_ns) or "")
+    console.print(table)
+    console.print(f"Use: {log.use}. {log.profiles} profiles with {log.bins} usable bins, {log.positions} positions, {log.dives} dives")
+    if log.box is not None:
+        console.print(f"Positions: {log.box[0]:.4f}..{log.box[2]:.4f} E, {log.box[1]:.4f}..{log.box[3]:.4f} N")
+    if log.depths is not None:
+        console.print(f"Bins: {log.depths[0]:.0f}..{log.depths[1]:.0f} m")
+    for topic_name, reasons in log.not_used.items():
+        for reason, count in reasons.items():
+            if reason != "not a kind of message the estimator uses":
+                console.print(f"Not used: {count} x {topic_name}: {reason}", soft_wrap=True)
+    for topic_name, (count, why) in log.report.undecodable.items():
+        console.print(f"Cannot be decoded: {count} x {topic_name}: {why}", soft_wrap=True)
+    for loss in log.report.losses:
+        console.print(f"LOST: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})", soft_wrap=True)

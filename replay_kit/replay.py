@@ -149,7 +149,7 @@ def _replay(
     job: ReplayJob, config: RunConfig, planner: Planner | None, on_message: Callable[[int], None] | None
 ) -> tuple[ReplaySummary, FlowEstimate]:
     clock, tally = _Clock(), Tally()
-    place_at, near_ns = _look_ahead(job.logs, config)
+    place_at, near_ns = look_ahead(job.logs, config)
     readers = open_readers(job.logs, config)
     with clock.stage("forecast"):
         ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
@@ -185,7 +185,7 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     return [open_log(path, position, config.logs, wanted=MAVLINK_NAMES) for position, path in enumerate(logs)]
 
 
-def _look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
+def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
     """Return the mean position, when the ensemble is to be placed there, and the time of the first message."""
     positions, first_ns = [], None
     state = initial_state()

@@ -302,3 +302,18 @@ def test_bad_options_end_as_configuration_errors(ocean, tmp_path, arguments, err
     done = CliRunner().invoke(cli.app, [*base, *arguments])
     assert isinstance(done.exception, error)
     assert done.exception.exit_code == 2
+
+
+def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path):
+    arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--modes", "20", "--dry-run"]
+    done = CliRunner().invoke(cli.app, [*arguments, "-o", str(tmp_path / "o.mcap"), "--json", str(tmp_path / "d.json")])
+    assert done.exit_code == 0, done.output
+    answer = json.loads((tmp_path / "d.json").read_text())
+    assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (40, 40, 20, 80)
+    assert [path.name for path in tmp_path.iterdir()] == ["d.json"]
+
+
+def test_version():
+    done = CliRunner().invoke(cli.app, ["--version"])
+    assert done.exit_code == 0
+    assert done.output.startswith("replay-kit ")

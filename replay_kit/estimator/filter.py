@@ -126,6 +126,11 @@ class ReducedBasisEstimator:
         )
         return FilterState(mean, cov, observation.time_ns), said
 
+    def usable(self, observation: Observation) -> bool:
+        """Return whether an observation has a bin that ``step`` would use."""
+        flags, _ = screen(observation, self.basis.grid)
+        return bool(np.any(flags == Flag.GOOD))
+
     def misfit(self, state: FilterState, observation: Observation) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         flags, _ = screen(observation, self.basis.grid)
