@@ -27,8 +27,8 @@ from replay_kit.errors import ConfigError, ReplayKitError
 from replay_kit.flow import FlowEstimate
 from replay_kit.forecast import read_truth
 from replay_kit.inspect import info_json, inspect_log, iso, print_info
+from replay_kit.job import ReplayJob
 from replay_kit.rehearse import print_rehearsal, rehearsal_json, rehearse
-from replay_kit.replay import ReplayJob
 from replay_kit.replay import replay as replay_logs
 from replay_kit.report import print_summary, to_json
 from replay_kit.twin import make_twin, write_ensemble

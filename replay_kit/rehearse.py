@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 from replay_kit.config import RunConfig
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
+from replay_kit.job import ReplayJob, look_ahead, open_readers
 from replay_kit.logs import merge
 from replay_kit.measurements import observations
-from replay_kit.replay import ReplayJob, look_ahead, open_readers
 from replay_kit.types import Observation
 
 # What the interpreter and the libraries take before the first array.

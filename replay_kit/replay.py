@@ -8,69 +8,25 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config import RunConfig
-from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
+from replay_kit.errors import LogError, MeasurementError, PlanError
 from replay_kit.estimator import Estimator, FilterState, build_estimator
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import write_grid
 from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.logs import merge, open_log
-from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, finish, initial_state, interpret
+from replay_kit.job import Planner, ReplayJob, check_outputs, look_ahead, open_readers
+from replay_kit.logs import merge
+from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
 from replay_kit.provenance import run_metadata, run_settings_toml
 from replay_kit.report import ReplaySummary, TruthScore
 from replay_kit.results import ResultWriter
 from replay_kit.scoring import score_against_truth
 from replay_kit.tally import Tally
 from replay_kit.types import Ensemble, LogReader, Message, Observation, Place, Plan, VehicleState
-
-
-class Planner(Protocol):
-    """What a replay needs of a planner; the command line hands one in."""
-
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Plan | None) -> Plan:
-        """Return the best glide found from start towards goal."""
-        ...
-
-    def check(self, flow: FlowEstimate, goal: Place) -> None:
-        """Raise PlanError when the goal is outside the region or on land."""
-        ...
-
-    def closest_approach(self, flow: FlowEstimate, plan: Plan) -> float:
-        """Return how close [m] a plan passes its goal when it is flown in a flow."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayJob:
-    """What to replay, and where to put what comes out.
-
-    Attributes:
-        logs: Log files.
-        ensemble: Ensemble file or store.
-        out: Result MCAP; None computes without writing.
-        goal: Where the vehicle should go; None plans nothing.
-        netcdf: Gridded estimate, CF NetCDF.
-        save_estimate: Lossless estimate, NetCDF.
-        truth: ``PATH`` or ``PATH#MEMBER`` to score against.
-        truth_radius_km: Score only grid points this near to a profile used; None scores all.
-        overwrite: Whether existing outputs are replaced.
-    """
-
-    logs: tuple[Path, ...]
-    ensemble: Path
-    out: Path | None = None
-    goal: Place | None = None
-    netcdf: Path | None = None
-    save_estimate: Path | None = None
-    truth: str | None = None
-    truth_radius_km: float | None = None
-    overwrite: bool = False
 
 
 @dataclass(slots=True)
@@ -129,20 +85,9 @@ def replay(
         PlanError: The goal is outside the region or on land.
         ConfigError: An output exists and may not be replaced, or an option is wrong.
     """
-    _check_outputs(job)
+    check_outputs(job)
     with threadpool_limits(limits=config.output.threads):
         return _replay(job, config, planner, on_message)
-
-
-def _check_outputs(job: ReplayJob) -> None:
-    inputs = {path.resolve() for path in (*job.logs, job.ensemble)}
-    for path in (job.out, job.netcdf, job.save_estimate):
-        if path is None:
-            continue
-        if path.resolve() in inputs:
-            raise ConfigError(f"{path}: is an input of this run; an input is never overwritten: choose another name")
-        if path.exists() and not job.overwrite:
-            raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
 
 
 def _replay(
@@ -174,35 +119,6 @@ def _replay(
             writer.abandon()
         raise
     return summary, flow
-
-
-def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
-    """Return the logs, opened; of MAVLink only what the estimator uses is decoded.
-
-    Raises:
-        LogError: One is missing or not a log.
-    """
-    return [open_log(path, position, config.logs, wanted=MAVLINK_NAMES) for position, path in enumerate(logs)]
-
-
-def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
-    """Return the mean position, when the ensemble is to be placed there, and the time of the first message."""
-    positions, first_ns = [], None
-    state = initial_state()
-    for reader in open_readers(logs, config):
-        for message in reader.messages():
-            first_ns = message.time_ns if first_ns is None else min(first_ns, message.time_ns)
-            if not config.forecast.place:
-                break
-            state, events = interpret(state, message, config.measurements)
-            positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
-    if not config.forecast.place:
-        return None, first_ns
-    if not positions:
-        raise MeasurementError("--place-ensemble moves the ensemble to the mean fix, but the logs hold no position; leave the option out")
-    longitude, latitude = np.array(positions).T
-    turns = np.exp(1j * np.deg2rad(longitude))
-    return (float(np.rad2deg(np.angle(turns.mean()))), float(latitude.mean())), first_ns
 
 
 def _loop(

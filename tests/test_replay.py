@@ -14,8 +14,9 @@ from replay_kit import cli, flow_netcdf
 from replay_kit.config import RunConfig, load_config
 from replay_kit.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.forecast import read_truth
+from replay_kit.job import ReplayJob
 from replay_kit.logs.mcap_log_writer import write_mcap_log
-from replay_kit.replay import ReplayJob, replay
+from replay_kit.replay import replay
 from replay_kit.twin import make_twin
 from replay_kit.types import Message, Place
 from tests import synthetic

@@ -1,0 +1,104 @@
+"""What to replay and where to put it: the job, checked and opened."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from replay_kit.config import RunConfig
+from replay_kit.errors import ConfigError, MeasurementError
+from replay_kit.flow import FlowEstimate
+from replay_kit.logs import open_log
+from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
+from replay_kit.types import LogReader, Place, Plan, VehicleState
+
+
+class Planner(Protocol):
+    """What a replay needs of a planner; the command line hands one in."""
+
+    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Plan | None) -> Plan:
+        """Return the best glide found from start towards goal."""
+        ...
+
+    def check(self, flow: FlowEstimate, goal: Place) -> None:
+        """Raise PlanError when the goal is outside the region or on land."""
+        ...
+
+    def closest_approach(self, flow: FlowEstimate, plan: Plan) -> float:
+        """Return how close [m] a plan passes its goal when it is flown in a flow."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayJob:
+    """What to replay, and where to put what comes out.
+
+    Attributes:
+        logs: Log files.
+        ensemble: Ensemble file or store.
+        out: Result MCAP; None computes without writing.
+        goal: Where the vehicle should go; None plans nothing.
+        netcdf: Gridded estimate, CF NetCDF.
+        save_estimate: Lossless estimate, NetCDF.
+        truth: ``PATH`` or ``PATH#MEMBER`` to score against.
+        truth_radius_km: Score only grid points this near to a profile used; None scores all.
+        overwrite: Whether existing outputs are replaced.
+    """
+
+    logs: tuple[Path, ...]
+    ensemble: Path
+    out: Path | None = None
+    goal: Place | None = None
+    netcdf: Path | None = None
+    save_estimate: Path | None = None
+    truth: str | None = None
+    truth_radius_km: float | None = None
+    overwrite: bool = False
+
+
+def check_outputs(job: ReplayJob) -> None:
+    """Raise ConfigError when an output is an input, or exists and may not be replaced."""
+    inputs = {path.resolve() for path in (*job.logs, job.ensemble)}
+    for path in (job.out, job.netcdf, job.save_estimate):
+        if path is None:
+            continue
+        if path.resolve() in inputs:
+            raise ConfigError(f"{path}: is an input of this run; an input is never overwritten: choose another name")
+        if path.exists() and not job.overwrite:
+            raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
+
+
+def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
+    """Return the logs, opened; of MAVLink only what the estimator uses is decoded.
+
+    Raises:
+        LogError: One is missing or not a log.
+    """
+    return [open_log(path, position, config.logs, wanted=MAVLINK_NAMES) for position, path in enumerate(logs)]
+
+
+def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
+    """Return the mean position, when the ensemble is to be placed there, and the time of the first message [ns, UTC].
+
+    Raises:
+        LogError: A log cannot be opened.
+        MeasurementError: The ensemble is to be placed at the log, and the log holds no position.
+    """
+    positions, first_ns = [], None
+    state = initial_state()
+    for reader in open_readers(logs, config):
+        for message in reader.messages():
+            first_ns = message.time_ns if first_ns is None else min(first_ns, message.time_ns)
+            if not config.forecast.place:
+                break
+            state, events = interpret(state, message, config.measurements)
+            positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
+    if not config.forecast.place:
+        return None, first_ns
+    if not positions:
+        raise MeasurementError("--place-ensemble moves the ensemble to the mean fix, but the logs hold no position; leave the option out")
+    longitude, latitude = np.array(positions).T
+    turns = np.exp(1j * np.deg2rad(longitude))
+    return (float(np.rad2deg(np.angle(turns.mean()))), float(latitude.mean())), first_ns
