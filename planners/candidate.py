@@ -106,8 +106,8 @@ def aligned_fractions(task: Task, glide_angle: float, duration: float, n_steps: 
 def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
     """Return the optimum found from a guess of heading, glide angle and duration; None when the solver's answer is not a number.
 
-    The steps are laid for the guess's depths. Where the dense path falls short of what the solver promised, they are laid again for
-    the answer's, then made finer.
+    Least squares come near, IPOPT settles it. The steps are laid for the guess's depths; where the dense path falls short of what the
+    solver promised, they are laid again for the answer's, then made finer. A path that leaves the region is solved within it.
     """
     iterations, n_steps, best, bounded = 0, task.n_steps, None, False
     for refinement in range(_REFINEMENTS + 1):

@@ -19,8 +19,8 @@ from replay_kit.types import Array
 
 # Distances inside the program are in kilometres: objective and constraints are then of order one to a thousand.
 _KM = 1e3
-# Least squares needs a handful of steps for a goal that can be reached; for others its rate is linear and IPOPT takes over.
-_APPROACH_STEPS = 30
+# Most steps of least squares: a handful for a goal that can be reached; for others its rate is linear and IPOPT takes over.
+_APPROACH_STEPS = 60
 # Steepest angle a guess may have [rad]: the tangent of a right angle is no start.
 _STEEPEST = np.pi / 2 - 1e-3
 _OPTIONS: dict[str, Any] = {
