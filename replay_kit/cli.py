@@ -17,15 +17,19 @@ import typer
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from threadpoolctl import threadpool_limits
 
 import planners
 from planners.region import locate, region_of
 from replay_kit import __version__
+from replay_kit.baselines import BASELINES
 from replay_kit.config import PlannerConfig, RunConfig, load_config
 from replay_kit.convert import convert as convert_logs
 from replay_kit.errors import ConfigError, ReplayKitError
+from replay_kit.experiments.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy
+from replay_kit.experiments.accuracy import to_json as accuracy_json
 from replay_kit.flow import FlowEstimate
-from replay_kit.forecast import read_truth
+from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.inspect import info_json, inspect_log, iso, print_info
 from replay_kit.job import ReplayJob
 from replay_kit.rehearse import print_rehearsal, rehearsal_json, rehearse
@@ -34,6 +38,7 @@ from replay_kit.report import print_summary, to_json
 from replay_kit.twin import make_twin, write_ensemble
 from replay_kit.types import Place, Plan
 
+experiment = typer.Typer(help="Studies: how well the estimator does, and against what.", no_args_is_help=True)
 app = typer.Typer(
     name="replay-kit",
     help="What was the water doing, and where should the vehicle go next?",
@@ -42,6 +47,8 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+app.add_typer(experiment, name="experiment")
 
 JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - is standard output.")]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist. An input is never replaced.")]
@@ -114,6 +121,7 @@ def replay(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap", help="Result, for any MCAP viewer.")],
     config: ConfigOption = None,
     goal: Annotated[str | None, typer.Option("--goal", metavar="LON,LAT,DEPTH", help="Where to go next [degrees, degrees, m].")] = None,
+    estimator: Annotated[str | None, typer.Option("--estimator", help=f"reduced_basis (ours), or {', '.join(BASELINES)}.")] = None,
     preset: Annotated[
         Literal["default", "paper"] | None, typer.Option("--preset", help="Estimator: the project's, or the paper's exactly.")
     ] = None,
@@ -153,7 +161,7 @@ def replay(
                 "reference_time": reference_time,
                 "place": place,
             },
-            "estimator": {"preset": preset, "modes": modes},
+            "estimator": {"name": estimator, "preset": preset, "modes": modes},
         },
     )
     job = ReplayJob(
@@ -263,6 +271,42 @@ def synthesize(
     write_ensemble(ensemble, truth, n_members=members, seed=seed, overwrite=overwrite)
 
 
+@experiment.command()
+def accuracy(
+    ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
+    truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="The truth to tell.")] = None,
+    leave_out: Annotated[str | None, typer.Option("--leave-out", metavar="K|all|most-distant", help="Members withheld as truths.")] = None,
+    lead: LeadOption = None,
+    region: RegionOption = None,
+    levels: LevelsOption = None,
+    modes: Annotated[int | None, typer.Option("--modes", min=1, help="Basis flows a level; all when fewer exist.")] = None,
+    pings: Annotated[str, typer.Option("--pings", metavar="N1,N2,...", help="Numbers of pings scored.")] = "5,10,25,50,150,450",
+    noise: Annotated[float, typer.Option("--noise", min=0.0, help="Standard deviation of a bin's component [m/s].")] = 0.09,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Seeds 0 to N-1.")] = 5,
+    methods: Annotated[str, typer.Option("--methods", metavar="M1,M2,...", help="Estimators compared.")] = ",".join(METHODS),
+    config: ConfigOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Compare estimators on twin surveys: error, calibration, against the number of pings."""
+    settings = load_config(
+        config,
+        {
+            "forecast": {"region": _numbers(region, "--region", 4), "levels": _numbers(levels, "--levels"), "lead": lead},
+            "estimator": {"modes": modes},
+        },
+    )
+    if (truth is None) == (leave_out is None):
+        raise ConfigError("experiment accuracy: expected one of --truth and --leave-out")
+    counts = tuple(int(n) for n in _numbers(pings, "--pings") or ())
+    job = AccuracyJob(leave_out, counts, noise, seeds, tuple(methods.split(",")))
+    members = read_ensemble(ensemble, settings.forecast)
+    withheld = None if truth is None else read_truth(truth, settings.forecast)
+    with threadpool_limits(limits=settings.output.threads), _bar() as advance:
+        result = run_accuracy(members, withheld, settings.estimator, job, advance)
+    print_accuracy(result, _console(json_file))
+    _write_json(json_file, accuracy_json(result))
+
+
 def _numbers(text: str | None, option: str, count: int | None = None) -> tuple[float, ...] | None:
     if text is None:
         return None
@@ -301,6 +345,17 @@ def _progress(what: str) -> Iterator[Callable[[int], None] | None]:
             bar.update(task, advance=1, description=f"{what} {iso(time_ns)}")
 
         yield advance
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[int, int, str], None] | None]:
+    """Show a bar of work done on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)
 
 
 def _write_json(path: Path | None, answer: Mapping[str, Any]) -> None:

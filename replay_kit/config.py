@@ -59,6 +59,7 @@ class ForecastConfig(_Section):
 class EstimatorConfig(_Section):
     """``[estimator]``: the basis, the prior and the error model; ``None`` means the preset's own value."""
 
+    name: str = Field(default="reduced_basis", description="the project's own, or a baseline: naive3d, nearest, etkf, ...")
     preset: Literal["default", "paper"] = "default"
     modes: int | None = Field(default=300, ge=1, description="basis flows a level; fewer when fewer exist; None = all")
     length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default 1.16 cells, paper 10 km")

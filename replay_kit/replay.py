@@ -8,13 +8,15 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from replay_kit.baselines import build_named
 from replay_kit.config import RunConfig
 from replay_kit.errors import LogError, MeasurementError, PlanError
-from replay_kit.estimator import Estimator, FilterState, build_estimator
+from replay_kit.estimator import Estimator, FilterState
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import write_grid
 from replay_kit.forecast import read_ensemble, read_truth
@@ -48,15 +50,16 @@ class _Clock:
 class _Run:
     """The loop's moving parts: everything here is a frozen value that the next message replaces."""
 
-    estimator: Estimator
+    # Any: each kind of estimator has a state of its own, which only it looks into
+    estimator: Estimator[Any]
     writer: ResultWriter | None
     planner: Planner | None
     job: ReplayJob
     config: RunConfig
     clock: _Clock
     tally: Tally
-    state: FilterState
-    dive_start: FilterState
+    state: Any
+    dive_start: Any
     dive: int = 0
     vehicle: VehicleState | None = None
     plan: Plan | None = None
@@ -99,7 +102,7 @@ def _replay(
     with clock.stage("forecast"):
         ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
     with clock.stage("basis"):
-        estimator = build_estimator(ensemble, config.estimator)
+        estimator = build_named(ensemble, config.estimator, None if job.goal is None else job.goal.depth)
         prior_flow = estimator.flow(estimator.initial())
     if job.goal is not None and planner is not None:
         planner.check(prior_flow, job.goal)
@@ -186,7 +189,7 @@ def _assimilate(run: _Run, observation: Observation) -> None:
     if run.writer is not None:
         with run.clock.stage("write"):
             run.writer.innovation(innovation)
-            if innovation.accepted:
+            if innovation.accepted and isinstance(run.state, FilterState):
                 run.writer.estimate(observation.time_ns, run.state.mean, run.estimator.flow(run.state).levels)
     _publish_when_due(run, observation.time_ns)
 

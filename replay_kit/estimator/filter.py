@@ -1,7 +1,6 @@
 """The estimator: a frozen problem, a frozen state, and one step that online and offline use share."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,26 +29,6 @@ class FilterState:
     mean: Array
     cov: Array
     time_ns: int | None
-
-
-class Estimator(Protocol):
-    """What a replay needs of any estimator."""
-
-    def initial(self) -> FilterState:
-        """Return the state before any observation."""
-        ...
-
-    def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
-        """Return the state after an observation, and what the observation said."""
-        ...
-
-    def misfit(self, state: FilterState, observation: Observation) -> Array:
-        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        ...
-
-    def flow(self, state: FilterState) -> FlowEstimate:
-        """Return the current estimate that a state stands for."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +79,7 @@ class ReducedBasisEstimator:
         )
         if used.size == 0:
             return state, said
-        rows, values = self._rows(observation, used)
+        rows, values = self.rows(observation, used)
         design = rows.design()
         prediction, prior_prediction = rows.expand(design @ state.mean), rows.expand(design @ self.prior.mean)
         innovation = values - prediction
@@ -137,7 +116,7 @@ class ReducedBasisEstimator:
         used = np.flatnonzero(flags == Flag.GOOD)
         out = np.full((observation.depth.size, 2), np.nan)
         if used.size:
-            rows, values = self._rows(observation, used)
+            rows, values = self.rows(observation, used)
             out[used] = values - rows.expand(rows.design() @ state.mean)
         return out
 
@@ -148,7 +127,7 @@ class ReducedBasisEstimator:
         time_ns = self.time_ns if state.time_ns is None else state.time_ns
         return FlowEstimate(self.basis.grid, self.basis.kernel, self.basis.depth_functions, latent, self.basis.modes, state.cov, time_ns)
 
-    def _rows(self, observation: Observation, used: NDArray[np.intp]) -> tuple[ProfileRows, Array]:
+    def rows(self, observation: Observation, used: NDArray[np.intp]) -> tuple[ProfileRows, Array]:
         """Return the compressed rows of the usable bins and their velocity about the offset, shape (n, 2), local axes."""
         projection = self.basis.grid.projection
         east, north = to_local(projection, observation.longitude, observation.latitude)

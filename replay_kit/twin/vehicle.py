@@ -114,7 +114,7 @@ def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, sp
     Raises:
         ForecastError: Hardly any of the region's surface is wet.
     """
-    places = _nearest_first(_random_places(field, pings, rng))
+    places = _nearest_first(random_places(field, pings, rng))
     d_east, d_north = np.diff(places, axis=0).T
     elapsed_ms = np.round(np.append(0.0, np.cumsum(np.hypot(d_east, d_north))) / speed * 1000.0)
     time_ns = start_ns + elapsed_ms.astype(np.int64) * _NS_PER_MS
@@ -127,7 +127,7 @@ def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, sp
     return Mission(track, positions, ())
 
 
-def _random_places(field: Field, count: int, rng: np.random.Generator) -> Array:
+def random_places(field: Field, count: int, rng: np.random.Generator) -> Array:
     """Return places, shape (count, 2) [m], uniform over the region's wet surface, by rejection from the box around the grid."""
     grid = field.grid
     low, high = (np.array([f(grid.east), f(grid.north)]) for f in (np.min, np.max))

@@ -1,0 +1,91 @@
+"""The paper's naive 3D basis: singular vectors of whole members, one weight for each, a diagonal prior of variances.
+
+The 2.5D basis cuts members into depth slices and gives every slice its own weight; here a mode is a flow of all levels, so the estimate
+never leaves the members' span.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from replay_kit.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
+from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, scatter, unused, usable_bins
+from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.filter import FilterState
+from replay_kit.estimator.kalman import update
+from replay_kit.estimator.modes import ensemble_slices
+from replay_kit.flow import FlowEstimate
+from replay_kit.types import Array, Ensemble, Innovation, Observation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Naive3D:
+    """A Kalman filter on one weight a mode.
+
+    Attributes:
+        modes: Basis flows.
+        velocity: shape (m, Z, 2N) [m/s], of the modes at the nodes; orthonormal.
+        prior_mean: shape (m,), mean of the members' weights.
+        prior_variance: shape (m,), their variances.
+        config: Error model and number of modes.
+        time_ns: Time of the forecast.
+    """
+
+    modes: FlowColumns
+    velocity: Array
+    prior_mean: Array
+    prior_variance: Array
+    config: EstimatorConfig
+    time_ns: int | None
+
+    def initial(self) -> FilterState:
+        """Return the prior as a state."""
+        return FilterState(self.prior_mean, np.diag(self.prior_variance), None)
+
+    def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
+        """Return the state after an observation, and the innovation."""
+        bins = usable_bins(observation, self.modes.grid)
+        if bins.used.size == 0:
+            return state, unused(observation, bins.flags, bins.reasons)
+        design = self._design(bins)
+        std = error_std(observation, bins.used, self.config)[:, None]
+        before, prior = design @ state.mean, design @ self.prior_mean
+        whitened = (design / std[..., None]).reshape(-1, state.mean.size)
+        mean, cov, predicted, nis = update(state.mean, state.cov, whitened, ((bins.values - before) / std).ravel())
+        innovation_std = std * np.sqrt(np.diag(predicted).reshape(-1, 2) + 1.0)
+        said = innovation_of(observation, bins, Predictions(before, design @ mean, prior, innovation_std), nis)
+        return FilterState(mean, cov, observation.time_ns), said
+
+    def misfit(self, state: FilterState, observation: Observation) -> Array:
+        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
+        bins = usable_bins(observation, self.modes.grid)
+        return scatter(observation.depth.size, bins.used, bins.values - self._design(bins) @ state.mean)
+
+    def flow(self, state: FilterState) -> FlowEstimate:
+        """Return the current estimate that a state stands for."""
+        values, vectors = np.linalg.eigh(state.cov)
+        anomalies = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, self.velocity, axes=1)
+        mean = np.tensordot(state.mean, self.velocity, axes=1)
+        time_ns = self.time_ns if state.time_ns is None else state.time_ns
+        return flow_of_ensemble(self.modes.grid, self.modes.kernel, mean, anomalies, self.config, time_ns)
+
+    def _design(self, bins: UsableBins) -> Array:
+        """Return the modes' velocity at the bins, shape (n, 2, m) [m/s]."""
+        return np.asarray(np.einsum("nz,czm->ncm", bins.depth_weights, self.modes.at_place(bins.place)))
+
+
+def build_naive(ensemble: Ensemble, config: EstimatorConfig) -> Naive3D:
+    """Return the naive 3D estimator of an ensemble, with ``config.modes`` modes or as many as there are members.
+
+    Velocities and hats in depth take the place of the paper's latents and Gaussians, as in the default preset.
+    """
+    slices = ensemble_slices(ensemble)
+    members = slices.reshape(ensemble.n_members, -1)
+    vectors, singular_values, _ = scipy.linalg.svd(members.T, full_matrices=False)
+    rank = int(np.sum(singular_values > 1e-12 * singular_values[0]))
+    vectors = vectors[:, : min(config.modes or rank, rank)]
+    weights = members @ vectors
+    velocity = vectors.T.reshape(-1, *slices.shape[1:])
+    modes = embed_columns(ensemble.grid, default_kernel(ensemble.grid, config), velocity, config.nugget)
+    return Naive3D(modes, velocity, weights.mean(axis=0), weights.var(axis=0, ddof=1), config, ensemble.time_ns)

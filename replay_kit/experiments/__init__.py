@@ -1,0 +1,5 @@
+"""Experiments: the estimator against its baselines on twins of a known truth."""
+
+from replay_kit.experiments.accuracy import METHODS, AccuracyJob, AccuracyResult, AccuracyRow, run_accuracy, to_json
+
+__all__ = ["METHODS", "AccuracyJob", "AccuracyResult", "AccuracyRow", "run_accuracy", "to_json"]

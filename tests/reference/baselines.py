@@ -1,0 +1,125 @@
+"""The baselines, slow and obvious: loops over members, columns and bins, inverses written as inverses."""
+
+import math
+
+import numpy as np
+import scipy.integrate
+import scipy.linalg
+
+from tests.reference.estimator import kalman_update
+
+
+def hat(depth, levels, z):
+    """The piecewise-linear function of level z, constant above the first and below the last level."""
+    return float(np.interp(depth, levels, np.eye(len(levels))[z]))
+
+
+def kernel_2d(a, b, length_east, length_north):
+    """2 x 2 block of the incompressible kernel between two points; unit speed, sigma = length_east."""
+    dx, dy = a[0] - b[0], a[1] - b[1]
+    k = length_east**2 * math.exp(-0.5 * ((dx / length_east) ** 2 + (dy / length_north) ** 2))
+    cross = dx * dy / (length_east**2 * length_north**2)
+    return k * np.array([[(1 - dy**2 / length_north**2) / length_north**2, cross], [cross, (1 - dx**2 / length_east**2) / length_east**2]])
+
+
+def kernel_matrix(points, nodes, length_east, length_north):
+    """All east rows, then all north; columns likewise."""
+    out = np.empty((2 * len(points), 2 * len(nodes)))
+    for i, a in enumerate(points):
+        for j, b in enumerate(nodes):
+            block = kernel_2d(a, b, length_east, length_north)
+            for c in range(2):
+                for d in range(2):
+                    out[c * len(points) + i, d * len(nodes) + j] = block[c, d]
+    return out
+
+
+def member_at(slices, nodes, levels, lengths, place, depth, nugget):
+    """One member, shape (Z, 2N), interpolated to a point by the kernel in the horizontal and hats in depth."""
+    kernel = kernel_matrix(nodes, nodes, *lengths)
+    kernel += nugget * np.linalg.eigvalsh(kernel)[-1] * np.eye(len(kernel))
+    row = kernel_matrix([place], nodes, *lengths)
+    return sum(hat(depth, levels, z) * (row @ np.linalg.solve(kernel, slices[z])) for z in range(len(levels)))
+
+
+def design_of_members(members, nodes, levels, lengths, place, depths, nugget):
+    """Velocity of every member at every bin, shape (E, n, 2)."""
+    return np.array([[member_at(m, nodes, levels, lengths, place, depth, nugget) for depth in depths] for m in members])
+
+
+def nearest(members_at_profiles, values, error_std):
+    """Position of the member with the least sum of squares; lists by profile of (E, n, 2) and (n, 2)."""
+    n_members = len(members_at_profiles[0])
+    sums = [
+        sum(float(np.sum(((v - at[e]) / s) ** 2)) for at, v, s in zip(members_at_profiles, values, error_std, strict=True))
+        for e in range(n_members)
+    ]
+    return int(np.argmin(sums))
+
+
+def naive(members, modes_at_profiles, values, error_std):
+    """Mean and covariance of the weights of whole-member singular vectors; ``modes_at_profiles`` are functions of the modes' matrix."""
+    columns = members.reshape(len(members), -1).T
+    modes = np.linalg.svd(columns, full_matrices=False)[0]
+    weights = modes.T @ columns
+    mean, cov = weights.mean(axis=1), np.diag(weights.var(axis=1, ddof=1))
+    for at, value, std in zip(modes_at_profiles, values, error_std, strict=True):
+        design = at(modes)
+        mean, cov, _, _ = kalman_update(mean, cov, design, value.ravel(), std**2 * np.eye(value.size))
+    return modes, mean, cov
+
+
+def gaspari_cohn(distance, radius):
+    """Equation 4.10 of Gaspari and Cohn (1999) with half-width radius / 2, case by case."""
+    r = distance / (radius / 2)
+    if r <= 1:
+        return -(r**5) / 4 + r**4 / 2 + 5 * r**3 / 8 - 5 * r**2 / 3 + 1
+    if r < 2:
+        return r**5 / 12 - r**4 / 2 + 5 * r**3 / 8 + 5 * r**2 / 3 - 5 * r + 4 - 2 / (3 * r)
+    return 0.0
+
+
+def letkf_column(members_here, observed_members, values, precision):
+    """Hunt et al. (2007), steps 3 to 8, for one column: analysis mean and anomalies over sqrt(E - 1).
+
+    members_here (E, n), observed_members (E, m), values (m,), precision (m,) already tapered.
+    """
+    n_members = len(members_here)
+    mean, observed_mean = members_here.mean(axis=0), observed_members.mean(axis=0)
+    anomalies, observed = members_here - mean, observed_members - observed_mean
+    inverse = np.linalg.inv((n_members - 1) * np.eye(n_members) + observed @ np.diag(precision) @ observed.T)
+    root = np.real(scipy.linalg.sqrtm((n_members - 1) * inverse))
+    weights = inverse @ observed @ (precision * (values - observed_mean))
+    return mean + weights @ anomalies, (root @ anomalies) / math.sqrt(n_members - 1)
+
+
+def gp_at_nodes(nodes, levels, length, depth_cov, places, depths, values, error_std):
+    """Posterior mean and covariance of the current at all nodes and levels (level by level, all east then all north).
+
+    The finite model written out: latents ~ N(0, C_z x K^-1) at the nodes, every bin a row.
+    """
+    kernel = kernel_matrix(nodes, nodes, length, length)
+    joint = np.kron(depth_cov, kernel)
+    to_latent = np.kron(np.eye(len(levels)), np.linalg.inv(kernel))
+    rows, data, noise = [], [], []
+    for place, value, std in zip(places, values, error_std, strict=True):
+        row = kernel_matrix([place], nodes, length, length)
+        for depth, v in zip(depths, value, strict=True):
+            hats = np.array([hat(depth, levels, z) for z in range(len(levels))])
+            rows += [np.kron(hats, row[c]) for c in range(2)]
+            data += list(v)
+            noise += [std**2] * 2
+    design = np.array(rows) @ to_latent
+    mean, cov, _, _ = kalman_update(np.zeros(len(joint)), joint, design, np.array(data), np.diag(noise))
+    return mean, cov
+
+
+def crps_by_quadrature(error, std):
+    """Integral of (F - step)^2 of a Gaussian with a given mean error; the step is at zero, where the integral is cut in two."""
+
+    def cdf(x):
+        return 0.5 * (1 + math.erf((x - error) / (std * math.sqrt(2))))
+
+    far = abs(error) + 12 * std
+    below = scipy.integrate.quad(lambda x: cdf(x) ** 2, -far, 0.0, epsabs=1e-12)[0]
+    return below + scipy.integrate.quad(lambda x: (1 - cdf(x)) ** 2, 0.0, far, epsabs=1e-12)[0]
