@@ -4,59 +4,67 @@ Exit codes: 0 done; 1 the run failed inside; 2 bad option or configuration; 3 in
 130 interrupted.
 """
 
-import json
 import logging
+import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
-from threadpoolctl import threadpool_limits
 
 import planners
 from planners.region import locate, region_of
 from replay_kit import __version__
 from replay_kit.baselines import BASELINES
+from replay_kit.cli_experiment import experiment
+from replay_kit.cli_options import (
+    ClockOption,
+    ConfigOption,
+    JsonOption,
+    LeadOption,
+    LevelsOption,
+    LevelStepOption,
+    ModesOption,
+    NoiseOption,
+    OverwriteOption,
+    RegionOption,
+    console_beside,
+    forecast_part,
+    part_named,
+    place,
+    progress,
+    radius,
+    write_json,
+)
 from replay_kit.config import PlannerConfig, RunConfig, load_config
 from replay_kit.convert import convert as convert_logs
-from replay_kit.errors import ConfigError, ReplayKitError
-from replay_kit.experiments.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy
-from replay_kit.experiments.accuracy import to_json as accuracy_json
+from replay_kit.convert import convert_json, print_converted
+from replay_kit.errors import ReplayKitError
 from replay_kit.flow import FlowEstimate
-from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.inspect import info_json, inspect_log, iso, print_info
-from replay_kit.job import ReplayJob
+from replay_kit.forecast import read_truth
+from replay_kit.inspect import info_json, inspect_log, print_info
+from replay_kit.job import ReplayJob, check_outputs, check_paths, truth_path
 from replay_kit.rehearse import print_rehearsal, rehearsal_json, rehearse
 from replay_kit.replay import replay as replay_logs
 from replay_kit.report import print_summary, to_json
 from replay_kit.twin import make_twin, write_ensemble
 from replay_kit.types import Place, Plan
 
-experiment = typer.Typer(help="Studies: how well the estimator does, and against what.", no_args_is_help=True)
+# Without markup, or units in brackets such as [m/s] would be taken for styles and vanish from the help.
 app = typer.Typer(
     name="replay-kit",
     help="What was the water doing, and where should the vehicle go next?",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
 app.add_typer(experiment, name="experiment")
 
-JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - is standard output.")]
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist. An input is never replaced.")]
-ConfigOption = Annotated[Path | None, typer.Option("--config", metavar="TOML", help="Settings of the run; options given here win.")]
-ClockOption = Annotated[Literal["log", "publish", "header"] | None, typer.Option("--clock", help="Which stamp orders the replay.")]
-RegionOption = Annotated[str | None, typer.Option("--region", metavar="W,S,E,N", help="Part of the ensemble used [degrees].")]
-LevelsOption = Annotated[str | None, typer.Option("--levels", metavar="Z1,Z2,...", help="Levels used [m]; the nearest are taken.")]
-LeadOption = Annotated[float | None, typer.Option("--lead", help="Forecast period, in the file's unit; the nearest is taken.")]
+# The root of usage errors: click's own or the copy that newer typer carries, so it is found through a public name.
+_UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,15 +96,33 @@ def main() -> None:
     """Run the command line and exit with its code."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
-        app(standalone_mode=True)
+        code = _run()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # nobody reads on; the interpreter's last flush must not complain about it again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 1
+    except OSError as error:
+        print(f"replay-kit: {error}", file=sys.stderr)
+        code = 1
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Return the exit code of the command given; typer is kept from answering an interrupt itself, as it does so without a word."""
+    try:
+        code = app(standalone_mode=False)
+    except _UsageError as error:
+        error.show()
+        return int(error.exit_code)
     except ReplayKitError as error:
         print(f"replay-kit: {error}", file=sys.stderr)
-        sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        print("replay-kit: interrupted; what was written so far is in OUT.part", file=sys.stderr)
-        sys.exit(130)
-    except BrokenPipeError:
-        sys.exit(1)
+        return error.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        code = 130
+    if code == 130:
+        print("replay-kit: interrupted", file=sys.stderr)
+    return code if isinstance(code, int) else 0
 
 
 def _show_version(wanted: bool) -> None:
@@ -125,9 +151,10 @@ def replay(
     preset: Annotated[
         Literal["default", "paper"] | None, typer.Option("--preset", help="Estimator: the project's, or the paper's exactly.")
     ] = None,
-    modes: Annotated[int | None, typer.Option("--modes", min=1, help="Basis flows a level.")] = None,
+    modes: ModesOption = None,
     region: RegionOption = None,
     levels: LevelsOption = None,
+    level_step: LevelStepOption = None,
     lead: LeadOption = None,
     reference_time: Annotated[
         str | None, typer.Option("--reference-time", help="Start of the forecast, for a file of leads without one.")
@@ -142,48 +169,43 @@ def replay(
     save_estimate: Annotated[Path | None, typer.Option("--save-estimate", metavar="FLOW.nc", help="The estimate without loss.")] = None,
     truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="Known truth to score against.")] = None,
     truth_radius: Annotated[
-        float | None, typer.Option("--truth-radius", metavar="KM", help="Score only this near to the profiles.")
+        float | None, typer.Option("--truth-radius", metavar="KM", help="Score only this near to the profiles [km].")
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be used, and the memory and time expected.")] = False,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP."""
-    place = True if place_ensemble else None
-    settings = load_config(
-        config,
-        {
-            "logs": {"clock": clock, "start": start, "end": end},
-            "forecast": {
-                "region": _numbers(region, "--region", 4),
-                "levels": _numbers(levels, "--levels"),
-                "lead": lead,
-                "reference_time": reference_time,
-                "place": place,
-            },
-            "estimator": {"name": estimator, "preset": preset, "modes": modes},
-        },
-    )
     job = ReplayJob(
         logs=tuple(logs),
         ensemble=ensemble,
         out=out,
-        goal=_place(goal, "--goal"),
+        goal=place(goal, "--goal"),
         netcdf=netcdf,
         save_estimate=save_estimate,
         truth=truth,
-        truth_radius_km=truth_radius,
+        truth_radius_km=radius(truth_radius),
         overwrite=overwrite,
+    )
+    check_outputs(job, also_read=[config], also_written=[json_file])
+    times = {"reference_time": reference_time, "place": True if place_ensemble else None}
+    settings = load_config(
+        config,
+        {
+            "logs": {"clock": clock, "start": start, "end": end},
+            "forecast": {**forecast_part(region, levels, level_step, lead), **times},
+            "estimator": {"name": estimator, "preset": preset, "modes": modes},
+        },
     )
     if dry_run:
         rehearsal = rehearse(job, settings)
-        print_rehearsal(rehearsal, _console(json_file))
-        _write_json(json_file, rehearsal_json(rehearsal))
+        print_rehearsal(rehearsal, console_beside(json_file))
+        write_json(json_file, rehearsal_json(rehearsal))
         return
-    with _progress("replaying") as advance:
+    with part_named(out), progress("replaying") as advance:
         summary, _ = replay_logs(job, settings, GlidePlanner.of(settings.planner), advance)
-    print_summary(summary, _console(json_file))
-    _write_json(json_file, to_json(summary))
+    print_summary(summary, console_beside(json_file))
+    write_json(json_file, to_json(summary))
     raise typer.Exit(summary.exit_code)
 
 
@@ -192,14 +214,16 @@ def info(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs to look into.")],
     clock: ClockOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Say what is in a log and what it can be used for."""
+    check_paths(logs, [json_file], overwrite)
     settings = load_config(None, {"logs": {"clock": clock}})
     found = [inspect_log(path, settings) for path in logs]
-    console = _console(json_file)
+    console = console_beside(json_file)
     for log in found:
         print_info(log, console)
-    _write_json(json_file, {"logs": [info_json(log) for log in found]})
+    write_json(json_file, {"logs": [info_json(log) for log in found]})
     raise typer.Exit(4 if any(log.report.losses for log in found) else 0)
 
 
@@ -211,28 +235,11 @@ def convert(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Convert logs to one MCAP."""
-    with _progress("converting") as advance:
+    check_paths(inputs, [out, json_file], overwrite)
+    with progress("converting") as advance:
         summary = convert_logs(inputs, out, overwrite, RunConfig().logs, advance)
-    console = _console(json_file)
-    table = Table("topic", "messages", title=str(out), title_justify="left")
-    for topic, count in sorted(summary.messages.items()):
-        table.add_row(topic, str(count))
-    console.print(table)
-    for path, loss in summary.losses:
-        console.print(f"LOST: {path}: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})", soft_wrap=True)
-    for topic, count in summary.late.items():
-        console.print(f"LOST: {count} x {topic}: later than the reorder window allows", soft_wrap=True)
-    for topic, (count, why) in summary.undecodable.items():
-        console.print(f"Cannot be decoded: {count} x {topic}: {why}", soft_wrap=True)
-    _write_json(
-        json_file,
-        {
-            "messages": dict(summary.messages),
-            "late": dict(summary.late),
-            "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in summary.undecodable.items()},
-            "losses": [{"file": path, "what": loss.what, "offset": loss.offset, "bytes": loss.bytes} for path, loss in summary.losses],
-        },
-    )
+    print_converted(summary, console_beside(json_file))
+    write_json(json_file, convert_json(summary))
     raise typer.Exit(4 if summary.losses or summary.late else 0)
 
 
@@ -244,19 +251,19 @@ def twin(
         Literal["vessel", "glider"], typer.Option("--vehicle", help="Survey at random positions, or a sawtooth glider.")
     ] = "vessel",
     pings: Annotated[int, typer.Option("--pings", min=1, help="ADCP pings.")] = 450,
-    noise: Annotated[float, typer.Option("--noise", min=0.0, help="Standard deviation of a bin's component [m/s].")] = 0.09,
+    noise: NoiseOption = 0.09,
     seed: Annotated[int, typer.Option("--seed", help="The same seed gives the same bytes.")] = 0,
     region: RegionOption = None,
     levels: LevelsOption = None,
+    level_step: LevelStepOption = None,
     lead: LeadOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a log by flying a vehicle with a simulated ADCP through a truth."""
-    settings = load_config(
-        None, {"forecast": {"region": _numbers(region, "--region", 4), "levels": _numbers(levels, "--levels"), "lead": lead}}
-    )
+    check_paths([truth_path(truth)], [out], overwrite)
+    settings = load_config(None, {"forecast": forecast_part(region, levels, level_step, lead)})
     made = make_twin(read_truth(truth, settings.forecast), vehicle, pings, noise, seed, out, overwrite)
-    _console(None).print(f"{out}: {made.pings} pings over {made.duration / 3600.0:.1f} h", soft_wrap=True)
+    console_beside(None).print(f"{out}: {made.pings} pings over {made.duration / 3600.0:.1f} h", soft_wrap=True)
 
 
 @app.command()
@@ -268,101 +275,5 @@ def synthesize(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a synthetic ensemble (incompressible, eddying, baroclinic) and a truth withheld from it."""
+    check_paths([], [ensemble, truth], overwrite)
     write_ensemble(ensemble, truth, n_members=members, seed=seed, overwrite=overwrite)
-
-
-@experiment.command()
-def accuracy(
-    ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
-    truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="The truth to tell.")] = None,
-    leave_out: Annotated[str | None, typer.Option("--leave-out", metavar="K|all|most-distant", help="Members withheld as truths.")] = None,
-    lead: LeadOption = None,
-    region: RegionOption = None,
-    levels: LevelsOption = None,
-    modes: Annotated[int | None, typer.Option("--modes", min=1, help="Basis flows a level; all when fewer exist.")] = None,
-    pings: Annotated[str, typer.Option("--pings", metavar="N1,N2,...", help="Numbers of pings scored.")] = "5,10,25,50,150,450",
-    noise: Annotated[float, typer.Option("--noise", min=0.0, help="Standard deviation of a bin's component [m/s].")] = 0.09,
-    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Seeds 0 to N-1.")] = 5,
-    methods: Annotated[str, typer.Option("--methods", metavar="M1,M2,...", help="Estimators compared.")] = ",".join(METHODS),
-    config: ConfigOption = None,
-    json_file: JsonOption = None,
-) -> None:
-    """Compare estimators on twin surveys: error, calibration, against the number of pings."""
-    settings = load_config(
-        config,
-        {
-            "forecast": {"region": _numbers(region, "--region", 4), "levels": _numbers(levels, "--levels"), "lead": lead},
-            "estimator": {"modes": modes},
-        },
-    )
-    if (truth is None) == (leave_out is None):
-        raise ConfigError("experiment accuracy: expected one of --truth and --leave-out")
-    counts = tuple(int(n) for n in _numbers(pings, "--pings") or ())
-    job = AccuracyJob(leave_out, counts, noise, seeds, tuple(methods.split(",")))
-    members = read_ensemble(ensemble, settings.forecast)
-    withheld = None if truth is None else read_truth(truth, settings.forecast)
-    with threadpool_limits(limits=settings.output.threads), _bar() as advance:
-        result = run_accuracy(members, withheld, settings.estimator, job, advance)
-    print_accuracy(result, _console(json_file))
-    _write_json(json_file, accuracy_json(result))
-
-
-def _numbers(text: str | None, option: str, count: int | None = None) -> tuple[float, ...] | None:
-    if text is None:
-        return None
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    if not values or (count is not None and len(values) != count):
-        raise ConfigError(f"{option}: expected {count or 'some'} numbers with commas between them, got '{text}'")
-    return values
-
-
-def _place(text: str | None, option: str) -> Place | None:
-    values = _numbers(text, option, 3)
-    return None if values is None else Place(*values)
-
-
-def _console(json_file: Path | None) -> Console:
-    """Return where words go: standard error when the JSON takes standard output; wide in a pipe, so that lines stay whole."""
-    to_stderr = json_file is not None and str(json_file) == "-"
-    stream = sys.stderr if to_stderr else sys.stdout
-    return Console(file=stream, highlight=False, width=None if stream.isatty() else 160)
-
-
-@contextmanager
-def _progress(what: str) -> Iterator[Callable[[int], None] | None]:
-    """Show progress on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    columns = SpinnerColumn(), TextColumn("{task.description}"), TextColumn("{task.completed} messages"), TimeElapsedColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
-
-        def advance(time_ns: int) -> None:
-            bar.update(task, advance=1, description=f"{what} {iso(time_ns)}")
-
-        yield advance
-
-
-@contextmanager
-def _bar() -> Iterator[Callable[[int, int, str], None] | None]:
-    """Show a bar of work done on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)
-
-
-def _write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
-    if path is None:
-        return
-    text = json.dumps(answer, indent=1, allow_nan=False) + "\n"
-    if str(path) == "-":
-        sys.stdout.write(text)
-    else:
-        path.write_text(text, encoding="utf-8")

@@ -3,28 +3,72 @@
 One TOML file holds it; each table is one class below. Command-line options override the file.
 """
 
+import re
 import tomllib
 from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
 from replay_kit.errors import ConfigError
 
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_LAST_NS = 2**63 - 1
+
+
+def parse_time(text: str) -> int:
+    """Return a time [ns, UTC] written in ISO 8601; without an offset it is UTC, with one it is converted.
+
+    Raises:
+        ConfigError: The text is no such time, or lies outside 1970..2262, the years that 64 bits of nanoseconds hold.
+    """
+    try:
+        moment = datetime.fromisoformat(text.strip())
+    except ValueError as error:
+        raise ConfigError(f"'{text}' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z") from error
+    # a time with an offset is moved by hand, as datetime itself fails on those that leave its years 1..9999
+    offset = moment.utcoffset() or timedelta(0)
+    since = moment.replace(tzinfo=UTC) - _EPOCH - offset
+    # datetime ends at microseconds; logs are stamped in nanoseconds
+    digits = re.search(r"[.,]\d{6}(\d{1,3})", text)
+    time_ns = since // timedelta(microseconds=1) * 1000 + (int(digits[1].ljust(3, "0")) if digits else 0)
+    if not 0 <= time_ns <= _LAST_NS:
+        raise ConfigError(f"'{text}' is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z")
+    return time_ns
+
+
+def _checked_time(text: str) -> str:
+    try:
+        parse_time(text)
+    except ConfigError as error:
+        # the kind of error that pydantic gathers and names the key of
+        raise ValueError(str(error)) from error
+    return text
+
+
+_Time = Annotated[str, AfterValidator(_checked_time)]
+_Depth = Annotated[float, Field(ge=0.0)]
+
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class LogConfig(_Section):
     """``[logs]``: how logs are read."""
 
     clock: Literal["log", "publish", "header"] = Field(default="log", description="which stamp orders the replay")
-    start: str | None = Field(default=None, description="first time used, ISO 8601 UTC")
-    end: str | None = Field(default=None, description="last time used, ISO 8601 UTC")
+    start: _Time | None = Field(default=None, description="first time used, ISO 8601 UTC")
+    end: _Time | None = Field(default=None, description="last time used, ISO 8601 UTC")
     reorder_window: float = Field(default=1.0, ge=0.0, description="s; messages later than this are counted as late and left out")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.start_ns is not None and self.end_ns is not None and self.start_ns > self.end_ns:
+            raise ValueError(f"start {self.start} is after end {self.end}; give them in order")
+        return self
 
     @property
     def start_ns(self) -> int | None:
@@ -43,16 +87,18 @@ class MeasurementConfig(_Section):
     position_max_age: float = Field(default=600.0, gt=0.0, description="s; a ping farther than this from any fix is not used")
     surface_depth: float = Field(default=3.0, gt=0.0, description="m; shallower than this the vehicle is at the surface")
     velocity_std: float = Field(default=0.09, gt=0.0, description="m/s; error of a bin whose message states none")
+    max_speed: float = Field(default=5.0, gt=0.0, description="m/s; a bin with a faster component is not used")
 
 
 class ForecastConfig(_Section):
     """``[forecast]``: which part of the ensemble is used."""
 
     region: tuple[float, float, float, float] | None = Field(default=None, description="west, south, east, north [degrees]")
-    levels: tuple[float, ...] | None = Field(default=None, description="m; the nearest levels are taken")
+    levels: tuple[_Depth, ...] | None = Field(default=None, description="m; the nearest levels are taken")
+    level_step: int = Field(default=1, ge=1, description="every n-th level is used")
     lead: float | None = Field(default=None, description="forecast period in the file's unit; the last by default")
-    time: str | None = Field(default=None, description="ISO 8601 UTC; the nearest time is taken, the first by default")
-    reference_time: str | None = Field(default=None, description="ISO 8601 UTC, for a file of leads that has none")
+    time: _Time | None = Field(default=None, description="ISO 8601 UTC; the nearest time is taken, the first by default")
+    reference_time: _Time | None = Field(default=None, description="ISO 8601 UTC, for a file of leads that has none")
     place: bool = Field(default=False, description="move the ensemble's centre to the mean fix of the log")
 
 
@@ -61,13 +107,30 @@ class EstimatorConfig(_Section):
 
     name: str = Field(default="reduced_basis", description="the project's own, or a baseline: naive3d, nearest, etkf, ...")
     preset: Literal["default", "paper"] = "default"
-    modes: int | None = Field(default=300, ge=1, description="basis flows a level; fewer when fewer exist; None = all")
+    modes: int | None = Field(default=300, ge=1, description="basis flows a level; fewer when fewer exist; 'all' for all")
+    speed: float | None = Field(
+        default=None, gt=0.0, description="m/s, the kernel's amplitude mu; default the RMS component speed of the first level"
+    )
     length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default 1.16 cells, paper 10 km")
     length_vertical: float = Field(default=100.0, gt=0.0, description="m; paper only")
     nugget: float = Field(default=1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
-    hybrid_weight: float = Field(default=0.5, ge=0.0, le=1.0, description="share of the sample covariance in the prior; default only")
+    prior_shares: tuple[float, float, float] = Field(
+        default=(1 / 3, 1 / 3, 1 / 3),
+        description="of the sample covariance, one by mode, and the localised one, in the prior; default only",
+    )
+    localisation_radius: float | None = Field(default=None, gt=0.0, description="m, where the taper ends; default 16 cells")
     representation_error_std: float | None = Field(default=None, ge=0.0, description="m/s; None: from what the truncated basis leaves out")
     paper_error_std: float = Field(default=0.12, gt=0.0, description="m/s; error of every bin under the paper preset")
+
+    @field_validator("modes", mode="before")
+    @classmethod
+    def _all_is_none(cls, value: object) -> object:
+        return None if value == "all" else value
+
+    @field_serializer("modes")
+    def _none_is_all(self, value: int | None) -> int | str:
+        """Write None as the word, so that recorded settings, which leave out what is None, read back as they were."""
+        return "all" if value is None else value
 
 
 class PlannerConfig(_Section):
@@ -75,14 +138,14 @@ class PlannerConfig(_Section):
 
     speed: float = Field(default=0.3, gt=0.0, description="m/s through water")
     tolerance: float = Field(default=250.0, gt=0.0, description="m; a plan that passes this close has reached the goal")
-    interval: float = Field(default=43200.0, gt=0.0, description="s of log time between plans")
+    interval: float = Field(default=43200.0, gt=0.0, description="s of log time between plans; a very large number plans only at the end")
     max_duration: float = Field(default=432000.0, gt=0.0, description="s; longest glide considered")
 
 
 class OutputConfig(_Section):
     """``[output]``: what is published, and how often."""
 
-    depths: tuple[float, ...] | None = Field(default=None, description="m; depth slices published; three levels by default")
+    depths: tuple[_Depth, ...] | None = Field(default=None, description="m; depth slices published; three levels by default")
     interval: float = Field(default=21600.0, gt=0.0, description="s of log time between published grids")
     threads: int = Field(default=1, ge=1, description="BLAS threads; other counts give other last bits")
 
@@ -96,18 +159,6 @@ class RunConfig(_Section):
     estimator: EstimatorConfig = EstimatorConfig()
     planner: PlannerConfig = PlannerConfig()
     output: OutputConfig = OutputConfig()
-
-
-def parse_time(text: str) -> int:
-    """Return a time [ns, UTC] written in ISO 8601.
-
-    Raises:
-        ConfigError: The text is no such time.
-    """
-    try:
-        return int(np.datetime64(text.strip().removesuffix("Z"), "ns").astype(np.int64))
-    except ValueError as error:
-        raise ConfigError(f"'{text}' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z") from error
 
 
 def load_config(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> RunConfig:
@@ -147,7 +198,7 @@ def _explain(error: ValidationError) -> str:
             known = sorted(_known_keys(item["loc"][:-1]))
             lines.append(f"unknown key '{key}'; known here: {', '.join(known)}")
         else:
-            lines.append(f"'{key}': {item['msg']}, got {item['input']!r}")
+            lines.append(f"'{key}': {item['msg'].removeprefix('Value error, ')}, got {item['input']!r}")
     return "; ".join(lines)
 
 

@@ -3,9 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
 
 from replay_kit.config import LogConfig
 from replay_kit.errors import ConfigError
+from replay_kit.job import check_paths
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap_log_writer import open_mcap_log
 from replay_kit.types import LogReport, Loss
@@ -61,10 +66,7 @@ def convert(
     """
     if not inputs:
         raise ConfigError("convert: expected at least one log, got none")
-    if any(out.resolve() == path.resolve() for path in inputs):
-        raise ConfigError(f"{out}: is an input; an input is never overwritten: choose another name")
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out}: exists; choose another name or give --overwrite")
+    check_paths(inputs, [out], overwrite)
     readers = [open_log(path, number, config) for number, path in enumerate(inputs)]
     merged = merge(readers, config.reorder_window, config.start_ns, config.end_ns)
     with open_mcap_log(out) as writer:
@@ -73,3 +75,27 @@ def convert(
             if on_message is not None:
                 on_message(message.time_ns)
     return ConvertSummary(out, writer.written, merged.late, tuple(reader.report() for reader in readers))
+
+
+def convert_json(summary: ConvertSummary) -> dict[str, Any]:
+    """Return what was converted for JSON."""
+    return {
+        "messages": dict(summary.messages),
+        "late": dict(summary.late),
+        "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in summary.undecodable.items()},
+        "losses": [{"file": path, "what": loss.what, "offset": loss.offset, "bytes": loss.bytes} for path, loss in summary.losses],
+    }
+
+
+def print_converted(summary: ConvertSummary, console: Console) -> None:
+    """Print what was converted."""
+    table = Table("topic", "messages", title=str(summary.out), title_justify="left")
+    for topic, count in sorted(summary.messages.items()):
+        table.add_row(topic, str(count))
+    console.print(table)
+    for path, loss in summary.losses:
+        console.print(f"LOST: {path}: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})", soft_wrap=True)
+    for topic, count in summary.late.items():
+        console.print(f"LOST: {count} x {topic}: later than the reorder window allows", soft_wrap=True)
+    for topic, (count, why) in summary.undecodable.items():
+        console.print(f"Cannot be decoded: {count} x {topic}: {why}", soft_wrap=True)

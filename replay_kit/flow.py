@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from replay_kit.errors import EstimatorError
+from replay_kit.geodesy import inside_grid
 from replay_kit.kernels.depth import DepthFunctions, depth_weights
 from replay_kit.kernels.horizontal import HorizontalKernel, stream_function_kernel, velocity_kernel
 from replay_kit.types import Array, Grid
@@ -98,6 +99,8 @@ class FlowEstimate:
     def standard_error(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
         """Return the standard deviation [m/s] of each velocity component; shapes as in ``velocity``.
 
+        It is NaN outside the grid's outline and below the last level, where nothing is known.
+
         Raises:
             EstimatorError: The flow carries no uncertainty.
         """
@@ -108,6 +111,8 @@ class FlowEstimate:
             basis = (velocity_kernel(self.kernel, points[part], self.nodes) @ self.modes).reshape(2, -1, self.n_modes)
             weights = depth_weights(self.depth_functions, depths[part], self.levels)
             variance[part] = self._variance(basis, weights)
+            known = inside_grid(self.grid, *points[part].T) & (depths[part] <= self.levels[-1])
+            variance[part][~known] = np.nan
         return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
 
     def sample(self, n: int, seed: int) -> tuple["FlowEstimate", ...]:

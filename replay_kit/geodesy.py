@@ -100,5 +100,11 @@ def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.boo
     return np.asarray(inside | (to_edge < 1e-3))
 
 
+def wet_column(grid: Grid, east: float, north: float) -> NDArray[np.bool_]:
+    """Return which levels are wet at the grid point nearest to a local point [m], shape (Z,)."""
+    nearest = np.argmin((grid.east - east) ** 2 + (grid.north - north) ** 2)
+    return np.asarray(grid.wet.reshape(grid.levels.size, -1)[:, nearest])
+
+
 def _ring(values: Array) -> Array:
     return np.concatenate([values[0, :-1], values[:-1, -1], values[-1, :0:-1], values[:0:-1, 0]])

@@ -1,7 +1,6 @@
 """What is in a log, and what it can be used for."""
 
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from replay_kit.config import RunConfig
+from replay_kit.geodesy import unwrap_longitude
 from replay_kit.logs import open_log
 from replay_kit.measurements import Skipped, finish, initial_state, interpret
 from replay_kit.types import Flag, LogReport, Observation, VehicleState
@@ -44,7 +44,7 @@ class LogInfo:
         bins: Usable bins in them.
         positions: Positions it gives.
         dives: Dives begun.
-        box: West, south, east, north [degrees] of the positions; None without positions.
+        box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
         depths: Shallowest and deepest usable bin [m]; None without bins.
         not_used: Topic to reason to count.
     """
@@ -73,9 +73,11 @@ class LogInfo:
 class _Found:
     profiles: int = 0
     bins: int = 0
-    depths: list[tuple[float, float]] = field(default_factory=list)
-    longitudes: list[float] = field(default_factory=list)
-    latitudes: list[float] = field(default_factory=list)
+    positions: int = 0
+    # what is met is folded at once: a log may hold more positions than fit in memory
+    depths: tuple[float, float] | None = None
+    box: tuple[float, float, float, float] | None = None
+    first_longitude: float | None = None
     not_used: dict[str, dict[str, int]] = field(default_factory=lambda: defaultdict(lambda: defaultdict(int)))
 
     def add(self, event: object) -> None:
@@ -84,12 +86,22 @@ class _Found:
             self.profiles += 1
             self.bins += good.size
             if good.size:
-                self.depths.append((float(good.min()), float(good.max())))
+                low, high = self.depths or (np.inf, -np.inf)
+                self.depths = min(low, float(good.min())), max(high, float(good.max()))
         elif isinstance(event, VehicleState):
-            self.longitudes.append(event.longitude)
-            self.latitudes.append(event.latitude)
+            self.positions += 1
+            self._extend_box(event.longitude, event.latitude)
         elif isinstance(event, Skipped):
             self.not_used[event.topic][event.reason] += 1
+
+    def _extend_box(self, longitude: float, latitude: float) -> None:
+        """Take one position in; longitudes stay near the first, so that a track across the antimeridian keeps a narrow box."""
+        if self.first_longitude is None:
+            self.first_longitude = longitude
+        if abs(longitude - self.first_longitude) > 180.0:
+            longitude = float(unwrap_longitude(longitude, self.first_longitude))
+        west, south, east, north = self.box or (np.inf, np.inf, -np.inf, -np.inf)
+        self.box = min(west, longitude), min(south, latitude), max(east, longitude), max(north, latitude)
 
 
 def inspect_log(path: Path, config: RunConfig) -> LogInfo:
@@ -118,18 +130,12 @@ def inspect_log(path: Path, config: RunConfig) -> LogInfo:
         topics=dict(sorted(topics.items())),
         profiles=found.profiles,
         bins=found.bins,
-        positions=len(found.longitudes),
+        positions=found.positions,
         dives=state.dive,
-        box=_box(found.longitudes, found.latitudes),
-        depths=(min(d[0] for d in found.depths), max(d[1] for d in found.depths)) if found.depths else None,
+        box=found.box,
+        depths=found.depths,
         not_used={topic: dict(reasons) for topic, reasons in found.not_used.items()},
     )
-
-
-def _box(longitudes: Sequence[float], latitudes: Sequence[float]) -> tuple[float, float, float, float] | None:
-    if not longitudes:
-        return None
-    return min(longitudes), min(latitudes), max(longitudes), max(latitudes)
 
 
 def info_json(info: LogInfo) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from replay_kit import __version__
 from replay_kit.config import RunConfig
+from replay_kit.errors import ConfigError
 from replay_kit.types import Ensemble
 
 _BLOCK = 1 << 20
@@ -24,10 +25,24 @@ def file_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble) -> dict[str, Mapping[str, str]]:
-    """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made."""
+def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble, options: Mapping[str, str]) -> dict[str, Mapping[str, str]]:
+    """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
+
+    Args:
+        logs: The inputs.
+        ensemble_path: The ensemble's file or store.
+        ensemble: What was read of it.
+        options: What the run was asked for beyond its configuration.
+
+    Raises:
+        ConfigError: Two logs hold the same bytes.
+    """
     grid = ensemble.grid
-    inputs = {f"log{i}": f"{path.name} sha256:{file_hash(path)}" for i, path in enumerate(logs)}
+    hashes = [file_hash(path) for path in logs]
+    for i, digest in enumerate(hashes):
+        if digest in hashes[:i]:
+            raise ConfigError(f"{logs[i]}: the same bytes as {logs[hashes.index(digest)]}; a log given twice would count twice")
+    inputs = {f"log{i}": f"{path.name} sha256:{digest}" for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))}
     inputs["ensemble"] = f"{ensemble_path.name} sha256:{file_hash(ensemble_path)}"
     region = {
         "projection": "azimuthal equidistant, WGS84",
@@ -38,7 +53,7 @@ def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble) 
         "members": str(ensemble.n_members),
     }
     versions = {"replay-kit": __version__, **{name: version(name) for name in _PACKAGES}}
-    return {"replay_kit.inputs": inputs, "replay_kit.region": region, "replay_kit.versions": versions}
+    return {"replay_kit.inputs": inputs, "replay_kit.options": options, "replay_kit.region": region, "replay_kit.versions": versions}
 
 
 def run_settings_toml(config: RunConfig) -> str:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from replay_kit.baselines import build_named
 from replay_kit.config import RunConfig
-from replay_kit.errors import LogError, MeasurementError, PlanError
+from replay_kit.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.estimator import Estimator, FilterState
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import write_grid
@@ -28,7 +29,7 @@ from replay_kit.report import ReplaySummary, TruthScore
 from replay_kit.results import ResultWriter
 from replay_kit.scoring import score_against_truth
 from replay_kit.tally import Tally
-from replay_kit.types import Ensemble, LogReader, Message, Observation, Place, Plan, VehicleState
+from replay_kit.types import Array, Ensemble, LogReader, Message, Observation, Place, Plan, VehicleState
 
 
 @dataclass(slots=True)
@@ -56,6 +57,7 @@ class _Run:
     planner: Planner | None
     job: ReplayJob
     config: RunConfig
+    levels: Array
     clock: _Clock
     tally: Tally
     state: Any
@@ -98,20 +100,23 @@ def _replay(
 ) -> tuple[ReplaySummary, FlowEstimate]:
     clock, tally = _Clock(), Tally()
     place_at, near_ns = look_ahead(job.logs, config)
+    if near_ns is not None and config.logs.start_ns is not None:
+        near_ns = max(near_ns, config.logs.start_ns)
     readers = open_readers(job.logs, config)
     with clock.stage("forecast"):
         ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
+        truth = _read_truth(job, config, near_ns, ensemble)
     with clock.stage("basis"):
         estimator = build_named(ensemble, config.estimator, None if job.goal is None else job.goal.depth)
         prior_flow = estimator.flow(estimator.initial())
     if job.goal is not None and planner is not None:
         planner.check(prior_flow, job.goal)
     writer = ResultWriter(job.out, overwrite=job.overwrite) if job.out is not None else None
-    run = _Run(estimator, writer, planner, job, config, clock, tally, estimator.initial(), estimator.initial())
+    run = _Run(estimator, writer, planner, job, config, ensemble.grid.levels, clock, tally, estimator.initial(), estimator.initial())
     try:
         _loop(run, readers, prior_flow, ensemble, on_message)
-        summary, flow = _conclude(run, ensemble, prior_flow, readers, near_ns)
-    except (MeasurementError, LogError, PlanError):
+        summary, flow = _conclude(run, ensemble, prior_flow, readers, truth)
+    except (ConfigError, MeasurementError, LogError, PlanError):
         # the input was unusable: there is no result worth keeping
         if writer is not None:
             writer.discard()
@@ -156,11 +161,25 @@ def _start(run: _Run, first: Message, prior_flow: FlowEstimate, ensemble: Ensemb
     if run.writer is None:
         return
     with run.clock.stage("write"):
-        run.writer.start(
-            prior_flow.grid.projection, first.time_ns, run_metadata(run.job.logs, run.job.ensemble, ensemble), run_settings_toml(run.config)
-        )
+        metadata = run_metadata(run.job.logs, run.job.ensemble, ensemble, _options(run.job, prior_flow))
+        run.writer.start(prior_flow.grid.projection, first.time_ns, metadata, run_settings_toml(run.config))
         for note in ensemble.notes:
             run.writer.log(first.time_ns, "warning", note)
+
+
+def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
+    """Return what the run was asked for beyond its configuration, and the basis it chose."""
+    goal = job.goal
+    return {
+        "goal": "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}",
+        "truth": "" if job.truth is None else Path(job.truth).name,
+        "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
+        "modes": str(flow.n_modes),
+        "depth_functions": flow.depth_functions.kind,
+        "kernel_length_east_m": repr(flow.kernel.length_east),
+        "kernel_length_north_m": repr(flow.kernel.length_north),
+        "kernel_speed": repr(flow.kernel.speed),
+    }
 
 
 def _handle(run: _Run, event: VehicleState | Observation | Used | Skipped) -> None:
@@ -190,7 +209,7 @@ def _assimilate(run: _Run, observation: Observation) -> None:
         with run.clock.stage("write"):
             run.writer.innovation(innovation)
             if innovation.accepted and isinstance(run.state, FilterState):
-                run.writer.estimate(observation.time_ns, run.state.mean, run.estimator.flow(run.state).levels)
+                run.writer.estimate(observation.time_ns, run.state.mean, run.levels)
     _publish_when_due(run, observation.time_ns)
 
 
@@ -236,13 +255,13 @@ def _plan(run: _Run, now_ns: int, flow: FlowEstimate) -> None:
 
 
 def _conclude(
-    run: _Run, ensemble: Ensemble, prior_flow: FlowEstimate, readers: Sequence[LogReader], near_ns: int | None
+    run: _Run, ensemble: Ensemble, prior_flow: FlowEstimate, readers: Sequence[LogReader], truth: Ensemble | None
 ) -> tuple[ReplaySummary, FlowEstimate]:
+    """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
     reports = [reader.report() for reader in readers]
     run.tally.require_usable(reports, ensemble.grid, run.vehicle)
     flow = run.estimator.flow(run.state)
     _plan(run, run.last_ns, flow)
-    truth = _score(run, ensemble, flow, prior_flow, near_ns)
     notes = [*ensemble.notes, *run.tally.notes(reports)]
     if run.job.goal is None:
         notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
@@ -256,22 +275,41 @@ def _conclude(
             write_grid(flow, run.job.netcdf)
         if run.job.save_estimate is not None:
             flow.save(run.job.save_estimate)
-    summary = run.tally.summary(reports, run.clock.seconds, run.plan, run.plan_note, truth, tuple(notes))
+    score = None
+    if truth is not None:
+        with run.clock.stage("score"):
+            score, why_not = _score(run, ensemble, flow, prior_flow, truth)
+            notes += why_not
+    summary = run.tally.summary(reports, run.clock.seconds, run.plan, run.plan_note, score, tuple(notes))
     return summary, flow
 
 
-def _score(run: _Run, ensemble: Ensemble, flow: FlowEstimate, prior_flow: FlowEstimate, near_ns: int | None) -> TruthScore | None:
-    if run.job.truth is None:
+def _read_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble: Ensemble) -> Ensemble | None:
+    if job.truth is None:
         return None
-    place_at = (ensemble.grid.projection.longitude, ensemble.grid.projection.latitude) if run.config.forecast.place else None
-    with run.clock.stage("score"):
-        truth = read_truth(run.job.truth, run.config.forecast, near_ns=near_ns, place_at=place_at)
+    centre = ensemble.grid.projection
+    # a truth need not have the forecast's leads or times
+    settings = config.forecast.model_copy(update={"lead": None, "reference_time": None, "time": None})
+    place_at = (centre.longitude, centre.latitude) if config.forecast.place else None
+    try:
+        return read_truth(job.truth, config.forecast, near_ns=near_ns, place_at=place_at)
+    except ForecastError:
+        return read_truth(job.truth, settings, near_ns=near_ns, place_at=place_at)
+
+
+def _score(
+    run: _Run, ensemble: Ensemble, flow: FlowEstimate, prior_flow: FlowEstimate, truth: Ensemble
+) -> tuple[TruthScore | None, list[str]]:
+    """Return the score, or as much of it as there is, and why the rest is missing."""
+    try:
         score, truth_flow = score_against_truth(flow, ensemble, truth, run.positions, run.job.truth_radius_km, run.config.estimator)
-        if run.plan is None or run.planner is None or run.plan.status == "failed":
-            return score
-        mean_plan = run.planner.plan(prior_flow, run.plan.start, run.plan.goal, run.plan.start_time_ns, None)
-        return replace(
-            score,
-            closest_approach_m=run.planner.closest_approach(truth_flow, run.plan),
-            ensemble_mean_closest_approach_m=run.planner.closest_approach(truth_flow, mean_plan),
-        )
+    except MeasurementError as error:
+        return None, [f"no score: {error}"]
+    if run.plan is None or run.planner is None or run.plan.status == "failed":
+        return score, []
+    mean_plan = run.planner.plan(prior_flow, run.plan.start, run.plan.goal, run.plan.start_time_ns, None)
+    try:
+        closest = [run.planner.closest_approach(truth_flow, plan) for plan in (run.plan, mean_plan)]
+    except PlanError as error:
+        return score, [f"the plans cannot be flown in the truth: {error}"]
+    return replace(score, closest_approach_m=closest[0], ensemble_mean_closest_approach_m=closest[1]), []

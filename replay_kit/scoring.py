@@ -9,7 +9,7 @@ from replay_kit.config import EstimatorConfig
 from replay_kit.errors import MeasurementError
 from replay_kit.estimator import embed_member
 from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import inside_grid, to_local
+from replay_kit.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
 from replay_kit.report import TruthScore
 from replay_kit.types import Array, Ensemble
 
@@ -50,11 +50,18 @@ def score_against_truth(
         )
     z, j, i = np.nonzero(scored)
     points = east[j, i], north[j, i], grid.levels[z]
-    true = truth.velocity[0][:, z, j, i].T
+    true = _in_frame(truth, flow)[:, z, j, i].T
     mean = _ensemble_mean_at(ensemble, truth, flow, config, points, (z, j, i))
     rmse, speed = _rms_length(flow.velocity(*points) - true), _rms_length(true)
     score = TruthScore(rmse, rmse / speed, _rms_length(mean - true), int(z.size), float("nan"), float("nan"))
     return score, embed_member(truth, 0, config)
+
+
+def _in_frame(truth: Ensemble, flow: FlowEstimate) -> Array:
+    """Return the truth's velocities along the flow's axes, shape (2, Z, J, I); the two may have other centres."""
+    grid = truth.grid
+    u, v = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, truth.velocity[0, 0], truth.velocity[0, 1])
+    return np.stack(rotate_to_local(flow.grid.projection, grid.longitude, grid.latitude, u, v))
 
 
 def _rms_length(vectors: Array) -> float:

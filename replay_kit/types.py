@@ -122,6 +122,8 @@ class Reason(IntFlag):
     NOT_EARTH_COORDINATES = 32
     NO_POSITION = 64
     MALFORMED = 128
+    GROSS_RANGE = 256
+    ON_LAND = 512
 
 
 @dataclass(frozen=True, slots=True)

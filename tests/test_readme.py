@@ -18,15 +18,30 @@ BLOCKS = [
 ]
 
 
+def set_up_lines() -> list[str]:
+    """Return the lines that .ci/run takes out of the README, by running its own function for that."""
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    (function,) = re.findall(r"^set_up\(\) \{.*\}$", script, re.MULTILINE)
+    command = ["bash", "-euo", "pipefail", "-c"]
+    lines = [subprocess.check_output([*command, f"{function}\nset_up {n}"], cwd=ROOT, text=True) for n in (1, 2, 3)]
+    assert lines.pop() == "", "README has more set-up lines than .ci/run runs"
+    for n in (1, 2):
+        assert f"$(set_up {n})" in script.replace(function, ""), f".ci/run does not run line {n}"
+    return lines
+
+
+def test_the_set_up_blocks_are_the_lines_that_ci_runs():
+    blocks = [code for path, _, code in (block.values for block in BLOCKS) if path == ROOT / "README.md" and "pip install" in code]
+    assert blocks == set_up_lines()
+
+
 @pytest.mark.parametrize(("path", "language", "code"), BLOCKS)
 def test_code_blocks(path, language, code, tmp_path):
     assert language in ("sh", "python", "json", "text"), f"{path}: say what language a block is in"
     if language not in ("sh", "python"):
         return
     if "pip install" in code:
-        set_up = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-        assert "set_up 1" in set_up
-        assert "set_up 2" in set_up
+        assert code in set_up_lines(), f"{path}: this set-up line is not one that .ci/run takes out and runs"
         return
     if path.parent == ROOT:
         (tmp_path / "sample_logs").symlink_to(ROOT / "sample_logs")

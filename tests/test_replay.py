@@ -11,14 +11,17 @@ from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import CliRunner
 
 from replay_kit import cli, flow_netcdf
-from replay_kit.config import RunConfig, load_config
+from replay_kit.config import EstimatorConfig, RunConfig, load_config
 from replay_kit.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
+from replay_kit.estimator import embed_member
 from replay_kit.forecast import read_truth
+from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.job import ReplayJob
 from replay_kit.logs.mcap_log_writer import write_mcap_log
 from replay_kit.replay import replay
+from replay_kit.scoring import score_against_truth
 from replay_kit.twin import make_twin
-from replay_kit.types import Message, Place
+from replay_kit.types import Ensemble, Message, Place
 from tests import synthetic
 
 SETTINGS = RunConfig()
@@ -318,3 +321,56 @@ def test_version():
     done = CliRunner().invoke(cli.app, ["--version"])
     assert done.exit_code == 0
     assert done.output.startswith("replay-kit ")
+
+
+def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
+    """The same field on a part of the grid has another projection: its vectors must be turned before they are compared."""
+    ensemble = synthetic.ensemble(shape=(9, 16), south=70.0, step=1.0)
+    flow = embed_member(ensemble, 0, EstimatorConfig(nugget=1e-9))
+    part = synthetic.dataset(shape=(9, 16), south=70.0, step=1.0).isel(lon=slice(0, 5), member=[0])
+    longitude, latitude = np.meshgrid(part["lon"].values, part["lat"].values)
+    velocity = np.stack([part["uo"].values, part["vo"].values], axis=1)
+    grid = local_grid(longitude, latitude, part["depth"].values, np.ones(velocity.shape[2:], bool), None)
+    truth = Ensemble(grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "part")
+    score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
+    # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
+    assert score.rmse < 6e-3
+
+
+def test_a_truth_that_the_plan_leaves_costs_no_result(ocean, tmp_path):
+    with xr.open_dataset(ocean / "truth.nc", engine="h5netcdf") as ds:
+        ds.isel(lon=slice(0, 3)).to_netcdf(tmp_path / "west.nc", engine="h5netcdf")
+    out = tmp_path / "out.mcap"
+    summary, _ = run(ocean, "survey.mcap", out=out, goal=Place(152.55, -39.6, 100.0), truth=str(tmp_path / "west.nc"))
+    assert out.exists()
+    assert summary.truth is not None
+    assert np.isfinite(summary.truth.closest_approach_m) or any("cannot be flown" in note for note in summary.notes)
+    with pytest.raises(ForecastError, match="no such file"):
+        run(ocean, "survey.mcap", out=tmp_path / "other.mcap", truth=str(tmp_path / "absent.nc"))
+    assert not list(tmp_path.glob("other.mcap*"))
+
+
+def test_a_log_given_twice_is_refused(ocean, tmp_path):
+    (tmp_path / "copy.mcap").write_bytes((ocean / "survey.mcap").read_bytes())
+    job = ReplayJob((ocean / "survey.mcap", tmp_path / "copy.mcap"), ocean / "ensemble.nc", tmp_path / "o.mcap")
+    with pytest.raises(ConfigError, match="the same bytes"):
+        replay(job, SETTINGS)
+
+
+def test_bins_under_the_sea_floor_and_pings_on_land_are_not_used(ocean, tmp_path):
+    with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as ds:
+        shallow = ds.load()
+    for name in ("uo", "vo"):
+        shallow[name][:, 2:] = np.nan
+        shallow[name][:, :, :, 5:] = np.nan
+    shallow.to_netcdf(tmp_path / "shallow.nc", engine="h5netcdf")
+    summary, _ = run(ocean, "survey.mcap", ensemble=tmp_path / "shallow.nc")
+    assert summary.bins_rejected["on_land"] > 0
+    assert summary.profiles_rejected > 0
+
+
+def test_nothing_is_claimed_to_be_known_outside_the_region(ocean):
+    _, flow = run(ocean, "survey.mcap")
+    assert np.isnan(flow.standard_error(5e5, 0.0, 100.0)).all()
+    assert np.isnan(flow.standard_error(0.0, 0.0, 5000.0)).all()
+    assert np.isfinite(flow.standard_error(0.0, 0.0, 100.0)).all()

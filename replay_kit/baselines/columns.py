@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.config import EstimatorConfig
-from replay_kit.estimator.modes import LENGTH_IN_CELLS, cell_size, embed
+from replay_kit.estimator.modes import DEFAULT_LENGTH_IN_CELLS, cell_size, embed
 from replay_kit.flow import FlowEstimate
 from replay_kit.kernels.depth import DepthFunctions, depth_weights
 from replay_kit.kernels.horizontal import HorizontalKernel, velocity_kernel
@@ -61,7 +61,7 @@ def default_kernel(grid: Grid, config: EstimatorConfig) -> HorizontalKernel:
     if config.length_horizontal is not None:
         return HorizontalKernel(config.length_horizontal, config.length_horizontal, 1.0)
     east, north = cell_size(grid)
-    return HorizontalKernel(LENGTH_IN_CELLS * east, LENGTH_IN_CELLS * north, 1.0)
+    return HorizontalKernel(DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north, 1.0)
 
 
 def embed_columns(grid: Grid, kernel: HorizontalKernel, velocity: Array, nugget: float) -> FlowColumns:

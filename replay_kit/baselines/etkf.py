@@ -113,7 +113,7 @@ def transform_update(mean: Array, transform: Array, spread: Array, innovation: A
 
 def build_etkf(ensemble: Ensemble, config: EstimatorConfig) -> Etkf:
     """Return the ensemble transform filter of an ensemble, in the default preset's basis and error model."""
-    reduced = build_estimator(ensemble, config.model_copy(update={"preset": "default", "hybrid_weight": 1.0}))
+    reduced = build_estimator(ensemble, config.model_copy(update={"preset": "default", "prior_shares": (1.0, 0.0, 0.0)}))
     weights = reduced.basis.member_weights
     stacked = weights.reshape(weights.shape[0], -1)
     return Etkf(reduced, (stacked - stacked.mean(axis=0)) / np.sqrt(weights.shape[0] - 1.0))

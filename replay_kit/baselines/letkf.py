@@ -17,6 +17,7 @@ from replay_kit.baselines.columns import FlowColumns, default_kernel, embed_colu
 from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, scatter, unused, usable_bins
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.modes import cell_size, ensemble_slices
+from replay_kit.estimator.prior import gaspari_cohn
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
 
@@ -125,22 +126,6 @@ class Letkf:
             score += rho * state.score[p]
         values, vectors = np.linalg.eigh(precision)
         return vectors @ ((vectors.T @ score) / values), (vectors / np.sqrt(values)) @ vectors.T
-
-
-def gaspari_cohn(distance: Array, radius: float) -> Array:
-    """Return the fifth-order taper: 1 at no distance, 0 from ``radius`` on, of the shape of ``distance``.
-
-    Args:
-        distance: [m].
-        radius: Twice the function's half-width c [m].
-    """
-    r = np.minimum(2.0 * np.abs(distance) / radius, 2.0)
-    inner = 1.0 + r**2 * (-5.0 / 3.0 + r * (5.0 / 8.0 + r * (0.5 - 0.25 * r)))
-    outside = np.maximum(r, 1.0)
-    outer = (
-        4.0 + outside * (-5.0 + outside * (5.0 / 3.0 + outside * (5.0 / 8.0 + outside * (-0.5 + outside / 12.0)))) - 2.0 / (3.0 * outside)
-    )
-    return np.where(r <= 1.0, inner, np.maximum(outer, 0.0))
 
 
 def build_letkf(ensemble: Ensemble, config: EstimatorConfig, radius: float | None = None) -> Letkf:

@@ -7,13 +7,16 @@ from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation, update
-from replay_kit.estimator.modes import Basis, build_basis
-from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
+from replay_kit.estimator.modes import Basis, build_basis, cell_size
+from replay_kit.estimator.prior import Prior, diagonal_prior, mixed_prior
 from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import inside_grid, rotate_to_local, to_local
+from replay_kit.geodesy import inside_grid, rotate_to_local, to_local, wet_column
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.types import Array, Ensemble, Flag, Grid, Innovation, Observation, Reason
+
+# Where the prior's taper reaches zero, in cells of the geometric mean size.
+RADIUS_IN_CELLS = 16.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +157,11 @@ def screen(observation: Observation, grid: Grid) -> tuple[NDArray[np.int8], NDAr
     flags, reasons = observation.flags.copy(), observation.reasons.copy()
     east, north = to_local(grid.projection, observation.longitude, observation.latitude)
     outside = np.full(flags.shape, not inside_grid(grid, east, north))
-    for failed, reason in ((observation.depth > grid.levels[-1], Reason.BELOW_GRID), (outside, Reason.OUTSIDE_REGION)):
+    # the level nearest in depth decides whether a bin is in the forecast's water
+    level = np.argmin(np.abs(observation.depth[:, None] - grid.levels), axis=1)
+    dry = ~outside & ~wet_column(grid, float(east), float(north))[level]
+    below = observation.depth > grid.levels[-1]
+    for failed, reason in ((below, Reason.BELOW_GRID), (outside, Reason.OUTSIDE_REGION), (dry, Reason.ON_LAND)):
         reasons[failed] |= reason
         flags[failed & (flags == Flag.GOOD)] = Flag.FAIL
     return flags, reasons
@@ -176,4 +183,8 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasis
     representation = basis.truncation_std
     if config.representation_error_std is not None:
         representation = np.full_like(representation, config.representation_error_std)
-    return ReducedBasisEstimator(basis, hybrid_prior(basis.member_weights, config.hybrid_weight), None, representation, ensemble.time_ns)
+    nodes = basis.grid.nodes
+    velocity_modes = velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes
+    radius = config.localisation_radius or RADIUS_IN_CELLS * float(np.sqrt(np.prod(cell_size(ensemble.grid))))
+    prior = mixed_prior(basis.member_weights, velocity_modes, nodes, config.prior_shares, radius)
+    return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns)

@@ -34,13 +34,13 @@ def region_slices(longitude: Array, latitude: Array, region: tuple[float, float,
 
 
 def wet_mask(velocity: Array) -> tuple[NDArray[np.bool_], int]:
-    """Return where all members have a current, shape (Z, J, I), and how many columns were taken for land because all is zero.
+    """Return where any member has a current, shape (Z, J, I), and how many columns were taken for land because all is zero.
 
     Args:
         velocity: shape (E, 2, Z, J, I), NaN where dry.
     """
     zero_columns = np.all(velocity == 0.0, axis=(0, 1, 2))
-    return np.isfinite(velocity).all(axis=(0, 1)) & ~zero_columns, int(zero_columns.sum())
+    return np.isfinite(velocity).all(axis=1).any(axis=0) & ~zero_columns, int(zero_columns.sum())
 
 
 def local_grid(longitude: Array, latitude: Array, levels: Array, wet: NDArray[np.bool_], place_at: tuple[float, float] | None) -> Grid:

@@ -6,10 +6,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from replay_kit.config import ForecastConfig, parse_time
+from replay_kit.config import ForecastConfig
 from replay_kit.errors import ForecastError
 from replay_kit.forecast.grid import grid_to_local, local_grid, region_slices, true_to_local, wet_mask
-from replay_kit.forecast.names import MEMBER_NAMES, find_coordinate, find_depth, find_lead, find_member, find_time, find_velocity
+from replay_kit.forecast.names import MEMBER_NAMES, find_coordinate, find_depth, find_member, find_velocity
+from replay_kit.forecast.times import choose_time
 from replay_kit.types import Array, Ensemble, Grid
 
 _SPEED_UNITS = {"m s-1": 1.0, "m/s": 1.0, "meter second-1": 1.0, "m.s-1": 1.0, "meters/second": 1.0, "cm s-1": 0.01, "cm/s": 0.01}
@@ -104,7 +105,7 @@ def _member_position(ds: xr.Dataset, member: str, label: str, where: str) -> int
 def _read(
     ds: xr.Dataset, member: str, config: ForecastConfig, near_ns: int | None, place_at: tuple[float, float] | None, source: str
 ) -> Ensemble:
-    ds, time_ns = _at_time(ds, config, near_ns, source)
+    ds, time_ns, of_time = choose_time(ds, config, near_ns, source)
     longitude, latitude, horizontal = _horizontal(ds, source)
     if config.region is not None:
         block = region_slices(longitude, latitude, config.region)
@@ -123,6 +124,7 @@ def _read(
     wet, zero_columns = wet_mask(velocity)
     if not wet[0].any():
         raise ForecastError(f"{source}: every point of the first level is land; check the region and the variables' missing values")
+    _refuse_holes(velocity, wet, source)
     velocity = np.where(wet, velocity, np.nan)
     if axes == "grid":
         unplaced = local_grid(longitude, latitude, levels, wet, None)
@@ -131,7 +133,18 @@ def _read(
         projection = local_grid(longitude, latitude, levels, wet, None).projection
         velocity = true_to_local(projection, longitude, latitude, velocity)
     grid = local_grid(longitude, latitude, levels, wet, place_at)
-    return Ensemble(grid, velocity, time_ns, source, _notes(grid, zero_columns, place_at))
+    return Ensemble(grid, velocity, time_ns, source, (*of_time, *_notes(grid, zero_columns, place_at)))
+
+
+def _refuse_holes(velocity: Array, wet: NDArray[np.bool_], source: str) -> None:
+    """Raise ForecastError when a member misses water that another has: its land would otherwise become everyone's."""
+    missing = (~np.isfinite(velocity).all(axis=1) & wet).sum(axis=(1, 2, 3))
+    if missing.any():
+        worst = int(np.argmax(missing))
+        raise ForecastError(
+            f"{source}: {int(np.count_nonzero(missing))} members miss values where others have them, member at position {worst} most "
+            f"({int(missing[worst])} of {int(wet.sum())} points); leave such members out of the file"
+        )
 
 
 def _notes(grid: Grid, zero_columns: int, place_at: tuple[float, float] | None) -> tuple[str, ...]:
@@ -164,54 +177,6 @@ def _horizontal(ds: xr.Dataset, where: str) -> tuple[Array, Array, tuple[str, st
     return x, y, dims
 
 
-def _at_time(ds: xr.Dataset, config: ForecastConfig, near_ns: int | None, where: str) -> tuple[xr.Dataset, int | None]:
-    u, _, _ = find_velocity(ds, where)
-    lead, time = find_lead(ds, u.dims), find_time(ds, u.dims)
-    reference = parse_time(config.reference_time) if config.reference_time else _scalar_time(ds, ("forecast_reference_time",))
-    if lead is not None:
-        periods = ds[lead].values
-        periods_ns = _periods_ns(ds[lead])
-        if config.lead is not None:
-            position = int(np.argmin(np.abs(periods.astype(np.float64) - config.lead)))
-        elif reference is not None and near_ns is not None and periods_ns is not None:
-            position = int(np.argmin(np.abs(reference + periods_ns - near_ns)))
-        else:
-            position = periods.size - 1
-        ds = ds.isel({lead: position})
-        if time is None:
-            return ds, None if reference is None or periods_ns is None else reference + int(periods_ns[position])
-    if time is not None:
-        times = ds[time].values.astype("datetime64[ns]").astype(np.int64)
-        wanted = parse_time(config.time) if config.time else near_ns
-        position = 0 if wanted is None else int(np.argmin(np.abs(times - wanted)))
-        return ds.isel({time: position}), int(times[position])
-    return ds, _scalar_time(ds, ("time",))
-
-
-def _scalar_time(ds: xr.Dataset, standard_names: tuple[str, ...]) -> int | None:
-    for name, variable in ds.variables.items():
-        known = variable.attrs.get("standard_name") in standard_names or name in standard_names
-        if known and variable.size == 1 and np.issubdtype(variable.dtype, np.datetime64):
-            return int(variable.values.astype("datetime64[ns]").astype(np.int64).ravel()[0])
-    return None
-
-
-def _periods_ns(lead: xr.DataArray) -> NDArray[np.int64] | None:
-    unit = str(lead.attrs.get("units", "")).lower().rstrip("s")
-    seconds = {
-        "day": 86400.0,
-        "d": 86400.0,
-        "hour": 3600.0,
-        "h": 3600.0,
-        "hr": 3600.0,
-        "minute": 60.0,
-        "min": 60.0,
-        "second": 1.0,
-        "": None,
-    }.get(unit)
-    return None if seconds is None else np.round(lead.values.astype(np.float64) * seconds * 1e9).astype(np.int64)
-
-
 def _levels(ds: xr.Dataset, u: xr.DataArray, config: ForecastConfig, where: str) -> tuple[Array, NDArray[np.int64], str | None]:
     """Return the levels used [m, increasing], their positions in the file, and the depth dimension (None: one level at 0 m)."""
     depth = find_depth(ds, u.dims)
@@ -226,6 +191,7 @@ def _levels(ds: xr.Dataset, u: xr.DataArray, config: ForecastConfig, where: str)
     if config.levels is not None:
         nearest = [int(np.argmin(np.abs(values[order] - wanted))) for wanted in config.levels]
         order = order[np.unique(nearest)]
+    order = order[:: config.level_step]
     levels = values[order]
     if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
         raise ForecastError(f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}")

@@ -3,20 +3,24 @@
 The field names and units of a ping are in ``replay_kit/README.md``. Flags and reasons are set here; nothing is deleted.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from reprlib import repr as shorten
 from typing import Any
 
 import gsw
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
 from replay_kit.types import Array, Flag, Reason, Reference
 
 COORDINATE_SYSTEMS = ("beam", "instrument", "ship", "earth")
 REFERENCES: tuple[Reference, ...] = ("earth", "platform")
 ORIENTATIONS = ("down", "up")
+# m/s; an error outside is no statement of one, and its square would not survive the filter's arithmetic
+_STD_BELIEVED = (1e-6, 1e3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,17 +45,25 @@ class Profile:
 
 
 def depth_of_pressure(pressure_dbar: float, latitude: float) -> float:
-    """Return the depth [m] at a sea pressure [dbar] (TEOS-10, through gsw)."""
-    return float(-gsw.z_from_p(pressure_dbar, latitude))
+    """Return the depth [m] at a sea pressure [dbar] (TEOS-10, through gsw); NaN for a pressure that has none."""
+    with np.errstate(all="ignore"):
+        return number(-gsw.z_from_p(pressure_dbar, latitude))
 
 
 def number(value: Any) -> float:
     """Return a payload's number; None, strings such as "NaN" and anything infinite become NaN."""
     try:
         result = float("nan") if value is None else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return float("nan")
     return result if np.isfinite(result) else float("nan")
+
+
+def whole_number(value: Any) -> int | None:
+    """Return an integer, which some encodings write as a float; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return int(value) if isinstance(value, int) or value.is_integer() else None
 
 
 def why_not_used(payload: Mapping[str, Any]) -> tuple[str, Reason] | None:
@@ -68,7 +80,7 @@ def why_not_used(payload: Mapping[str, Any]) -> tuple[str, Reason] | None:
     return None
 
 
-def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: float, default_std: float) -> Profile:
+def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: float, config: MeasurementConfig) -> Profile:
     """Return the profile that an earth-coordinates ping holds.
 
     The transducer is at the depth of the ping's pressure, or at the vehicle's where the ping has none, plus
@@ -78,59 +90,95 @@ def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: flo
         payload: Fields of the ping.
         vehicle_depth: [m], from other messages; used when the ping has no pressure.
         latitude: [degrees north], for pressure to depth.
-        default_std: [m/s], for bins whose ping states no error.
+        config: The error of bins whose ping states none, and the fastest current that is believed.
 
     Raises:
         MeasurementError: A field is missing, of the wrong shape or not a number.
     """
-    n_cells = payload.get("n_cells")
-    velocity = _velocity(payload, n_cells)
+    velocity = _velocity(payload)
+    depth = _depth(payload, velocity.shape[0], vehicle_depth, latitude)
+    flags, reasons = _checks(depth, velocity, config.max_speed)
+    return Profile(depth, velocity, _error_std(payload, depth.size, config.velocity_std), "earth", flags, reasons)
+
+
+def _checks(depth: Array, velocity: Array, max_speed: float) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
+    """Return the flags and reasons of bins; comparisons with NaN are false, so a bin without a number is missing only."""
+    flags, reasons = np.full(depth.size, Flag.GOOD, np.int8), np.zeros(depth.size, np.int32)
+    checks = (
+        (depth < 0.0, Reason.ABOVE_SURFACE, Flag.FAIL),
+        ((np.abs(velocity) > max_speed).any(axis=1), Reason.GROSS_RANGE, Flag.FAIL),
+        (~np.isfinite(depth), Reason.MALFORMED, Flag.MISSING),
+        (~np.isfinite(velocity).all(axis=1), Reason.MISSING, Flag.MISSING),
+    )
+    for failed, reason, flag in checks:
+        reasons[failed] |= reason
+        flags[failed] = flag
+    return flags, reasons
+
+
+def _depth(payload: Mapping[str, Any], n: int, vehicle_depth: float, latitude: float) -> Array:
+    """Return the depth of n bins; NaN where it is no number."""
     cell_size, bin0_distance = number(payload.get("cell_size")), number(payload.get("bin0_distance"))
     if not (cell_size > 0.0 and np.isfinite(bin0_distance)):
         raise MeasurementError(
             "ping: expected cell_size > 0 and a finite bin0_distance [m], "
-            f"got {payload.get('cell_size')!r} and {payload.get('bin0_distance')!r}"
+            f"got {shorten(payload.get('cell_size'))} and {shorten(payload.get('bin0_distance'))}"
         )
-    pressure = number(payload.get("pressure"))
-    top = depth_of_pressure(pressure, latitude) if np.isfinite(pressure) else vehicle_depth
-    offset = number(payload.get("transducer_depth"))
-    top += offset if np.isfinite(offset) else 0.0
-    away = bin0_distance + cell_size * np.arange(velocity.shape[0])
     sign = -1.0 if _word(payload, "orientation", ORIENTATIONS) == "up" else 1.0
-    depth = np.asarray(top + sign * away, dtype=np.float64)
-    flags, reasons = np.full(depth.size, Flag.GOOD, np.int8), np.zeros(depth.size, np.int32)
-    missing, above = ~np.isfinite(velocity).all(axis=1), depth < 0.0
-    reasons[missing] |= Reason.MISSING
-    reasons[above] |= Reason.ABOVE_SURFACE
-    flags[above] = Flag.FAIL
-    flags[missing] = Flag.MISSING
-    return Profile(depth, velocity, _error_std(payload, depth.size, default_std), "earth", flags, reasons)
+    pressure, offset = number(payload.get("pressure")), number(payload.get("transducer_depth"))
+    top = depth_of_pressure(pressure, latitude) if np.isfinite(pressure) else vehicle_depth
+    if not np.isfinite(top):
+        raise MeasurementError("ping: no depth has the pressure it states [dbar]")
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth = top + (offset if np.isfinite(offset) else 0.0) + sign * (bin0_distance + cell_size * np.arange(n))
+    return np.where(np.isfinite(depth), depth, np.nan)
 
 
 def _word(payload: Mapping[str, Any], key: str, known: tuple[str, ...]) -> str:
     value = payload.get(key)
-    if isinstance(value, int | float) and not isinstance(value, bool) and float(value).is_integer() and 0 <= value < len(known):
-        return known[int(value)]
+    code = whole_number(value)
+    if code is not None and 0 <= code < len(known):
+        return known[code]
     if value not in known:
-        raise MeasurementError(f"ping: expected {key} to be one of {', '.join(known)}, got {value!r}; state it in the message")
+        raise MeasurementError(f"ping: expected {key} to be one of {', '.join(known)}, got {shorten(value)}; state it in the message")
     return str(value)
 
 
-def _velocity(payload: Mapping[str, Any], n_cells: Any) -> Array:
+def _velocity(payload: Mapping[str, Any]) -> Array:
     """Return east and north, shape (n, 2); protobuf carries the cells flat."""
-    raw = payload.get("velocity")
-    if not isinstance(raw, list | tuple) or not isinstance(n_cells, int) or n_cells < 1:
+    raw, n_cells = payload.get("velocity"), whole_number(payload.get("n_cells"))
+    if not isinstance(raw, list | tuple) or n_cells is None or n_cells < 1:
         raise MeasurementError(
-            f"ping: expected n_cells >= 1 and a list of velocities, got n_cells {n_cells!r} and velocity {type(raw).__name__}"
+            "ping: expected n_cells >= 1 and a list of velocities, "
+            f"got n_cells {shorten(payload.get('n_cells'))} and velocity {type(raw).__name__}"
         )
-    if raw and not isinstance(raw[0], list | tuple):
+    if _is_flat(raw, n_cells):
         if len(raw) % n_cells:
             raise MeasurementError(f"ping: {len(raw)} flat velocities do not divide into {n_cells} cells")
         width = len(raw) // n_cells
         raw = [raw[i * width : (i + 1) * width] for i in range(n_cells)]
-    if len(raw) != n_cells or any(len(cell) < 2 for cell in raw):
+    if len(raw) != n_cells:
         raise MeasurementError(f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells")
-    return np.array([[number(cell[0]), number(cell[1])] for cell in raw])
+    return np.array([_cell(cell) for cell in raw])
+
+
+def _is_flat(raw: Sequence[Any], n_cells: int) -> bool:
+    """Return whether velocities come without cells; nulls alone, as many as there are cells, are missing cells."""
+    if any(isinstance(item, list | tuple | Mapping) for item in raw):
+        return False
+    return bool(raw) and not (len(raw) == n_cells and all(item is None for item in raw))
+
+
+def _cell(cell: Any) -> tuple[float, float]:
+    """Return east and north of a cell: a list, a message with ``value`` or with ``east`` and ``north``, or null."""
+    if isinstance(cell, Mapping):
+        cell = cell.get("value", [cell.get("east"), cell.get("north")] if "east" in cell and "north" in cell else [])
+    if isinstance(cell, list | tuple) and len(cell) >= 2:
+        return number(cell[0]), number(cell[1])
+    # null, NaN or "NaN" in the place of a cell
+    if not isinstance(cell, list | tuple | Mapping) and np.isnan(number(cell)):
+        return float("nan"), float("nan")
+    raise MeasurementError(f"ping: expected cells of east, north[, up], got {shorten(cell)}")
 
 
 def _error_std(payload: Mapping[str, Any], n: int, default_std: float) -> Array:
@@ -142,4 +190,5 @@ def _error_std(payload: Mapping[str, Any], n: int, default_std: float) -> Array:
         values = np.full(n, np.nan)
     if values.size != n:
         raise MeasurementError(f"ping: expected velocity_std to be a number or {n} numbers, got {values.size}")
-    return np.where(values > 0.0, values, default_std)
+    stated = (values >= _STD_BELIEVED[0]) & (values <= _STD_BELIEVED[1])
+    return np.where(stated, values, default_std)

@@ -6,14 +6,17 @@ A ping waits until a position at or after its own time is known, then takes the 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
-from replay_kit.geodesy import to_geographic, to_local, unwrap_longitude
+from replay_kit.geodesy import to_geographic
 from replay_kit.measurements import mavlink_ping, vehicle
-from replay_kit.measurements.adcp import number, read_profile, why_not_used
+from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
+from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
+from replay_kit.measurements.waiting import WaitingPing, add, observe, split
 from replay_kit.types import Message, Observation, Projection, Source, VehicleState
 
 PING_SCHEMA = "replay_kit.AdcpPing"
@@ -31,33 +34,10 @@ _PRESSURE_SCHEMAS = ("sensor_msgs/msg/FluidPressure", "sensor_msgs/FluidPressure
 _ODOMETRY_SCHEMAS = ("nav_msgs/msg/Odometry", "nav_msgs/Odometry")
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Used:
-    """A message was understood and used.
-
-    Attributes:
-        topic: Its topic.
-    """
-
-    topic: str
-
-
-@dataclass(frozen=True, slots=True)
-class Skipped:
-    """A message was not used.
-
-    Attributes:
-        topic: Its topic.
-        reason: Why, in a few words that are the same for all such messages.
-    """
-
-    topic: str
-    reason: str
-
-
-Event = VehicleState | Observation | Used | Skipped
+_INCOMPLETE = "part of an incomplete ping"
+_MAX_DIVE = 2**32 - 1
+# 146 years: a position may be as old as the configuration likes, and ages stay int64
+_FOREVER_NS = 2.0**62
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,22 +46,20 @@ class MeasurementState:
 
     Attributes:
         fix: Last position known.
-        depth: Last depth known [m], with its time [ns]; NaN before the first.
-        depth_time_ns: Time of ``depth``.
+        depth: Last depth known [m]; NaN before the first.
         dive: Dives begun so far.
         submerged: Whether the vehicle is in a dive.
         odometry_origin: Odometry's east and north [m] at its first message after a measured fix, with that fix.
-        waiting: Pings that wait for a position, oldest first.
+        waiting: Pings that wait for a position, in the order of their times.
         frames: Frames of MAVLink pings that are not complete yet.
     """
 
     fix: VehicleState | None = None
     depth: float = float("nan")
-    depth_time_ns: int = 0
     dive: int = 0
     submerged: bool = False
     odometry_origin: tuple[VehicleState, float, float] | None = None
-    waiting: tuple[tuple[Message, float, int], ...] = ()
+    waiting: tuple[WaitingPing, ...] = ()
     frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
 
 
@@ -103,15 +81,37 @@ def observations(messages: Iterable[Message], config: MeasurementConfig | None =
 def interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     """Return the state after a message and the events it completes.
 
-    Each message gives exactly one ``Used`` or ``Skipped``, at once or, for a ping, when its position is known.
+    Each message gives exactly one ``Used`` or ``Skipped``, at once or, for a ping, when its position is known. A message that is
+    not what its schema says is skipped and leaves no trace in the state.
     """
-    if state.waiting and message.time_ns - state.waiting[0][0].time_ns > config.position_max_age * 1e9:
-        # no position will come that is near enough: do not let pings pile up
-        (ping, depth, dive), *rest = state.waiting
-        state, events = interpret(replace(state, waiting=tuple(rest)), message, config)
-        return state, [*_observe(ping, depth, dive, state.fix, None, config), *events]
+    state, events = _expire(state, message.time_ns, config)
+    try:
+        after, more = _interpret(state, message, config)
+    except MeasurementError as error:
+        after, more = state, [Skipped(message.topic, str(error))]
+    except MALFORMED as error:
+        after, more = state, [Skipped(message.topic, malformed(error))]
+    return after, [*events, *more]
+
+
+def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
+    """Return the events of what still waits when the log ends."""
+    events: list[Event] = [Skipped(frame.topic, _INCOMPLETE) for _, frames in state.frames for frame in frames.values()]
+    return events + [event for ping in state.waiting for event in observe(ping, state.fix, None, config)]
+
+
+def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
+    """Let go of the pings for which no position will come that is near enough: they must not pile up."""
+    oldest_ns = now_ns - int(min(config.position_max_age * 1e9, _FOREVER_NS))
+    if not state.waiting or state.waiting[0].message.time_ns >= oldest_ns:
+        return state, []
+    expired, left = split(state.waiting, oldest_ns)
+    return replace(state, waiting=left), [event for ping in expired for event in observe(ping, state.fix, None, config)]
+
+
+def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     if message.schema == PING_SCHEMA:
-        return _ping(state, message, config)
+        return _ping(state, message, 1, config)
     if mavlink_ping.is_ping_frame(message):
         return _ping_frame(state, message, config)
     if message.schema in _POSITION_SCHEMAS:
@@ -123,48 +123,49 @@ def interpret(state: MeasurementState, message: Message, config: MeasurementConf
         depth = vehicle.fluid_pressure(message.payload, state.fix.latitude if state.fix else 0.0)
         if not np.isfinite(depth):
             return state, [Skipped(message.topic, "pressure is not a number")]
-        return _at_depth(state, depth, message.time_ns, config), [Used(message.topic)]
+        return _at_depth(state, depth, config), [Used(message.topic)]
     return state, [Skipped(message.topic, "not a kind of message the estimator uses")]
 
 
-def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
-    """Return the events of what still waits when the log ends."""
-    events: list[Event] = [Skipped(frame.topic, "part of an incomplete ping") for _, frames in state.frames for frame in frames.values()]
-    for message, depth, dive in state.waiting:
-        events += _observe(message, depth, dive, state.fix, None, config)
-    return events
-
-
-def _ping(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
+def _ping(state: MeasurementState, message: Message, n_messages: int, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
+    """Take in a whole ping, which gives as many ``Used`` or ``Skipped`` as messages carried it."""
     try:
         refused = why_not_used(message.payload)
     except MeasurementError as error:
-        return state, [Skipped(message.topic, str(error))]
+        return state, [Skipped(message.topic, str(error))] * n_messages
+    except MALFORMED as error:
+        return state, [Skipped(message.topic, malformed(error))] * n_messages
     if refused is not None:
-        return state, [Skipped(message.topic, refused[0])]
+        return state, [Skipped(message.topic, refused[0])] * n_messages
     pressure = number(message.payload.get("pressure"))
-    if np.isfinite(pressure) and not np.isfinite(state.depth):
+    if not np.isfinite(state.depth) and np.isfinite(depth_of_pressure(pressure, 0.0)):
         # a log whose only depth is the ping's own pressure still has dives
-        state = replace(_at_depth(state, pressure, message.time_ns, config), depth=float("nan"))
-    dive = message.payload.get("dive")
-    state = replace(state, waiting=(*state.waiting, (message, state.depth, dive if isinstance(dive, int) else state.dive)))
-    return _release(state, None, config)
+        state = replace(_at_depth(state, pressure, config), depth=float("nan"))
+    ping = WaitingPing(message, state.depth, _dive(message.payload.get("dive"), state.dive), n_messages)
+    if state.fix is not None and state.fix.time_ns == message.time_ns:
+        return state, observe(ping, state.fix, None, config)
+    return replace(state, waiting=add(state.waiting, ping)), []
+
+
+def _dive(stated: Any, counted: int) -> int:
+    """Return the dive that a ping states, or the one counted when it states none that can be."""
+    return stated if isinstance(stated, int) and not isinstance(stated, bool) and 0 <= stated <= _MAX_DIVE else counted
 
 
 def _ping_frame(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
-    key, pings = mavlink_ping.frame_key(message), dict(state.frames)
-    pings[key] = {**pings.get(key, {}), str(message.payload["name"]): message}
-    events: list[Event] = []
+    key, pings, name = mavlink_ping.frame_key(message), dict(state.frames), str(message.payload["name"])
+    if name in pings.get(key, {}):
+        return state, [Skipped(message.topic, "repeated frame of a ping")]
+    pings[key] = {**pings.get(key, {}), name: message}
     if mavlink_ping.is_complete(pings[key]):
         frames = pings.pop(key)
         state = replace(state, frames=tuple(pings.items()))
         whole = replace(message, schema=PING_SCHEMA, payload=mavlink_ping.assemble(frames))
-        state, events = _ping(state, whole, config)
-        events += [Used(frame.topic) for frame in list(frames.values())[1:]]
-        return state, events
+        return _ping(state, whole, len(frames), config)
+    events: list[Event] = []
     if len(pings) > _OPEN_PINGS:
         oldest = pings.pop(next(iter(pings)))
-        events = [Skipped(frame.topic, "part of an incomplete ping") for frame in oldest.values()]
+        events = [Skipped(frame.topic, _INCOMPLETE) for frame in oldest.values()]
     return replace(state, frames=tuple(pings.items())), events
 
 
@@ -172,13 +173,14 @@ def _position(
     state: MeasurementState, message: Message, position: vehicle.Position, config: MeasurementConfig
 ) -> tuple[MeasurementState, list[Event]]:
     if np.isfinite(position.depth):
-        state = _at_depth(state, position.depth, message.time_ns, config)
+        state = _at_depth(state, position.depth, config)
     source = Source(message.input, message.topic, message.position, message.time_ns)
     fix = VehicleState(message.time_ns, position.longitude, position.latitude, state.depth, position.dead_reckoned, source)
     if not position.dead_reckoned:
         state = replace(state, odometry_origin=None)
-    state, events = _release(state, fix, config)
-    return replace(state, fix=fix), [Used(message.topic), fix, *events]
+    released, left = split(state.waiting, fix.time_ns + 1)
+    events = [event for ping in released for event in observe(ping, state.fix, fix, config)]
+    return replace(state, fix=fix, waiting=left), [Used(message.topic), fix, *events]
 
 
 def _odometry(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -189,73 +191,17 @@ def _odometry(state: MeasurementState, message: Message, config: MeasurementConf
     east, north, depth = pose
     if state.odometry_origin is None:
         if state.fix is None:
-            return _at_depth(state, depth, message.time_ns, config), [Used(message.topic)]
+            return _at_depth(state, depth, config), [Used(message.topic)]
         state = replace(state, odometry_origin=(state.fix, east, north))
     assert state.odometry_origin is not None
     fix, east0, north0 = state.odometry_origin
     longitude, latitude = to_geographic(Projection(fix.longitude, fix.latitude), east - east0, north - north0)
-    return _position(state, message, vehicle.Position(float(longitude), float(latitude), depth, True), config)
+    position = vehicle.checked(longitude, latitude, depth, True)
+    return (state, [Skipped(message.topic, position)]) if isinstance(position, str) else _position(state, message, position, config)
 
 
-def _at_depth(state: MeasurementState, depth: float, time_ns: int, config: MeasurementConfig) -> MeasurementState:
+def _at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -> MeasurementState:
     """Return the state with a depth noted; a dive begins at twice the surface depth and ends above it."""
     submerged = depth > 2.0 * config.surface_depth or (state.submerged and depth > config.surface_depth)
     begun = submerged and not state.submerged
-    return replace(state, depth=depth, depth_time_ns=time_ns, submerged=submerged, dive=state.dive + begun)
-
-
-def _release(state: MeasurementState, after: VehicleState | None, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
-    """Turn waiting pings into observations where the position after them is known."""
-    events: list[Event] = []
-    left = []
-    for message, depth, dive in state.waiting:
-        exact = state.fix is not None and state.fix.time_ns == message.time_ns
-        if exact or (after is not None and after.time_ns >= message.time_ns):
-            events += _observe(message, depth, dive, state.fix, after, config)
-        else:
-            left.append((message, depth, dive))
-    return replace(state, waiting=tuple(left)), events
-
-
-def _observe(
-    message: Message, depth: float, dive: int, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig
-) -> list[Event]:
-    place = _interpolate(message.time_ns, before, after, config.position_max_age)
-    if place is None:
-        return [Skipped(message.topic, f"no position within {config.position_max_age:g} s")]
-    longitude, latitude = place
-    try:
-        # a log that never states a depth is a surface vessel's
-        profile = read_profile(message.payload, depth if np.isfinite(depth) else 0.0, latitude, config.velocity_std)
-    except MeasurementError as error:
-        return [Skipped(message.topic, str(error))]
-    source = Source(message.input, message.topic, message.position, message.time_ns)
-    observation = Observation(
-        message.time_ns,
-        longitude,
-        latitude,
-        profile.depth,
-        profile.velocity,
-        profile.error_std,
-        profile.reference,
-        profile.flags,
-        profile.reasons,
-        dive,
-        source,
-    )
-    return [Used(message.topic), observation]
-
-
-def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float) -> tuple[float, float] | None:
-    """Return longitude and latitude at a time, or None when neither neighbour is near enough in time."""
-    known = [fix for fix in (before, after) if fix is not None]
-    if not known or min(abs(fix.time_ns - time_ns) for fix in known) > max_age_s * 1e9:
-        return None
-    if before is None or after is None or not before.time_ns < time_ns < after.time_ns:
-        nearest = min(known, key=lambda fix: abs(fix.time_ns - time_ns))
-        return nearest.longitude, nearest.latitude
-    projection = Projection(before.longitude, before.latitude)
-    east, north = to_local(projection, after.longitude, after.latitude)
-    share = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
-    longitude, latitude = to_geographic(projection, share * east, share * north)
-    return float(unwrap_longitude(longitude, before.longitude)), float(latitude)
+    return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun)

@@ -8,6 +8,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from replay_kit.errors import MeasurementError
+from replay_kit.measurements.adcp import whole_number
 from replay_kit.types import Message
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
@@ -41,26 +43,36 @@ def is_ping_frame(message: Message) -> bool:
 
 
 def frame_key(message: Message) -> Key:
-    """Return what the frames of one ping share."""
-    return message.topic, int(message.payload["array_id"]), int(message.payload["time_usec"])
+    """Return what the frames of one ping share.
+
+    Raises:
+        MeasurementError: The frame does not say which ping it is of, or carries no numbers.
+    """
+    array_id, time_usec = (whole_number(message.payload.get(name)) for name in ("array_id", "time_usec"))
+    if array_id is None or time_usec is None or not isinstance(message.payload.get("data"), list | tuple):
+        raise MeasurementError("frame of a ping: expected array_id and time_usec to be integers and data to be a list")
+    return message.topic, array_id, time_usec
 
 
 def is_complete(frames: Mapping[str, Message]) -> bool:
     """Return whether all frames of a ping are there; the vertical component may be absent when the configuration says so."""
-    configuration = frames.get("ADCP_CFG")
-    if configuration is None:
+    if "ADCP_CFG" not in frames:
         return False
-    n_components = configuration.payload["data"][_CONFIGURATION.index("n_components")]
+    n_components = _configuration(frames)["n_components"]
     return all(part in frames for part in _PARTS if part != "ADCP_U" or n_components != 2)
 
 
 def assemble(frames: Mapping[str, Message]) -> dict[str, Any]:
-    """Return the ping's payload, as if it had come as JSON."""
-    data = {part: list(frame.payload["data"]) for part, frame in frames.items()}
-    payload: dict[str, Any] = dict(zip(_CONFIGURATION, data["ADCP_CFG"], strict=False))
-    n_cells = int(payload["n_cells"]) if math.isfinite(payload["n_cells"]) else 0
-    columns = [data[part][:n_cells] for part in ("ADCP_E", "ADCP_N", "ADCP_U") if part in data]
+    """Return the ping's payload, as if it had come as JSON; what a frame is too short for is left for the ping's own checks."""
+    payload = _configuration(frames)
+    n_cells = max(whole_number(payload["n_cells"]) or 0, 0)
+    columns = [list(frames[part].payload["data"])[:n_cells] for part in ("ADCP_E", "ADCP_N", "ADCP_U") if part in frames]
     payload["n_cells"] = n_cells
-    payload["velocity"] = [list(cell) for cell in zip(*columns, strict=True)]
-    payload["velocity_std"] = data["ADCP_STD"][:n_cells]
+    payload["velocity"] = [list(cell) for cell in zip(*columns, strict=False)]
+    payload["velocity_std"] = list(frames["ADCP_STD"].payload["data"])[:n_cells]
     return payload
+
+
+def _configuration(frames: Mapping[str, Message]) -> dict[str, Any]:
+    """Return the named values of ``ADCP_CFG``; NaN where the frame is too short for one."""
+    return dict(zip(_CONFIGURATION, [*frames["ADCP_CFG"].payload["data"], *[math.nan] * len(_CONFIGURATION)], strict=False))

@@ -141,6 +141,8 @@ def write_ensemble(
     Raises:
         ConfigError: A file exists or cannot be written, or an argument is bad.
     """
+    if ensemble.resolve() == truth.resolve():
+        raise ConfigError(f"{ensemble}: two outputs have this name; choose another for one of them")
     for path in (ensemble, truth):
         if path.exists() and not overwrite:
             raise ConfigError(f"{path}: exists; choose another name or give --overwrite")

@@ -3,14 +3,14 @@
 import numpy as np
 
 from replay_kit.config import EstimatorConfig
-from replay_kit.estimator.modes import LENGTH_IN_CELLS, cell_size, ensemble_slices
+from replay_kit.estimator.modes import DEFAULT_LENGTH_IN_CELLS, cell_size, ensemble_slices
 from tests import synthetic
 from tests.reference import baselines as slow
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 GRID = SMALL.grid
 MEMBERS = ensemble_slices(SMALL)
-LENGTHS = tuple(LENGTH_IN_CELLS * size for size in cell_size(GRID))
+LENGTHS = tuple(DEFAULT_LENGTH_IN_CELLS * size for size in cell_size(GRID))
 # a nugget so small that a flow at the nodes is what it was made of, to the tolerances below
 CONFIG = EstimatorConfig(nugget=1e-9)
 DEPTHS = np.array([20.0, 100.0, 200.0])

@@ -5,11 +5,12 @@ import pytest
 
 from replay_kit.baselines import BASELINES, average_over_depth, build_baseline
 from replay_kit.baselines.gp import build_gp, fit_length, second_moments
-from replay_kit.baselines.letkf import build_letkf, gaspari_cohn
+from replay_kit.baselines.letkf import build_letkf
 from replay_kit.config import EstimatorConfig
 from replay_kit.errors import ConfigError
 from replay_kit.estimator import FilterState, build_estimator
 from replay_kit.estimator.modes import ensemble_slices
+from replay_kit.estimator.prior import gaspari_cohn
 from replay_kit.geodesy import rotate_to_local, to_local
 from tests import synthetic
 from tests.baselines.small import (
@@ -77,7 +78,7 @@ def test_naive_equals_a_textbook_filter_on_whole_member_modes():
 
 def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
     observations, _, _ = profiles(6)
-    config = EstimatorConfig(modes=12, hybrid_weight=1.0)
+    config = EstimatorConfig(modes=12, prior_shares=(1.0, 0.0, 0.0))
     textbook, estimator = build_estimator(SMALL, config), build_baseline("etkf", SMALL, config)
     expected, expected_said = run(textbook, observations)
     state, said = run(estimator, observations)

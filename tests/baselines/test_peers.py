@@ -10,9 +10,10 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from replay_kit.baselines import build_baseline
 from replay_kit.baselines.gp import build_gp, second_moments
-from replay_kit.baselines.letkf import build_letkf, gaspari_cohn
+from replay_kit.baselines.letkf import build_letkf
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator import build_estimator
+from replay_kit.estimator.prior import gaspari_cohn
 from replay_kit.kernels.depth import DepthFunctions, depth_weights
 from replay_kit.kernels.horizontal import HorizontalKernel, velocity_kernel
 from tests import synthetic
@@ -39,7 +40,7 @@ def uncompressed_rows(estimator, place):
 
 def test_dapper_s_etkf():
     """DAPPER transforms the members themselves; ours keeps the transform. All profiles in one batch."""
-    config = EstimatorConfig(modes=12, hybrid_weight=1.0)
+    config = EstimatorConfig(modes=12, prior_shares=(1.0, 0.0, 0.0))
     observations, places, values = profiles(4)
     estimator = build_baseline("etkf", SMALL, config)
     state, _ = run(estimator, observations)
@@ -54,7 +55,7 @@ def test_dapper_s_etkf():
 
 
 def test_dapper_s_letkf():
-    config = EstimatorConfig(nugget=1e-10)
+    config = EstimatorConfig(nugget=1e-13)
     observations, places, values = profiles(5)
     radius = 2.5e4
     estimator = build_letkf(SMALL, config, radius)

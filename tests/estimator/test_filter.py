@@ -15,6 +15,7 @@ from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.types import Flag, Reason
 from tests import synthetic
 from tests.reference import estimator as slow
+from tests.reference.baselines import gaspari_cohn as slow_taper
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 DEFAULT = EstimatorConfig()
@@ -153,17 +154,30 @@ def test_the_prior_s_flow_is_the_ensemble_s_mean():
     np.testing.assert_allclose(np.moveaxis(ours, -1, 0), SMALL.velocity.mean(axis=0), atol=1e-6)
 
 
-def test_hybrid_prior_mixes_the_two_covariances():
-    estimator = build_estimator(SMALL, EstimatorConfig(hybrid_weight=0.3))
-    weights = estimator.basis.member_weights
-    stacked = weights.reshape(len(weights), -1)
-    sample = np.cov(stacked.T)
-    n_modes, n_levels = estimator.basis.n_modes, weights.shape[1]
-    expected = 0.3 * sample
-    for mode in range(n_modes):
-        at = mode + n_modes * np.arange(n_levels)
-        expected[np.ix_(at, at)] += 0.7 * np.cov(weights[:, :, mode].T)
-    np.testing.assert_allclose(estimator.prior.cov, expected, atol=1e-14)
+def test_the_prior_mixes_three_covariances():
+    shares, radius = (0.3, 0.2, 0.5), 4e4
+    estimator = build_estimator(SMALL, EstimatorConfig(prior_shares=shares, localisation_radius=radius))
+    basis, nodes = estimator.basis, SMALL.grid.nodes
+    weights = basis.member_weights
+    n_modes, n_levels = basis.n_modes, weights.shape[1]
+    expected = shares[0] * np.cov(weights.reshape(len(weights), -1).T)
+    velocity_modes = velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes
+    inverse = np.linalg.pinv(velocity_modes)
+    places = np.vstack([nodes, nodes])
+    for z in range(n_levels):
+        for y in range(n_levels):
+            at = np.ix_(z * n_modes + np.arange(n_modes), y * n_modes + np.arange(n_modes))
+            for mode in range(n_modes):
+                expected[z * n_modes + mode, y * n_modes + mode] += shares[1] * np.cov(weights[:, z, mode], weights[:, y, mode])[0, 1]
+            fields = [(weights[:, level] - weights[:, level].mean(axis=0)) @ velocity_modes.T for level in (z, y)]
+            tapered = np.zeros((len(places), len(places)))
+            for i, a in enumerate(places):
+                for j, b in enumerate(places):
+                    taper = slow_taper(np.hypot(*(a - b)), radius)
+                    tapered[i, j] = taper * np.sum(fields[0][:, i] * fields[1][:, j]) / (len(weights) - 1)
+            expected[at] += shares[2] * inverse @ tapered @ inverse.T
+    np.testing.assert_allclose(estimator.prior.cov, expected, atol=1e-12)
+    assert np.linalg.eigvalsh(estimator.prior.cov).min() > -1e-10
 
 
 def test_samples_have_the_stated_spread_and_are_seeded():

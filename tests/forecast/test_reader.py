@@ -109,9 +109,9 @@ def test_a_grid_across_the_antimeridian_is_whole(tmp_path):
     assert np.all(np.diff(again.grid.longitude, axis=1) > 0)
 
 
-def test_land_is_missing_in_any_member_or_zero_in_all(tmp_path):
+def test_land_is_missing_or_zero_in_all_members(tmp_path):
     ds = synthetic.dataset()
-    ds["uo"][3, 1:, 0, 0] = np.nan
+    ds["uo"][:, 1:, 0, 0] = np.nan
     ds["uo"][:, :, 4, 5] = 0.0
     ds["vo"][:, :, 4, 5] = 0.0
     read = read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN)
@@ -120,6 +120,40 @@ def test_land_is_missing_in_any_member_or_zero_in_all(tmp_path):
     assert not read.grid.wet[:, 4, 5].any()
     assert "1 columns" in read.notes[0]
     assert read.grid.nodes.shape == (29, 2)
+
+
+def test_a_member_with_holes_is_refused_not_made_everyone_s_land(tmp_path):
+    ds = synthetic.dataset()
+    ds["uo"][3, 1:, 0, 0] = np.nan
+    ds["vo"][5, :, 2, 2] = np.nan
+    with pytest.raises(ForecastError, match=r"2 members miss values.*position 5 most \(4 of 120 points\)"):
+        read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN)
+
+
+@pytest.mark.parametrize(("unit", "length"), [("days", 1.0), ("hours", 24.0), ("s", 86_400.0), ("minutes", 1440.0)])
+def test_leads_in_any_unit_are_matched_to_the_log_and_the_choice_is_said(tmp_path, unit, length):
+    ds = xr.concat([synthetic.dataset(seed=k) for k in range(3)], dim="lead")
+    leads = length * np.array([0.0, 2.0, 4.0])
+    path = write(ds.assign_coords(lead=("lead", leads, {"standard_name": "forecast_period", "units": unit})), tmp_path / "l.nc")
+    reference = ForecastConfig(reference_time="2020-01-01")
+    start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
+    read = read_ensemble(path, reference, near_ns=start + int(2.2 * 86_400e9))
+    np.testing.assert_allclose(read.velocity, synthetic.ensemble(1).velocity, atol=1e-15)
+    assert read.notes[0].startswith("lead ")
+    late = read_ensemble(path, reference, near_ns=start + 10 * 86_400 * 10**9)
+    assert any("6.0 days before the log begins" in note for note in late.notes)
+
+
+def test_options_that_the_file_has_no_use_for_are_refused(tmp_path):
+    path = write(synthetic.dataset(), tmp_path / "e.nc")
+    for config in (ForecastConfig(lead=3.0), ForecastConfig(time="2020-01-01"), ForecastConfig(reference_time="2020-01-01")):
+        with pytest.raises(ForecastError, match="leave the option out"):
+            read_ensemble(path, config)
+
+
+def test_every_n_th_level(tmp_path):
+    path = write(synthetic.dataset(), tmp_path / "e.nc")
+    np.testing.assert_array_equal(read_ensemble(path, ForecastConfig(level_step=2)).grid.levels, synthetic.LEVELS[::2])
 
 
 def test_chooses_a_lead_and_a_time(tmp_path):

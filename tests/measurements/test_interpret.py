@@ -5,46 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from replay_kit.config import MeasurementConfig
-from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret, observations
+from replay_kit.measurements import Skipped, Used, initial_state, interpret, observations
 from replay_kit.types import Flag, Message, Observation, Reason, VehicleState
-
-CONFIG = MeasurementConfig()
-SECOND = 10**9
-
-
-def ping(time_s=0.0, **changes):
-    payload = {
-        "coordinate_system": "earth",
-        "reference": "earth",
-        "orientation": "down",
-        "n_cells": 3,
-        "cell_size": 32.0,
-        "bin0_distance": 16.0,
-        "transducer_depth": 0.0,
-        "velocity": [[0.1, 0.2, None], [0.3, None, 0.0], [0.5, 0.6, 0.0]],
-        "velocity_std": 0.09,
-        "pressure": 0.0,
-    } | changes
-    return Message(int(time_s * SECOND), "/adcp", "replay_kit.AdcpPing", payload, 0, int(time_s))
-
-
-def fix(time_s, longitude=152.0, latitude=-40.0, depth=None, **changes):
-    metadata = [] if depth is None else [{"key": "depth", "value": str(depth)}]
-    payload = {"longitude": longitude, "latitude": latitude, "altitude": 30.0, "metadata": metadata} | changes
-    return Message(int(time_s * SECOND), "/vehicle/fix", "foxglove.LocationFix", payload, 0, int(time_s))
-
-
-def run(messages, config=CONFIG):
-    state, events = initial_state(), []
-    for message in messages:
-        state, more = interpret(state, message, config)
-        events += more
-    return events + finish(state, config)
-
-
-def only(kind, events):
-    return [event for event in events if isinstance(event, kind)]
+from tests.measurements.messages import CONFIG, SECOND, fix, mavlink_frames, only, ping, position_int, run
 
 
 def test_a_ping_becomes_a_profile_at_the_interpolated_position():
@@ -136,26 +99,6 @@ def test_flat_velocities_of_protobuf_are_split_by_cell():
     nested = ping(0)
     ours, theirs = (only(Observation, run([fix(0), p]))[0] for p in (flat, nested))
     np.testing.assert_array_equal(ours.velocity, theirs.velocity)
-
-
-def mavlink_frames(time_s=5.0, array_id=7, n_components=3.0, skip=()):
-    nan = math.nan
-    parts = {
-        "ADCP_CFG": [3.0, 32.0, 16.0, 3.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1500.0, nan, 0.0, 1.0, n_components, 0.0],
-        "ADCP_E": [0.1, 0.3, 0.5],
-        "ADCP_N": [0.2, nan, 0.6],
-        "ADCP_U": [nan, 0.0, 0.0],
-        "ADCP_STD": [0.09, 0.09, 0.09],
-    }
-    for k, (name, data) in enumerate(parts.items()):
-        if name not in skip:
-            payload = {"name": name, "array_id": array_id, "time_usec": int(time_s * 1e6), "data": [*data, *[0.0] * (58 - len(data))]}
-            yield Message(int(time_s * SECOND), "mavlink/1/1/DEBUG_FLOAT_ARRAY", "DEBUG_FLOAT_ARRAY", payload, 0, 10 + k)
-
-
-def position_int(time_s, depth=0.0, lon=1_520_000_000, lat=-400_000_000):
-    payload = {"lon": lon, "lat": lat, "relative_alt": -int(depth * 1000)}
-    return Message(int(time_s * SECOND), "mavlink/1/1/GLOBAL_POSITION_INT", "GLOBAL_POSITION_INT", payload, 0, int(time_s))
 
 
 @pytest.mark.parametrize("reverse", [False, True])

@@ -1,0 +1,81 @@
+"""The command line's studies: how well the estimator does, and against what."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import Progress
+from threadpoolctl import threadpool_limits
+
+from replay_kit.cli_options import (
+    ConfigOption,
+    JsonOption,
+    LeadOption,
+    LevelsOption,
+    LevelStepOption,
+    ModesOption,
+    NoiseOption,
+    OverwriteOption,
+    RegionOption,
+    console_beside,
+    forecast_part,
+    numbers,
+    write_json,
+)
+from replay_kit.config import load_config
+from replay_kit.errors import ConfigError
+from replay_kit.experiments.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
+from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.job import check_paths, truth_path
+
+experiment = typer.Typer(
+    help="Studies: how well the estimator does, and against what.", no_args_is_help=True, rich_markup_mode=None, add_completion=False
+)
+
+
+@experiment.command()
+def accuracy(
+    ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
+    truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="The truth to tell.")] = None,
+    leave_out: Annotated[str | None, typer.Option("--leave-out", metavar="K|all|most-distant", help="Members withheld as truths.")] = None,
+    lead: LeadOption = None,
+    region: RegionOption = None,
+    levels: LevelsOption = None,
+    level_step: LevelStepOption = None,
+    modes: ModesOption = None,
+    pings: Annotated[str, typer.Option("--pings", metavar="N1,N2,...", help="Numbers of pings scored.")] = "5,10,25,50,150,450",
+    noise: NoiseOption = 0.09,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Seeds 0 to N-1.")] = 5,
+    methods: Annotated[str, typer.Option("--methods", metavar="M1,M2,...", help="Estimators compared.")] = ",".join(METHODS),
+    config: ConfigOption = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Compare estimators on twin surveys: error, calibration, against the number of pings."""
+    check_paths([ensemble, truth_path(truth), config], [json_file], overwrite)
+    settings = load_config(config, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
+    if (truth is None) == (leave_out is None):
+        raise ConfigError("experiment accuracy: expected one of --truth and --leave-out")
+    counts = tuple(int(n) for n in numbers(pings, "--pings") or ())
+    job = AccuracyJob(leave_out, counts, noise, seeds, tuple(methods.split(",")))
+    members = read_ensemble(ensemble, settings.forecast)
+    withheld = None if truth is None else read_truth(truth, settings.forecast)
+    with threadpool_limits(limits=settings.output.threads), _bar() as advance:
+        result = run_accuracy(members, withheld, settings.estimator, job, advance)
+    print_accuracy(result, console_beside(json_file))
+    write_json(json_file, to_json(result))
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[int, int, str], None] | None]:
+    """Show a bar of work done on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)

@@ -1,0 +1,91 @@
+"""One time of a forecast that has several: by lead, by time, or nearest to the log."""
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from replay_kit.config import ForecastConfig, parse_time
+from replay_kit.errors import ForecastError
+from replay_kit.forecast.names import find_lead, find_time, find_velocity
+
+_LEAD_UNITS = {
+    **dict.fromkeys(("days", "day", "d"), 86400.0),
+    **dict.fromkeys(("hours", "hour", "hrs", "hr", "h"), 3600.0),
+    **dict.fromkeys(("minutes", "minute", "mins", "min"), 60.0),
+    **dict.fromkeys(("seconds", "second", "secs", "sec", "s"), 1.0),
+}
+_DAY_NS = 86_400 * 10**9
+
+
+def choose_time(ds: xr.Dataset, config: ForecastConfig, near_ns: int | None, where: str) -> tuple[xr.Dataset, int | None, tuple[str, ...]]:
+    """Return the dataset at one time, that time [ns, UTC] if known, and what a user should know of the choice.
+
+    Args:
+        ds: With any of a lead and a time dimension.
+        config: ``lead``, ``time`` and ``reference_time`` decide where they are given.
+        near_ns: Else the nearest time to this is taken [ns, UTC]; without it the last lead, the first time.
+        where: The file, for messages.
+
+    Raises:
+        ForecastError: An option is given that the file has no use for.
+    """
+    u, _, _ = find_velocity(ds, where)
+    lead, time = find_lead(ds, u.dims), find_time(ds, u.dims)
+    if lead is None and (config.lead is not None or config.reference_time is not None):
+        raise ForecastError(f"{where}: a lead or reference time was given, but the file has no dimension of leads; leave the option out")
+    if time is None and config.time is not None:
+        raise ForecastError(f"{where}: a time was chosen, but the file has no dimension of times; leave the option out")
+    if time is not None:
+        times = ds[time].values.astype("datetime64[ns]").astype(np.int64)
+        wanted = parse_time(config.time) if config.time else near_ns
+        position = 0 if wanted is None else int(np.argmin(np.abs(times - wanted)))
+        ds, time_ns = ds.isel({time: position}), int(times[position])
+        if lead is None:
+            return ds, time_ns, _notes(time_ns, near_ns, f"of {times.size} times" if times.size > 1 else "")
+        reference: int | None = time_ns
+    else:
+        reference = parse_time(config.reference_time) if config.reference_time else _scalar_time(ds, "forecast_reference_time")
+    if lead is None:
+        time_ns_or_none = _scalar_time(ds, "time")
+        return ds, time_ns_or_none, _notes(time_ns_or_none, near_ns, "")
+    position, valid_ns = _choose_lead(ds[lead], config, reference, near_ns)
+    chosen = f"{float(ds[lead].values[position]):g} {ds[lead].attrs.get('units', '')}".strip()
+    return ds.isel({lead: position}), valid_ns, (f"lead {chosen} of {ds.sizes[lead]} leads", *_notes(valid_ns, near_ns, ""))
+
+
+def _choose_lead(lead: xr.DataArray, config: ForecastConfig, reference: int | None, near_ns: int | None) -> tuple[int, int | None]:
+    """Return the lead's position and the time it is valid for [ns, UTC]."""
+    valid = None if reference is None else _periods_ns(lead)
+    if valid is not None and reference is not None:
+        valid = reference + valid
+    if config.lead is not None:
+        position = int(np.argmin(np.abs(lead.values.astype(np.float64) - config.lead)))
+    elif valid is not None and near_ns is not None:
+        position = int(np.argmin(np.abs(valid - near_ns)))
+    else:
+        position = lead.size - 1
+    return position, None if valid is None else int(valid[position])
+
+
+def _notes(time_ns: int | None, near_ns: int | None, among: str) -> tuple[str, ...]:
+    """Return the time taken, when it was a choice or lies more than a day from the log."""
+    if time_ns is None:
+        return ()
+    said = f"the forecast is of {np.datetime_as_string(np.datetime64(time_ns, 'ns'), unit='m')}Z"
+    days = 0.0 if near_ns is None else (near_ns - time_ns) / _DAY_NS
+    if abs(days) > 1.0:
+        return (f"{said}, {abs(days):.1f} days {'before' if days > 0 else 'after'} the log begins: the log lies outside its time",)
+    return (f"{said}, {among}",) if among else ()
+
+
+def _scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:
+    for name, variable in ds.variables.items():
+        known = standard_name in (variable.attrs.get("standard_name"), name)
+        if known and variable.size == 1 and np.issubdtype(variable.dtype, np.datetime64):
+            return int(variable.values.astype("datetime64[ns]").astype(np.int64).ravel()[0])
+    return None
+
+
+def _periods_ns(lead: xr.DataArray) -> NDArray[np.int64] | None:
+    seconds = _LEAD_UNITS.get(str(lead.attrs.get("units", "")).strip().lower())
+    return None if seconds is None else np.round(lead.values.astype(np.float64) * seconds * 1e9).astype(np.int64)

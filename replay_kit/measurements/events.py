@@ -1,0 +1,40 @@
+"""What the measurement step says of each message."""
+
+from dataclasses import dataclass
+
+from replay_kit.types import Observation, VehicleState
+
+# What code that trusts a payload's types raises when they are not what they should be.
+MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
+
+
+@dataclass(frozen=True, slots=True)
+class Used:
+    """A message was understood and used.
+
+    Attributes:
+        topic: Its topic.
+    """
+
+    topic: str
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A message was not used.
+
+    Attributes:
+        topic: Its topic.
+        reason: Why, in a few words that are the same for all such messages.
+    """
+
+    topic: str
+    reason: str
+
+
+Event = VehicleState | Observation | Used | Skipped
+
+
+def malformed(error: Exception) -> str:
+    """Return the reason of a message that raised one of ``MALFORMED``; the values stay out, so that alike messages count as one."""
+    return f"malformed: a field is missing or of the wrong kind ({type(error).__name__})"

@@ -1,0 +1,226 @@
+"""The command line as a process: exit codes, what it says, and the paths it refuses before it reads anything."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit.config import RunConfig
+from replay_kit.errors import ConfigError
+from replay_kit.forecast import read_truth
+from replay_kit.inspect import inspect_log
+from replay_kit.job import check_paths
+from replay_kit.logs.mcap_log_writer import write_mcap_log
+from replay_kit.twin import make_twin
+from replay_kit.types import Message
+from tests import synthetic
+
+ROOT = Path(__file__).resolve().parents[1]
+COMMAND = [sys.executable, "-c", "from replay_kit.cli import main; main()"]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "160"}
+
+
+def cli(folder, *arguments):
+    return subprocess.run([*COMMAND, *arguments], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("ocean")
+    ds = synthetic.dataset(seed=4, n_members=21, shape=(6, 7))
+    ds.isel(member=slice(20)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=20, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    truth = read_truth(str(folder / "truth.nc"), RunConfig().forecast)
+    make_twin(truth, "vessel", 20, 0.05, 1, folder / "survey.mcap")
+    make_twin(truth, "vessel", 2000, 0.05, 1, folder / "long.mcap")
+    (folder / "run.toml").write_text("[output]\ninterval = 1.0\n")
+    (folder / "store.zarr").mkdir()
+    (folder / "there.json").write_text("precious")
+    return folder
+
+
+REPLAY = ["replay", "survey.mcap", "--ensemble", "ensemble.nc"]
+
+
+REFUSED = [
+    ([*REPLAY, "-o", "survey.mcap", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--netcdf", "ensemble.nc", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--truth", "truth.nc#3", "--save-estimate", "truth.nc", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--config", "run.toml", "--json", "run.toml", "--overwrite"], "an input is never overwritten"),
+    (["replay", "survey.mcap", "--ensemble", "store.zarr", "-o", "store.zarr/o.mcap", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--json", "there.json"], "--overwrite"),
+    ([*REPLAY, "-o", "o.nc", "--netcdf", "./o.nc"], "two outputs"),
+    ([*REPLAY, "-o", "absent/o.mcap"], "there is no folder absent"),
+    ([*REPLAY, "-o", "store.zarr", "--overwrite"], "is a folder"),
+    ([*REPLAY, "-o", "o.mcap", "--truth-radius", "0"], "--truth-radius"),
+    ([*REPLAY, "-o", "o.mcap", "--truth-radius", "nan"], "--truth-radius"),
+    ([*REPLAY, "-o", "o.mcap", "--goal", "nan,0,0"], "--goal"),
+    ([*REPLAY, "-o", "o.mcap", "--start", "yesterday"], "'logs.start': 'yesterday' is no time"),
+    ([*REPLAY, "-o", "o.mcap", "--modes", "some"], "estimator.modes"),
+    (["info", "survey.mcap", "--json", "survey.mcap", "--overwrite"], "an input is never overwritten"),
+    (["info", "survey.mcap", "--json", "there.json"], "--overwrite"),
+    (["convert", "survey.mcap", "-o", "o.mcap", "--json", "survey.mcap", "--overwrite"], "an input is never overwritten"),
+    (["convert", "survey.mcap", "-o", "o.mcap", "--json", "o.mcap"], "two outputs"),
+    (["twin", "--truth", "truth.nc", "-o", "truth.nc", "--overwrite"], "an input is never overwritten"),
+    (["synthesize", "--ensemble", "e.nc", "--truth", "e.nc"], "two outputs"),
+    (["synthesize", "--ensemble", "e.nc", "--truth", "there.json"], "--overwrite"),
+    (
+        ["experiment", "accuracy", "--ensemble", "ensemble.nc", "--leave-out", "0", "--json", "ensemble.nc", "--overwrite"],
+        "an input is",
+    ),
+    (["experiment", "accuracy", "--ensemble", "ensemble.nc", "--leave-out", "0", "--json", "there.json"], "--overwrite"),
+]
+# one process for all of them, as its start takes longer than they do
+ALL = """
+import contextlib, io, json, sys
+from replay_kit.cli import main
+for arguments in json.load(sys.stdin):
+    sys.argv[1:], said = arguments, io.StringIO()
+    with contextlib.redirect_stderr(said):
+        try:
+            main()
+        except SystemExit as end:
+            print(json.dumps([end.code, said.getvalue()]))
+"""
+
+
+@pytest.fixture(scope="module")
+def refusals(ocean):
+    """Return what each case of REFUSED ended with, and the folder's files and their times before and after."""
+    before = {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
+    given = json.dumps([arguments for arguments, _ in REFUSED])
+    done = subprocess.run([sys.executable, "-c", ALL], input=given, cwd=ocean, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()], before, {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
+
+
+@pytest.mark.parametrize("k", range(len(REFUSED)), ids=[" ".join(arguments) for arguments, _ in REFUSED])
+def test_wrong_paths_and_options_are_refused_with_exit_2(refusals, k):
+    code, said = refusals[0][k]
+    assert code == 2
+    assert REFUSED[k][1] in said
+
+
+def test_a_refusal_touches_no_file(refusals):
+    answers, before, after = refusals
+    assert len(answers) == len(REFUSED)
+    assert before == after
+
+
+def test_a_refused_path_is_exit_2_of_the_process_and_no_traceback(ocean):
+    done = cli(ocean, *REFUSED[0][0])
+    assert done.returncode == 2
+    assert done.stderr.startswith("replay-kit: survey.mcap: is an input of this run")
+
+
+def test_links_and_part_files_of_inputs_are_inputs_too(tmp_path):
+    (tmp_path / "log.mcap").write_text("x")
+    (tmp_path / "link.mcap").symlink_to(tmp_path / "log.mcap")
+    (tmp_path / "hard.mcap").hardlink_to(tmp_path / "log.mcap")
+    for name in ("link.mcap", "hard.mcap"):
+        with pytest.raises(ConfigError, match="never overwritten"):
+            check_paths([tmp_path / "log.mcap"], [tmp_path / name], overwrite=True)
+    with pytest.raises(ConfigError, match="never overwritten"):
+        check_paths([tmp_path / "o.mcap.part"], [tmp_path / "o.mcap"], overwrite=True)
+    with pytest.raises(ConfigError, match="two outputs"):
+        check_paths([], [tmp_path / "o.nc", tmp_path / "o.nc.part"], overwrite=True)
+    check_paths([tmp_path / "log.mcap", None], [tmp_path / "new.mcap", None, Path("-"), Path("-")], overwrite=False)
+
+
+def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
+    for arguments, code, said in (
+        (["twin", "--nope"], 2, "No such option"),
+        (["twin", "--truth", "t.nc", "-o", "x.mcap", "--pings", "0"], 2, "--pings"),
+        (["info", "absent.mcap"], 3, "no such file"),
+        ([], 2, ""),
+    ):
+        done = cli(tmp_path, *arguments)
+        assert done.returncode == code, done.stderr
+        assert said in done.stderr
+        assert "Traceback" not in done.stderr
+    assert cli(tmp_path, "--version").stdout.startswith("replay-kit ")
+
+
+def test_help_keeps_units(tmp_path):
+    twin, replay = cli(tmp_path, "twin", "--help"), cli(tmp_path, "replay", "--help")
+    assert twin.returncode == replay.returncode == 0
+    for said in ("[m/s]", "[m]", "[degrees]"):
+        assert said in twin.stdout
+    for said in ("[degrees, degrees, m]", "[km]", "--level-step"):
+        assert said in replay.stdout
+
+
+def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path):
+    code = "import replay_kit.cli as c\ndef bad(*a, **k): raise OSError(28, 'No space left on device')\nc.write_ensemble = bad\nc.main()"
+    command = [sys.executable, "-c", code, "synthesize", "--ensemble", "e.nc", "--truth", "t.nc"]
+    done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "replay-kit: [Errno 28] No space left on device\n"
+
+
+def test_json_replaces_whole_files_only_when_asked_and_goes_to_pipes(ocean, tmp_path):
+    log, answer = str(ocean / "survey.mcap"), tmp_path / "i.json"
+    answer.write_text("old")
+    assert cli(tmp_path, "info", log, "--json", "i.json", "--overwrite").returncode == 0
+    assert json.loads(answer.read_text())["logs"][0]["profiles"] == 20
+    assert [path.name for path in tmp_path.iterdir()] == ["i.json"]
+    assert json.loads(cli(tmp_path, "info", log, "--json", "-").stdout)["logs"][0]["profiles"] == 20
+    piped = cli(tmp_path, "info", log, "--json", "/dev/stderr")
+    assert json.loads(piped.stderr)["logs"][0]["profiles"] == 20
+
+
+def interrupted(folder, arguments, ready):
+    """Return the process that Ctrl-C ended, once it was seen at work."""
+    # a shell that starts a job in the background has it ignore Ctrl-C; the test must not inherit that
+    restore = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.default_int_handler)}
+    process = subprocess.Popen([*COMMAND, *arguments], cwd=folder, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, **restore)
+    deadline = time.monotonic() + 60.0
+    while not ready() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert process.poll() is None, "ended before it could be interrupted"
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    return process.returncode, said
+
+
+def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
+    part = tmp_path / "out.mcap.part"
+    inputs = [str(ocean / "long.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--config", str(ocean / "run.toml")]
+    code, said = interrupted(tmp_path, ["replay", *inputs, "-o", "out.mcap"], lambda: part.exists() and part.stat().st_size > 0)
+    assert code == 130
+    assert said == "replay-kit: interrupted; what was written so far is in out.mcap.part\n"
+    assert part.exists()
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_ctrl_c_elsewhere_names_no_part(tmp_path):
+    code = "import signal, os, replay_kit.cli as c\ndef stop(*a, **k): os.kill(os.getpid(), signal.SIGINT)\nc.write_ensemble = stop\n"
+    code += "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
+    command = [sys.executable, "-c", code, "synthesize", "--ensemble", "e.nc", "--truth", "t.nc"]
+    done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "replay-kit: interrupted\n")
+
+
+def test_a_reader_that_leaves_early_is_no_traceback(ocean):
+    line = f"{sys.executable} -c 'from replay_kit.cli import main; main()' info {ocean / 'survey.mcap'} | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", line], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == ""
+
+
+def test_the_box_of_a_track_across_the_antimeridian_is_narrow(tmp_path):
+    places = [(179.5, -20.0), (-179.75, -20.5), (179.25, -19.5)]
+    messages = [
+        Message(k * 10**9, "/vehicle/fix", "foxglove.LocationFix", {"longitude": lon, "latitude": lat}, 0, k)
+        for k, (lon, lat) in enumerate(places)
+    ]
+    write_mcap_log(tmp_path / "log.mcap", messages)
+    found = inspect_log(tmp_path / "log.mcap", RunConfig())
+    assert found.positions == 3
+    np.testing.assert_allclose(found.box, (179.25, -20.5, 180.25, -19.5), rtol=0, atol=1e-12)
+    assert found.depths is None
