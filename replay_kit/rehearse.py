@@ -9,6 +9,7 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config import RunConfig
+from replay_kit.errors import ConfigError
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.job import ReplayJob, look_ahead, open_readers
@@ -60,6 +61,8 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = 3) -> Rehearsal:
     Raises:
         ReplayKitError: As the replay itself would, for logs and ensembles that cannot be used.
     """
+    if config.estimator.name != "reduced_basis":
+        raise ConfigError(f"--dry-run describes the reduced basis, not {config.estimator.name}; leave one of the two out")
     with threadpool_limits(limits=config.output.threads):
         place_at, near_ns = look_ahead(job.logs, config)
         ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)

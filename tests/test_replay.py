@@ -374,3 +374,9 @@ def test_nothing_is_claimed_to_be_known_outside_the_region(ocean):
     assert np.isnan(flow.standard_error(5e5, 0.0, 100.0)).all()
     assert np.isnan(flow.standard_error(0.0, 0.0, 5000.0)).all()
     assert np.isfinite(flow.standard_error(0.0, 0.0, 100.0)).all()
+
+
+def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
+    arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--dry-run", "--estimator", "etkf"]
+    done = CliRunner().invoke(cli.app, [*arguments, "-o", str(tmp_path / "o.mcap")])
+    assert isinstance(done.exception, ConfigError)
