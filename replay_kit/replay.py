@@ -4,9 +4,7 @@ The loop is driven by the messages' own times; nothing depends on the wall clock
 bytes. Wall times go to the summary only.
 """
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,23 +26,8 @@ from replay_kit.provenance import run_metadata, run_settings_toml
 from replay_kit.report import ReplaySummary, TruthScore
 from replay_kit.results import ResultWriter
 from replay_kit.scoring import score_against_truth
-from replay_kit.tally import Tally
+from replay_kit.tally import Stopwatch, Tally
 from replay_kit.types import Array, Ensemble, LogReader, Message, Observation, Place, Plan, VehicleState
-
-
-@dataclass(slots=True)
-class _Clock:
-    """Wall time spent in each stage."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        began = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
 
 
 @dataclass(slots=True)
@@ -58,7 +41,7 @@ class _Run:
     job: ReplayJob
     config: RunConfig
     levels: Array
-    clock: _Clock
+    clock: Stopwatch
     tally: Tally
     state: Any
     dive_start: Any
@@ -98,7 +81,7 @@ def replay(
 def _replay(
     job: ReplayJob, config: RunConfig, planner: Planner | None, on_message: Callable[[int], None] | None
 ) -> tuple[ReplaySummary, FlowEstimate]:
-    clock, tally = _Clock(), Tally()
+    clock, tally = Stopwatch(), Tally()
     place_at, near_ns = look_ahead(job.logs, config)
     if near_ns is not None and config.logs.start_ns is not None:
         near_ns = max(near_ns, config.logs.start_ns)

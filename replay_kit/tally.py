@@ -1,7 +1,9 @@
-"""Counting what a replay met: messages, profiles, innovations, dives."""
+"""Counting what a replay met, and the time it took: messages, profiles, innovations, dives, stages."""
 
+import time
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +46,26 @@ class _Sums:
     @property
     def nis_per_dof(self) -> float:
         return self.nis / self.dof if self.dof else float("nan")
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """Wall time spent in each stage.
+
+    Attributes:
+        seconds: By stage.
+    """
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time that a block takes to a stage."""
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
 
 
 @dataclass(slots=True)

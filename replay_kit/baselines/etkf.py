@@ -14,9 +14,10 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.baselines.columns import FlowColumns
-from replay_kit.baselines.profiles import Predictions, innovation_of, unused, usable_bins
+from replay_kit.baselines.profiles import Predictions, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.filter import FilterState, ReducedBasisEstimator, build_estimator
+from replay_kit.estimator.screening import rejected
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
 
@@ -57,7 +58,7 @@ class Etkf:
         """Return the state after an observation, and the innovation."""
         bins = usable_bins(observation, self.reduced.basis.grid)
         if bins.used.size == 0:
-            return state, unused(observation, bins.flags, bins.reasons)
+            return state, rejected(observation, bins.flags, bins.reasons)
         rows, about_offset = self.reduced.rows(observation, bins.used)
         design = rows.design()
         of_member = design @ self.anomalies.T

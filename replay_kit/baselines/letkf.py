@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
-from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, scatter, unused, usable_bins
+from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.modes import cell_size, ensemble_slices
 from replay_kit.estimator.prior import gaspari_cohn
+from replay_kit.estimator.screening import rejected, scatter
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
 
@@ -69,7 +70,7 @@ class Letkf:
         """Return the state after an observation, and the innovation, predicted by the analysis at the profile's own place."""
         bins = usable_bins(observation, self.columns.grid)
         if bins.used.size == 0:
-            return state, unused(observation, bins.flags, bins.reasons)
+            return state, rejected(observation, bins.flags, bins.reasons)
         prior, anomalies = self._at_bins(bins)
         std = error_std(observation, bins.used, self.config)[:, None]
         y = (anomalies / std[..., None]).reshape(-1, anomalies.shape[-1])

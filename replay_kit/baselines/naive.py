@@ -10,11 +10,12 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
-from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, scatter, unused, usable_bins
+from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.filter import FilterState
 from replay_kit.estimator.kalman import update
 from replay_kit.estimator.modes import ensemble_slices
+from replay_kit.estimator.screening import rejected, scatter
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
 
@@ -47,7 +48,7 @@ class Naive3D:
         """Return the state after an observation, and the innovation."""
         bins = usable_bins(observation, self.modes.grid)
         if bins.used.size == 0:
-            return state, unused(observation, bins.flags, bins.reasons)
+            return state, rejected(observation, bins.flags, bins.reasons)
         design = self._design(bins)
         std = error_std(observation, bins.used, self.config)[:, None]
         before, prior = design @ state.mean, design @ self.prior_mean

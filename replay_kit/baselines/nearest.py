@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.baselines.columns import FlowColumns, certain_flow, default_kernel, embed_columns
-from replay_kit.baselines.profiles import Predictions, innovation_of, scatter, unused, usable_bins
+from replay_kit.baselines.profiles import Predictions, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.modes import ensemble_slices
+from replay_kit.estimator.screening import rejected, scatter
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
 
@@ -51,7 +52,7 @@ class NearestMember:
         """Return the state after an observation, and the innovation, which has no standard deviation."""
         bins = usable_bins(observation, self.members.grid)
         if bins.used.size == 0:
-            return state, unused(observation, bins.flags, bins.reasons)
+            return state, rejected(observation, bins.flags, bins.reasons)
         by_member = np.einsum("nz,czm->mnc", bins.depth_weights, self.members.at_place(bins.place))
         misfit = (bins.values - by_member) / observation.error_std[bins.used, None]
         after = MisfitState(state.sum_of_squares + np.sum(misfit**2, axis=(1, 2)), observation.time_ns)

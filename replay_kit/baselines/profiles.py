@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
-from replay_kit.estimator.filter import screen
+from replay_kit.estimator.screening import rejected, scatter, screen
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import DepthFunctions, depth_weights
 from replay_kit.types import Array, Flag, Grid, Innovation, Observation
@@ -51,27 +51,6 @@ def error_std(observation: Observation, used: NDArray[np.intp], config: Estimato
     return np.hypot(observation.error_std[used], config.representation_error_std or 0.0)
 
 
-def unused(observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]) -> Innovation:
-    """Return the innovation of a profile that has no usable bin."""
-    blank = np.full((observation.depth.size, 2), np.nan)
-    return Innovation(
-        time_ns=observation.time_ns,
-        depth=observation.depth,
-        innovation=blank,
-        innovation_std=blank,
-        residual=blank,
-        prior_innovation=blank,
-        nis=np.nan,
-        dof=0,
-        accepted=False,
-        error_inflation=1.0,
-        flags=flags,
-        reasons=reasons,
-        dive=observation.dive,
-        source=observation.source,
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Predictions:
     """What an estimator expected of the usable bins, each of shape (n, 2) [m/s].
@@ -103,7 +82,7 @@ def innovation_of(observation: Observation, bins: UsableBins, predictions: Predi
         return scatter(observation.depth.size, bins.used, values)
 
     return replace(
-        unused(observation, bins.flags, bins.reasons),
+        rejected(observation, bins.flags, bins.reasons),
         innovation=spread(bins.values - predictions.before),
         innovation_std=spread(predictions.innovation_std),
         residual=spread(bins.values - predictions.after),
@@ -112,10 +91,3 @@ def innovation_of(observation: Observation, bins: UsableBins, predictions: Predi
         dof=2 * bins.used.size,
         accepted=True,
     )
-
-
-def scatter(size: int, used: NDArray[np.intp], values: Array) -> Array:
-    """Return values of the usable bins among all bins, shape (size, 2); NaN for the others."""
-    out = np.full((size, 2), np.nan)
-    out[used] = values
-    return out

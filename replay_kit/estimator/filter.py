@@ -9,11 +9,12 @@ from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation, update
 from replay_kit.estimator.modes import Basis, build_basis, cell_size
 from replay_kit.estimator.prior import Prior, diagonal_prior, mixed_prior
+from replay_kit.estimator.screening import rejected, scatter, screen
 from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import inside_grid, rotate_to_local, to_local, wet_column
+from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Ensemble, Flag, Grid, Innovation, Observation, Reason
+from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation
 
 # Where the prior's taper reaches zero, in cells of the geometric mean size.
 RADIUS_IN_CELLS = 16.0
@@ -63,23 +64,7 @@ class ReducedBasisEstimator:
         """
         flags, reasons = screen(observation, self.basis.grid)
         used = np.flatnonzero(flags == Flag.GOOD)
-        blank = np.full((observation.depth.size, 2), np.nan)
-        said = Innovation(
-            time_ns=observation.time_ns,
-            depth=observation.depth,
-            innovation=blank,
-            innovation_std=blank,
-            residual=blank,
-            prior_innovation=blank,
-            nis=np.nan,
-            dof=0,
-            accepted=False,
-            error_inflation=1.0,
-            flags=flags,
-            reasons=reasons,
-            dive=observation.dive,
-            source=observation.source,
-        )
+        said = rejected(observation, flags, reasons)
         if used.size == 0:
             return state, said
         rows, values = self.rows(observation, used)
@@ -97,10 +82,10 @@ class ReducedBasisEstimator:
                 mean, cov, _, _ = update(state.mean, state.cov, scale * design, scale * compressed)
         said = replace(
             said,
-            innovation=_scatter(blank, used, innovation),
-            innovation_std=_scatter(blank, used, np.sqrt(variance)),
-            residual=_scatter(blank, used, values - rows.expand(design @ mean)),
-            prior_innovation=_scatter(blank, used, values - prior_prediction),
+            innovation=scatter(observation.depth.size, used, innovation),
+            innovation_std=scatter(observation.depth.size, used, np.sqrt(variance)),
+            residual=scatter(observation.depth.size, used, values - rows.expand(design @ mean)),
+            prior_innovation=scatter(observation.depth.size, used, values - prior_prediction),
             nis=nis + left_out,
             dof=2 * used.size,
             accepted=True,
@@ -145,32 +130,6 @@ class ReducedBasisEstimator:
         u, v = rotate_to_local(projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
         values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
         return compress_profile(weights, kernel_row @ self.basis.modes, error_std), values
-
-
-def screen(observation: Observation, grid: Grid) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Return flags and reasons of a profile's bins with the region's own checks added.
-
-    Args:
-        observation: The profile.
-        grid: The region.
-    """
-    flags, reasons = observation.flags.copy(), observation.reasons.copy()
-    east, north = to_local(grid.projection, observation.longitude, observation.latitude)
-    outside = np.full(flags.shape, not inside_grid(grid, east, north))
-    # the level nearest in depth decides whether a bin is in the forecast's water
-    level = np.argmin(np.abs(observation.depth[:, None] - grid.levels), axis=1)
-    dry = ~outside & ~wet_column(grid, float(east), float(north))[level]
-    below = observation.depth > grid.levels[-1]
-    for failed, reason in ((below, Reason.BELOW_GRID), (outside, Reason.OUTSIDE_REGION), (dry, Reason.ON_LAND)):
-        reasons[failed] |= reason
-        flags[failed & (flags == Flag.GOOD)] = Flag.FAIL
-    return flags, reasons
-
-
-def _scatter(blank: Array, used: NDArray[np.intp], values: Array) -> Array:
-    out = blank.copy()
-    out[used] = values
-    return out
 
 
 def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
