@@ -1,7 +1,7 @@
 """A flow as a CF dataset for people and programs, and as a lossless NetCDF-4 file that gives the same flow back.
 
 The CF dataset has velocities towards true east and true north. The lossless file keeps the arrays that the flow is made of,
-bit for bit; it is what ``replay-kit plan`` reads and what a result MCAP carries as the attachment ``estimate.nc``.
+bit for bit; it is what ``--save-estimate`` writes and what a result MCAP carries as the attachment ``estimate.nc``.
 """
 
 import io

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.errors import MeasurementError
@@ -69,8 +70,8 @@ def _rms_length(vectors: Array) -> float:
 
 
 def _near(east: Array, north: Array, track: Array, radius: float) -> Array:
-    squared = (east[..., None] - track[:, 0]) ** 2 + (north[..., None] - track[:, 1]) ** 2
-    return np.asarray(squared.min(axis=-1) <= radius**2)
+    distance, _ = cKDTree(track).query(np.stack([east, north], axis=-1))
+    return np.asarray(distance <= radius)
 
 
 def _ensemble_mean_at(

@@ -128,8 +128,13 @@ class Tally:
         )
 
     def notes(self, reports: Sequence[LogReport]) -> list[str]:
-        """Return what a user should know of messages that could not be decoded."""
-        return [
+        """Return what a user should know of messages that could not be decoded, or not be ordered by the clock asked for."""
+        unstamped = [
+            f"{report.path}: {report.without_stamp} messages without a stamp were ordered by their log time"
+            for report in reports
+            if report.without_stamp
+        ]
+        return unstamped + [
             f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
             for report in reports
             for topic, (count, why) in sorted(report.undecodable.items())

@@ -76,6 +76,7 @@ class LogReport:
         read: Messages met, by topic, decoded or not.
         undecodable: Topic to (count, reason) for what no decoder could read.
         losses: Damage met; empty for a sound file.
+        without_stamp: Messages ordered by their log time although the clock is ``header``, because they carry no stamp.
     """
 
     path: str
@@ -83,6 +84,7 @@ class LogReport:
     read: Mapping[str, int]
     undecodable: Mapping[str, tuple[int, str]]
     losses: tuple[Loss, ...]
+    without_stamp: int = 0
 
 
 class LogReader(Protocol):

@@ -3,6 +3,7 @@
 import os
 import struct
 from collections.abc import Generator, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -93,7 +94,7 @@ class McapReader:
 
     def report(self) -> LogReport:
         """Return what was met so far."""
-        return self._tally.report(self.path, self.format)
+        return replace(self._tally.report(self.path, self.format), without_stamp=self.without_stamp)
 
 
 class _Pass:

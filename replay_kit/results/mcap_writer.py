@@ -4,7 +4,6 @@ The file is written as ``OUT.mcap.part`` and gets its name only when it is whole
 are those of the events, never of the writing, so that the same run gives the same bytes.
 """
 
-import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -112,16 +111,15 @@ class ResultWriter:
         self._log_own("/flow/innovation", "Innovation", messages.innovation(value), value.time_ns)
         self._accepted += bool(value.accepted)
 
-    def estimate(self, time_ns: int, weights: Array, levels: Array, rms_speed: float = math.nan) -> None:
+    def estimate(self, time_ns: int, weights: Array, levels: Array) -> None:
         """Write the current weights to ``/flow/estimate``, with the number of accepted innovations written before.
 
         Args:
             time_ns: [ns, UTC].
             weights: shape (rZ,), of r modes a level, level after level.
             levels: shape (Z,) [m], positive down.
-            rms_speed: Root mean square speed of the flow at its wet grid points [m/s]; NaN when not computed.
         """
-        data = messages.flow_estimate(time_ns, weights, levels, rms_speed, self._accepted)
+        data = messages.flow_estimate(time_ns, weights, levels, self._accepted)
         self._log_own("/flow/estimate", "FlowEstimate", data, time_ns)
 
     def grids(self, time_ns: int, flow: FlowEstimate, depths: Sequence[float]) -> None:

@@ -96,7 +96,7 @@ def innovation(value: Innovation) -> bytes:
     return encode("Innovation", values)
 
 
-def flow_estimate(time_ns: int, weights: Array, levels: Array, rms_speed: float, n_observations: int) -> bytes:
+def flow_estimate(time_ns: int, weights: Array, levels: Array, n_observations: int) -> bytes:
     """Return ``replay_kit.FlowEstimate``; arguments as in ``ResultWriter.estimate``."""
     return encode(
         "FlowEstimate",
@@ -105,7 +105,6 @@ def flow_estimate(time_ns: int, weights: Array, levels: Array, rms_speed: float,
             "n_modes": weights.size // levels.size,
             "levels": levels,
             "weights": weights,
-            "rms_speed": rms_speed,
             "n_observations": n_observations,
         },
     )

@@ -46,7 +46,6 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         Field("n_modes", "uint32"),
         Field("levels", "double", repeated=True),
         Field("weights", "double", repeated=True),
-        Field("rms_speed", "double"),
         Field("n_observations", "uint32"),
     ),
     "Innovation": (

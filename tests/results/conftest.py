@@ -124,7 +124,7 @@ def run(flow: FlowEstimate, state: VehicleState, innovation: Innovation, plan: P
             for step in range(300):
                 writer.fix(replace(state, time_ns=state.time_ns + step))
                 writer.innovation(replace(innovation, time_ns=innovation.time_ns + step))
-                writer.estimate(innovation.time_ns + step, weights, flow.levels, 0.25)
+                writer.estimate(innovation.time_ns + step, weights, flow.levels)
             writer.grids(plan.start_time_ns, flow, DEPTHS)
             writer.plan(plan, flow.grid.projection)
             writer.finish(flow)
