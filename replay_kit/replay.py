@@ -245,7 +245,10 @@ def _conclude(
     run.tally.require_usable(reports, ensemble.grid, run.vehicle)
     flow = run.estimator.flow(run.state)
     _plan(run, run.last_ns, flow)
-    notes = [*ensemble.notes, *run.tally.notes(reports)]
+    kernel = flow.kernel
+    lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
+    basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
+    notes = [*ensemble.notes, *run.tally.notes(reports), basis]
     if run.job.goal is None:
         notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
     if run.writer is not None:
