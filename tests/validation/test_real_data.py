@@ -1,0 +1,45 @@
+"""Whole replays on real data, where it lies beside the project.
+
+| case | asserted | why this bound |
+|---|---|---|
+| five Seaglider dives, foreign climatology | dives before tell more than the ensemble | the least to ask of an estimator |
+| North Atlantic, 50 pings, 300 modes, seeds 0 to 2 | mean relative error at most 0.33 | the release's stated figure; 0.320 measured |
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit.config import RunConfig, load_config
+from replay_kit.convert import convert
+from replay_kit.forecast import read_truth
+from replay_kit.job import ReplayJob
+from replay_kit.replay import replay
+from replay_kit.twin import make_twin
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
+
+
+def test_each_dive_is_predicted_better_from_the_dives_before_than_by_the_ensemble_alone(tmp_path):
+    log = tmp_path / "dives.mcap"
+    convert(sorted((DATA / "seaglider").glob("p17101*.nc")), log, False, RunConfig().logs)
+    config = load_config(None, {"forecast": {"place": True}})
+    summary, _ = replay(ReplayJob((log,), DATA / "qg" / "climatology.nc"), config)
+    assert [row.dive for row in summary.by_dive] == [100, 101, 102, 103, 104]
+    for row in summary.by_dive[1:]:
+        assert row.rms_predicted < row.rms_prior
+
+
+def test_fifty_pings_tell_the_north_atlantic_truth(tmp_path):
+    folder = DATA / "natl_nemo"
+    truth = read_truth(str(folder / "truth.nc"), RunConfig().forecast)
+    errors = []
+    for seed in range(3):
+        log = tmp_path / f"survey{seed}.mcap"
+        make_twin(truth, "vessel", 50, 0.09, seed, log)
+        summary, _ = replay(ReplayJob((log,), folder / "ensemble.nc", truth=str(folder / "truth.nc")), RunConfig())
+        assert summary.truth is not None
+        errors.append(summary.truth.rel_error)
+    assert np.mean(errors) <= 0.33
