@@ -1,6 +1,7 @@
 """An estimate against a known truth, at the truth's wet grid points."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,29 @@ from replay_kit.estimator import embed_member
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
 from replay_kit.report import TruthScore
-from replay_kit.types import Array, Ensemble
+from replay_kit.types import Array, Ensemble, Grid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredPoints:
+    """The truth's wet grid points inside a region and its levels.
+
+    Attributes:
+        points: shape (P, 2) [m], local east and north of the region's frame.
+        depth: shape (P,) [m].
+        velocity: shape (P, 2) [m/s], the truth there, along the region's axes.
+        index: Three of shape (P,), the points' positions in the truth's grid: level, row, column.
+    """
+
+    points: Array
+    depth: Array
+    velocity: Array
+    index: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
+
+    @property
+    def place(self) -> tuple[Array, Array, Array]:
+        """East, north and depth [m], as a flow asks for them."""
+        return self.points[:, 0], self.points[:, 1], self.depth
 
 
 def score_against_truth(
@@ -39,52 +62,51 @@ def score_against_truth(
     Raises:
         MeasurementError: No grid point of the truth is left to score.
     """
-    grid = truth.grid
-    east, north = to_local(flow.grid.projection, grid.longitude, grid.latitude)
-    deep = (grid.levels >= ensemble.grid.levels[0] - 1e-6) & (grid.levels <= ensemble.grid.levels[-1] + 1e-6)
-    scored = grid.wet & deep[:, None, None] & inside_grid(flow.grid, east, north)
-    if radius_km is not None:
-        scored &= _near(east, north, np.column_stack(to_local(flow.grid.projection, *np.array(positions).T)), 1e3 * radius_km)
-    if not scored.any():
-        raise MeasurementError(
-            f"{truth.source}: no grid point of the truth lies in the ensemble's region and levels; is it of another place?"
-        )
-    z, j, i = np.nonzero(scored)
-    points = east[j, i], north[j, i], grid.levels[z]
-    true = _in_frame(truth, flow)[:, z, j, i].T
-    mean = _ensemble_mean_at(ensemble, truth, flow, config, points, (z, j, i))
-    rmse, speed = _rms_length(flow.velocity(*points) - true), _rms_length(true)
-    score = TruthScore(rmse, rmse / speed, _rms_length(mean - true), int(z.size), float("nan"), float("nan"))
+    near = None if radius_km is None else (np.array(positions), 1e3 * radius_km)
+    at = scored_points(flow.grid, truth, near)
+    mean = _ensemble_mean_at(ensemble, truth, config, at)
+    rmse, speed = rms_length(flow.velocity(*at.place) - at.velocity), rms_length(at.velocity)
+    score = TruthScore(rmse, rmse / speed, rms_length(mean - at.velocity), int(at.depth.size), float("nan"), float("nan"))
     return score, embed_member(truth, 0, config)
 
 
-def _in_frame(truth: Ensemble, flow: FlowEstimate) -> Array:
-    """Return the truth's velocities along the flow's axes, shape (2, Z, J, I); the two may have other centres."""
-    grid = truth.grid
-    u, v = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, truth.velocity[0, 0], truth.velocity[0, 1])
-    return np.stack(rotate_to_local(flow.grid.projection, grid.longitude, grid.latitude, u, v))
+def scored_points(grid: Grid, truth: Ensemble, near: tuple[Array, float] | None = None) -> ScoredPoints:
+    """Return where a truth is compared with an estimate on a grid, and the truth there along the grid's axes.
+
+    Args:
+        grid: The estimate's.
+        truth: An ensemble of one; its frame may have another centre, and its vectors are turned.
+        near: Longitudes and latitudes, shape (n, 2), and a radius [m]: only points this near to one of them; None for all.
+
+    Raises:
+        MeasurementError: No wet point of the truth is left.
+    """
+    east, north = to_local(grid.projection, truth.grid.longitude, truth.grid.latitude)
+    levels = truth.grid.levels
+    deep = (levels >= grid.levels[0] - 1e-6) & (levels <= grid.levels[-1] + 1e-6)
+    scored = truth.grid.wet & deep[:, None, None] & inside_grid(grid, east, north)
+    if near is not None:
+        positions, radius = near
+        distance, _ = cKDTree(np.column_stack(to_local(grid.projection, *positions.T))).query(np.stack([east, north], axis=-1))
+        scored &= distance <= radius
+    z, j, i = np.nonzero(scored)
+    if z.size == 0:
+        raise MeasurementError(f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; of another place?")
+    u, v = truth.velocity[0][:, z, j, i]
+    at = truth.grid.longitude[j, i], truth.grid.latitude[j, i]
+    turned = rotate_to_local(grid.projection, *at, *rotate_to_geographic(truth.grid.projection, *at, u, v))
+    return ScoredPoints(np.column_stack([east[j, i], north[j, i]]), levels[z], np.column_stack(turned), (z, j, i))
 
 
-def _rms_length(vectors: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+def rms_length(vectors: Array) -> float:
+    """Return the root mean square length of vectors, shape (P, 2)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))
 
 
-def _near(east: Array, north: Array, track: Array, radius: float) -> Array:
-    distance, _ = cKDTree(track).query(np.stack([east, north], axis=-1))
-    return np.asarray(distance <= radius)
-
-
-def _ensemble_mean_at(
-    ensemble: Ensemble,
-    truth: Ensemble,
-    flow: FlowEstimate,
-    config: EstimatorConfig,
-    points: tuple[Array, Array, Array],
-    at: tuple[NDArray[np.intp], ...],
-) -> Array:
+def _ensemble_mean_at(ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig, at: ScoredPoints) -> Array:
     """Return the ensemble's mean at scored points: as it is where the grids agree, else through its embedding."""
     same = ensemble.grid.wet.shape == truth.grid.wet.shape and np.allclose(ensemble.grid.levels, truth.grid.levels)
     if same and np.allclose(ensemble.grid.longitude, truth.grid.longitude) and np.allclose(ensemble.grid.latitude, truth.grid.latitude):
-        return np.asarray(ensemble.velocity.mean(axis=0)[:, at[0], at[1], at[2]].T)
+        return np.asarray(ensemble.velocity.mean(axis=0)[:, *at.index].T)
     mean = Ensemble(ensemble.grid, ensemble.velocity.mean(axis=0, keepdims=True), ensemble.time_ns, ensemble.source)
-    return embed_member(mean, 0, config).velocity(*points)
+    return embed_member(mean, 0, config).velocity(*at.place)

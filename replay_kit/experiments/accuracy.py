@@ -23,8 +23,9 @@ from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.estimator.modes import LENGTH_IN_CELLS, cell_size
 from replay_kit.experiments.bound import bound
 from replay_kit.experiments.pings import random_observations
-from replay_kit.experiments.scores import Score, ScoredPoints, score, scored_points
+from replay_kit.experiments.scores import Score, score
 from replay_kit.experiments.truths import Case, cases
+from replay_kit.scoring import ScoredPoints, scored_points
 from replay_kit.twin.field import build_field
 from replay_kit.types import Ensemble, Observation
 

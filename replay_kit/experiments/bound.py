@@ -10,8 +10,8 @@ from replay_kit.baselines.naive import Naive3D
 from replay_kit.baselines.nearest import NearestMember
 from replay_kit.estimator.filter import ReducedBasisEstimator
 from replay_kit.estimator.modes import Basis
-from replay_kit.experiments.scores import ScoredPoints, rms_length
 from replay_kit.kernels.horizontal import velocity_kernel
+from replay_kit.scoring import ScoredPoints, rms_length
 from replay_kit.types import Array
 
 

@@ -5,30 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from replay_kit.errors import MeasurementError
 from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import inside_grid, to_local
-from replay_kit.types import Array, Ensemble, Grid
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScoredPoints:
-    """The truth's wet grid points inside a region and its levels.
-
-    Attributes:
-        points: shape (P, 2) [m], local east and north of the region's frame.
-        depth: shape (P,) [m].
-        velocity: shape (P, 2) [m/s], the truth there.
-    """
-
-    points: Array
-    depth: Array
-    velocity: Array
-
-    @property
-    def place(self) -> tuple[Array, Array, Array]:
-        """East, north and depth [m], as a flow asks for them."""
-        return self.points[:, 0], self.points[:, 1], self.depth
+from replay_kit.scoring import ScoredPoints, rms_length
+from replay_kit.types import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,21 +29,6 @@ class Score:
     crps: float
 
 
-def scored_points(grid: Grid, truth: Ensemble) -> ScoredPoints:
-    """Return where a truth is compared with an estimate on a grid.
-
-    Raises:
-        MeasurementError: No wet point of the truth lies in the grid's region and levels.
-    """
-    east, north = to_local(grid.projection, truth.grid.longitude, truth.grid.latitude)
-    levels = truth.grid.levels
-    deep = (levels >= grid.levels[0] - 1e-6) & (levels <= grid.levels[-1] + 1e-6)
-    z, j, i = np.nonzero(truth.grid.wet & deep[:, None, None] & inside_grid(grid, east, north))
-    if z.size == 0:
-        raise MeasurementError(f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; of another place?")
-    return ScoredPoints(np.column_stack([east[j, i], north[j, i]]), levels[z], truth.velocity[0][:, z, j, i].T)
-
-
 def score(flow: FlowEstimate, at: ScoredPoints) -> Score:
     """Return the scores of an estimate."""
     error = flow.velocity(*at.place) - at.velocity
@@ -74,11 +38,6 @@ def score(flow: FlowEstimate, at: ScoredPoints) -> Score:
         return Score(rmse, relative, np.nan, np.nan, float(np.mean(np.abs(error))))
     std = flow.standard_error(*at.place)
     return Score(rmse, relative, coverage(error, std, 0.5), coverage(error, std, 0.9), float(np.mean(crps_gaussian(error, std))))
-
-
-def rms_length(vectors: Array) -> float:
-    """Return the root mean square length of vectors, shape (P, 2)."""
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))
 
 
 def coverage(error: Array, std: Array, share: float) -> float:

@@ -11,8 +11,8 @@ from replay_kit.experiments import METHODS, AccuracyJob, run_accuracy, to_json
 from replay_kit.experiments.accuracy import build_method
 from replay_kit.experiments.bound import bound
 from replay_kit.experiments.pings import IDEAL_ERROR_STD, random_observations
-from replay_kit.experiments.scores import scored_points
 from replay_kit.experiments.truths import cases, leave_out, most_distant
+from replay_kit.scoring import scored_points
 from replay_kit.twin.field import build_field
 from replay_kit.types import Ensemble
 from tests import synthetic
