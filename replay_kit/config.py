@@ -114,11 +114,15 @@ class EstimatorConfig(_Section):
     length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default 1.16 cells, paper 10 km")
     length_vertical: float = Field(default=100.0, gt=0.0, description="m; paper only")
     nugget: float = Field(default=1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
-    prior_shares: tuple[float, float, float] = Field(
-        default=(1 / 3, 1 / 3, 1 / 3),
-        description="of the sample covariance, one by mode, and the localised one, in the prior; default only",
+    sample_share: float = Field(
+        default=2 / 3, ge=0.0, le=1.0, description="of the sample covariance in the prior; the localised one has the rest; default only"
     )
-    localisation_radius: float | None = Field(default=None, gt=0.0, description="m, where the taper ends; default 16 cells")
+    shift_distance: float | None = Field(
+        default=None, ge=0.0, description="m, of the members' shifted copies, 0 for none; default one correlation length; default only"
+    )
+    localisation_radius: float | None = Field(
+        default=None, gt=0.0, description="m, where the taper ends; default 6.5 correlation lengths; default only"
+    )
     representation_error_std: float | None = Field(default=None, ge=0.0, description="m/s; None: from what the truncated basis leaves out")
     paper_error_std: float = Field(default=0.12, gt=0.0, description="m/s; error of every bin under the paper preset")
 

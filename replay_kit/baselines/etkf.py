@@ -83,7 +83,7 @@ class Etkf:
     def misfit(self, state: TransformState, observation: Observation) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         mean = self.reduced.prior.mean + self.anomalies.T @ state.mean
-        return self.reduced.misfit(FilterState(mean, self.reduced.prior.cov, state.time_ns), observation)
+        return self.reduced.misfit(FilterState(mean, self.reduced.prior.dense(), state.time_ns), observation)
 
     def flow(self, state: TransformState) -> FlowEstimate:
         """Return the current estimate that a state stands for."""
@@ -114,7 +114,7 @@ def transform_update(mean: Array, transform: Array, spread: Array, innovation: A
 
 def build_etkf(ensemble: Ensemble, config: EstimatorConfig) -> Etkf:
     """Return the ensemble transform filter of an ensemble, in the default preset's basis and error model."""
-    reduced = build_estimator(ensemble, config.model_copy(update={"preset": "default", "prior_shares": (1.0, 0.0, 0.0)}))
+    reduced = build_estimator(ensemble, config.model_copy(update={"preset": "default", "sample_share": 1.0, "shift_distance": 0.0}))
     weights = reduced.basis.member_weights
     stacked = weights.reshape(weights.shape[0], -1)
     return Etkf(reduced, (stacked - stacked.mean(axis=0)) / np.sqrt(weights.shape[0] - 1.0))

@@ -16,7 +16,7 @@ from replay_kit.baselines.columns import HATS
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.filter import ReducedBasisEstimator
 from replay_kit.estimator.modes import Basis, cell_size, ensemble_slices
-from replay_kit.estimator.prior import Prior
+from replay_kit.estimator.prior import HybridPrior
 from replay_kit.kernels.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.types import Array, Ensemble
 
@@ -41,6 +41,7 @@ def build_gp(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimat
     left_out = 1.0 - np.cumsum(values) / values.sum()
     n_modes = min(int(np.argmax(left_out < _LEFT_OUT)) + 1, config.modes or values.size)
     n_levels = grid.levels.size
+    no_members = np.empty((0, n_levels, n_modes))
     basis = Basis(
         grid=grid,
         kernel=kernel,
@@ -48,10 +49,11 @@ def build_gp(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimat
         offset=np.zeros((values.size, n_levels)),
         modes=vectors[:, :n_modes] / np.sqrt(values[:n_modes]),
         singular_values=np.sqrt(values),
-        member_weights=np.empty((0, n_levels, n_modes)),
+        member_weights=no_members,
         truncation_std=np.sqrt(max(left_out[n_modes - 1], 0.0) * np.diag(depth_cov)),
     )
-    prior = Prior(np.zeros(n_levels * n_modes), np.asarray(np.kron(depth_cov, np.eye(n_modes)), dtype=np.float64))
+    strength, functions = np.linalg.eigh(depth_cov)
+    prior = HybridPrior(np.zeros(n_levels * n_modes), no_members, functions.T, strength[:, None, None] * np.eye(n_modes))
     representation = basis.truncation_std
     if config.representation_error_std is not None:
         representation = np.full_like(representation, config.representation_error_std)

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation, update
-from replay_kit.estimator.modes import Basis, build_basis, cell_size
-from replay_kit.estimator.prior import Prior, diagonal_prior, mixed_prior
+from replay_kit.estimator.modes import Basis, build_basis, correlation_length
+from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
 from replay_kit.estimator.screening import rejected, scatter, screen
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import rotate_to_local, to_local
@@ -16,8 +16,8 @@ from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation
 
-# Where the prior's taper reaches zero, in cells of the geometric mean size.
-RADIUS_IN_CELLS = 16.0
+# Where the prior's taper reaches zero, in correlation lengths of the ensemble.
+RADIUS_IN_LENGTHS = 6.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class ReducedBasisEstimator:
 
     def initial(self) -> FilterState:
         """Return the prior as a state."""
-        return FilterState(self.prior.mean, self.prior.cov, None)
+        return FilterState(self.prior.mean, self.prior.dense(), None)
 
     def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation.
@@ -144,6 +144,8 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasis
         representation = np.full_like(representation, config.representation_error_std)
     nodes = basis.grid.nodes
     velocity_modes = velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes
-    radius = config.localisation_radius or RADIUS_IN_CELLS * float(np.sqrt(np.prod(cell_size(ensemble.grid))))
-    prior = mixed_prior(basis.member_weights, velocity_modes, nodes, config.prior_shares, radius)
+    length = correlation_length(ensemble)
+    shift = length if config.shift_distance is None else config.shift_distance
+    radius = config.localisation_radius or RADIUS_IN_LENGTHS * length
+    prior = hybrid_prior(basis.member_weights, velocity_modes, nodes, config.sample_share, shift, radius)
     return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns)

@@ -83,6 +83,26 @@ def cell_size(grid: Grid) -> tuple[float, float]:
     return sizes if i_is_east else sizes[::-1]
 
 
+def correlation_length(ensemble: Ensemble) -> float:
+    """Return the length over which the members' anomalies stay alike [m]: the standard deviation over that of the gradient.
+
+    That is the length of the correlation's parabola at no distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
+    components, levels and both directions of the grid. It is at least a cell, below which a grid tells nothing.
+    """
+    grid = ensemble.grid
+    anomalies = ensemble.velocity - ensemble.velocity.mean(axis=0)
+    variance = float(np.mean(anomalies[..., grid.wet] ** 2))
+    slopes = []
+    for axis in (0, 1):
+        spacing = np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis))
+        both_wet = np.diff(grid.wet.astype(np.int8), axis=axis + 1) == 0
+        both_wet &= np.delete(grid.wet, -1, axis=axis + 1)
+        slopes.append(np.mean((np.diff(anomalies, axis=axis + 3) / spacing)[..., both_wet] ** 2))
+    cell = float(np.sqrt(np.prod(cell_size(grid))))
+    slope = float(np.mean(slopes))
+    return max(cell, float(np.sqrt(variance / slope))) if slope > 0.0 else cell
+
+
 def embed(kernel: HorizontalKernel, nodes: Array, velocity: Array, nugget: float) -> Array:
     """Return latent velocities beta with (K + nugget max(eigenvalue) I) beta = velocity.
 

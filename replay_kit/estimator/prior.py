@@ -1,86 +1,180 @@
-"""The prior of the weights: mean and covariance over the ensemble's members."""
+"""The prior of the weights: mean and covariance over the ensemble's members, kept in the parts that it is made of."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from replay_kit.types import Array
 
 
+class Prior(Protocol):
+    """Gaussian prior of the weights, level after level, r a level."""
+
+    @property
+    def mean(self) -> Array:
+        """Mean, shape (Z r,)."""
+        ...
+
+    def times(self, weights: Array) -> Array:
+        """Return the covariance times weights, shape (Z, r), in the same shape."""
+        ...
+
+    def times_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with modes' combinations at each level, shape (Z, c, Z, r).
+
+        Args:
+            basis: shape (c, r); entry [z, c] of the answer is the covariance times a weight vector that holds ``basis[c]`` at level z.
+        """
+        ...
+
+    def dense(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Prior:
-    """Gaussian prior of the stacked weights, level after level, r a level.
+class DiagonalPrior:
+    """Independent weights, as in the paper.
 
     Attributes:
         mean: shape (Z r,).
-        cov: shape (Z r, Z r).
+        variance: shape (Z, r).
     """
 
     mean: Array
-    cov: Array
+    variance: Array
+
+    def times(self, weights: Array) -> Array:
+        """Return the covariance times weights, shape (Z, r), in the same shape."""
+        return self.variance * weights
+
+    def times_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
+        n_levels, n_modes = self.variance.shape
+        out = np.zeros((n_levels, basis.shape[0], n_levels, n_modes))
+        levels = np.arange(n_levels)
+        out[levels, :, levels, :] = self.variance[:, None, :] * basis
+        return out
+
+    def dense(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        return np.diag(self.variance.ravel())
 
 
-def diagonal_prior(member_weights: Array) -> Prior:
+@dataclass(frozen=True, slots=True, eq=False)
+class HybridPrior:
+    """A covariance of few directions, plus one that is independent between vertical functions.
+
+    Attributes:
+        mean: shape (Z r,).
+        factor: shape (F, Z, r); the first part is the sum of the rows' outer products.
+        vertical: shape (q, Z), orthonormal rows, one a vertical function.
+        horizontal: shape (q, r, r), covariance of the modes' amplitudes in each vertical function.
+    """
+
+    mean: Array
+    factor: Array
+    vertical: Array
+    horizontal: Array
+
+    def times(self, weights: Array) -> Array:
+        """Return the covariance times weights, shape (Z, r), in the same shape."""
+        rows = self.factor.reshape(self.factor.shape[0], weights.size)
+        of_factor = ((rows @ weights.ravel()) @ rows).reshape(weights.shape)
+        in_functions = np.matmul(self.horizontal, (self.vertical @ weights)[..., None])[..., 0]
+        return np.asarray(of_factor + self.vertical.T @ in_functions)
+
+    def times_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
+        n_rows, n_levels, n_modes = self.factor.shape
+        n_basis = basis.shape[0]
+        at_basis = (self.factor @ basis.T).reshape(n_rows, n_levels * n_basis)
+        of_factor = (at_basis.T @ self.factor.reshape(n_rows, n_levels * n_modes)).reshape(n_levels, n_basis, n_levels, n_modes)
+        spread = np.matmul(basis, self.horizontal).reshape(self.vertical.shape[0], basis.size)  # (q, c r)
+        pairs = np.einsum("qz,qy->zyq", self.vertical, self.vertical).reshape(n_levels**2, -1)
+        in_functions = (pairs @ spread).reshape(n_levels, n_levels, n_basis, n_modes)
+        return np.asarray(of_factor + in_functions.transpose(0, 2, 1, 3))
+
+    def dense(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        n_rows, n_levels, n_modes = self.factor.shape
+        stacked = self.factor.reshape(n_rows, n_levels * n_modes)
+        cov = stacked.T @ stacked
+        block = cov.reshape(n_levels, n_modes, n_levels, n_modes)
+        for function, of_modes in zip(self.vertical, self.horizontal, strict=True):
+            block += np.multiply.outer(np.outer(function, function), of_modes).transpose(0, 2, 1, 3)
+        return cov
+
+
+def diagonal_prior(member_weights: Array) -> DiagonalPrior:
     """Return the paper's prior: mean over members, and the variances alone.
 
     Args:
         member_weights: shape (E, Z, r).
     """
-    stacked = member_weights.reshape(member_weights.shape[0], -1)
-    return Prior(stacked.mean(axis=0), np.diag(stacked.var(axis=0, ddof=1)))
+    return DiagonalPrior(member_weights.mean(axis=0).ravel(), member_weights.var(axis=0, ddof=1))
 
 
-def mixed_prior(member_weights: Array, velocity_modes: Array, nodes: Array, shares: tuple[float, float, float], radius: float) -> Prior:
-    """Return a mix of three covariances that err in different ways (hybrid covariance, Hamill and Snyder 2000).
+def hybrid_prior(
+    member_weights: Array, velocity_modes: Array, nodes: Array, sample_share: float, shift: float, radius: float
+) -> HybridPrior:
+    """Return the prior of the members and their shifted copies: sample covariance, mixed with a localised one.
 
-    The sample covariance of E members has at most E - 1 directions and takes chance correlations between far places for real
-    ones. One Z x Z covariance for each mode has full rank, but knows no correlation between modes. The sample covariance
-    tapered with distance on the grid (Gaspari and Cohn 1999) and projected on the modes has full rank and no chance
-    correlations, but none of the true long ones either.
+    Every member counts five times, as it is and shifted by one correlation length to the four sides: what the members
+    say of the shape of eddies holds for eddies a little elsewhere (spatial averages of covariances, Berre and Desroziers 2010, Mon. Wea.
+    Rev. 138; valid-space shifting, Xu et al. 2011). The sample covariance of so many members still takes chance correlations between
+    far places for real ones, and has few directions. The localised part (hybrid covariance, Hamill and Snyder 2000) has all
+    directions and no far correlations: in each empirical orthogonal function of depth, the covariance over the grid is tapered
+    with distance (Gaspari and Cohn 1999) and projected on the modes.
 
     Args:
         member_weights: shape (E, Z, r).
         velocity_modes: shape (2N, r) [m/s for a weight of one], the modes at the nodes.
         nodes: shape (N, 2) [m], east and north.
-        shares: Of the sample covariance, the covariances by mode, the localised covariance.
+        sample_share: Of the sample covariance; the localised one has the rest. With 1 and no shift this is the plain sample covariance.
+        shift: Distance of the shifted copies [m]; 0 makes none.
         radius: Where the taper reaches zero [m].
     """
     n_members, n_levels, n_modes = member_weights.shape
-    stacked = member_weights.reshape(n_members, -1)
-    mean = stacked.mean(axis=0)
-    anomalies = (stacked - mean) / np.sqrt(n_members - 1.0)
-    by_level = anomalies.reshape(n_members, n_levels, n_modes)
-    of_sample, by_mode, localised = shares
-    cov = of_sample * (anomalies.T @ anomalies)
-    modes = np.arange(n_modes)
-    block = cov.reshape(n_levels, n_modes, n_levels, n_modes)
-    block[:, modes, :, modes] += by_mode * np.einsum("ezm,eym->mzy", by_level, by_level)
-    if localised > 0.0:
-        cov += localised * localised_cov(by_level, velocity_modes, nodes, radius)
-    return Prior(mean, cov)
+    mean = member_weights.mean(axis=0)
+    # least squares, because the kernel's nugget leaves the modes only nearly orthonormal at the nodes
+    projector = np.asarray(np.linalg.pinv(velocity_modes), dtype=np.float64)
+    anomalies = (member_weights - mean) / np.sqrt(n_members - 1.0)
+    if shift > 0.0:
+        anomalies = shifted_copies(anomalies @ velocity_modes.T, nodes, shift) @ projector.T
+    if sample_share == 1.0:
+        return HybridPrior(mean.ravel(), anomalies, np.empty((0, n_levels)), np.empty((0, n_modes, n_modes)))
+    _, vectors = np.linalg.eigh(np.einsum("ezr,eyr->zy", anomalies, anomalies))
+    vertical = vectors.T
+    taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), radius), (2, 2))
+    in_functions: Array = np.einsum("qz,ezr->qer", vertical, anomalies, optimize=True)
+    horizontal = np.stack([_localised(field, taper, projector) for field in in_functions @ velocity_modes.T])
+    return HybridPrior(mean.ravel(), np.sqrt(sample_share) * anomalies, vertical, (1.0 - sample_share) * horizontal)
 
 
-def localised_cov(anomalies: Array, velocity_modes: Array, nodes: Array, radius: float) -> Array:
-    """Return the projection of the tapered covariance on the modes, shape (Z r, Z r), level pair by level pair.
+def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
+    """Return fields and their copies shifted east, west, north and south, each over sqrt(5): shape (5 E, Z, 2N).
+
+    A copy has at each node what the field has at the node nearest to the shifted place, so at the edge it repeats the edge.
 
     Args:
-        anomalies: shape (E, Z, r), of the weights, over sqrt(E - 1).
-        velocity_modes: shape (2N, r).
+        fields: shape (E, Z, 2N).
         nodes: shape (N, 2) [m].
-        radius: [m].
+        shift: [m].
     """
-    _, n_levels, n_modes = anomalies.shape
-    taper = np.tile(gaspari_cohn(cdist(nodes, nodes), radius), (2, 2))
-    fields = np.einsum("ezr,nr->zen", anomalies, velocity_modes, optimize=True)
-    # least squares, because the kernel's nugget leaves the modes only nearly orthonormal at the nodes
-    projector = np.linalg.pinv(velocity_modes)
-    out = np.empty((n_levels, n_modes, n_levels, n_modes))
-    for z in range(n_levels):
-        for y in range(z + 1):
-            pair = projector @ (taper * (fields[z].T @ fields[y])) @ projector.T
-            out[z, :, y], out[y, :, z] = pair, pair.T
-    return out.reshape(n_levels * n_modes, n_levels * n_modes)
+    offsets = shift * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    _, source = cKDTree(nodes).query(nodes[None] + offsets[:, None])
+    both = np.concatenate([source, source + nodes.shape[0]], axis=1)
+    copies: Array = np.concatenate([fields[..., indices] for indices in both])
+    return np.asarray(copies / np.sqrt(len(offsets)))
+
+
+def _localised(fields: Array, taper: Array, projector: Array) -> Array:
+    """Return the modes' covariance, shape (r, r), of the tapered covariance of fields, shape (M, 2N)."""
+    return np.asarray(projector @ (taper * (fields.T @ fields)) @ projector.T)
 
 
 def gaspari_cohn(distance: Array, radius: float) -> Array:

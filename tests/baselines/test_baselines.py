@@ -78,13 +78,13 @@ def test_naive_equals_a_textbook_filter_on_whole_member_modes():
 
 def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
     observations, _, _ = profiles(6)
-    config = EstimatorConfig(modes=12, prior_shares=(1.0, 0.0, 0.0))
+    config = EstimatorConfig(modes=12, sample_share=1.0, shift_distance=0.0)
     textbook, estimator = build_estimator(SMALL, config), build_baseline("etkf", SMALL, config)
     expected, expected_said = run(textbook, observations)
     state, said = run(estimator, observations)
     flow, other = estimator.flow(state), textbook.flow(expected)
     np.testing.assert_allclose(flow.latent, other.latent, atol=1e-9 * np.abs(other.latent).max())
-    np.testing.assert_allclose(flow.weight_cov, other.weight_cov, atol=1e-10 * np.abs(textbook.prior.cov).max())
+    np.testing.assert_allclose(flow.weight_cov, other.weight_cov, atol=1e-10 * np.abs(textbook.prior.dense()).max())
     for ours, theirs in zip(said, expected_said, strict=True):
         assert ours.nis == pytest.approx(theirs.nis, rel=1e-9)
         for name in ("innovation", "innovation_std", "residual", "prior_innovation"):

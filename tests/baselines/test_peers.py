@@ -40,7 +40,7 @@ def uncompressed_rows(estimator, place):
 
 def test_dapper_s_etkf():
     """DAPPER transforms the members themselves; ours keeps the transform. All profiles in one batch."""
-    config = EstimatorConfig(modes=12, prior_shares=(1.0, 0.0, 0.0))
+    config = EstimatorConfig(modes=12, sample_share=1.0, shift_distance=0.0)
     observations, places, values = profiles(4)
     estimator = build_baseline("etkf", SMALL, config)
     state, _ = run(estimator, observations)
@@ -85,7 +85,7 @@ def test_filterpy_s_kalman_filter():
     estimator = build_estimator(SMALL, config)
     state, said = run(estimator, observations)
     theirs = KalmanFilter(dim_x=state.mean.size, dim_z=2 * DEPTHS.size)
-    theirs.x, theirs.P = estimator.prior.mean[:, None].copy(), estimator.prior.cov.copy()
+    theirs.x, theirs.P = estimator.prior.mean[:, None].copy(), estimator.prior.dense().copy()
     for place, value, ours in zip(places, values, said, strict=True):
         design, offset, error = uncompressed_rows(estimator, place)
         theirs.update((value.T.ravel() - offset)[:, None], R=np.diag(error**2), H=design)

