@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from replay_kit.errors import MeasurementError
-from replay_kit.experiments.scores import coverage, crps_gaussian, score
+from replay_kit.experiments.scores import score
 from replay_kit.flow import FlowEstimate
+from replay_kit.gaussian import coverage, crps_gaussian
 from replay_kit.scoring import rms_length, scored_points
 from replay_kit.types import Ensemble
 from tests import synthetic
