@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 from threadpoolctl import threadpool_limits
 
+import planners
 from replay_kit.cli_options import (
     ConfigOption,
     JsonOption,
@@ -29,6 +30,8 @@ from replay_kit.cli_options import (
 from replay_kit.config import load_config
 from replay_kit.errors import ConfigError
 from replay_kit.experiments.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
+from replay_kit.experiments.paper import FILES, PaperJob, check_folder, print_paper, run_paper, write_paper
+from replay_kit.experiments.paper import to_json as paper_json
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.job import check_paths, truth_path
 
@@ -68,6 +71,47 @@ def accuracy(
         result = run_accuracy(members, withheld, settings.estimator, job, advance)
     print_accuracy(result, console_beside(json_file))
     write_json(json_file, to_json(result))
+
+
+@experiment.command()
+def paper(
+    ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, figures and report; made if absent.")],
+    truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="The truth to tell.")] = None,
+    leave_out: Annotated[str | None, typer.Option("--leave-out", metavar="K|all|most-distant", help="Members withheld as truths.")] = None,
+    lead: LeadOption = None,
+    region: RegionOption = None,
+    levels: LevelsOption = None,
+    level_step: LevelStepOption = None,
+    modes: Annotated[
+        str | None,
+        typer.Option("--modes", metavar="N|all", help="Most basis flows a level anywhere; all: plan on the full rank, not on 300."),
+    ] = None,
+    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Starts and targets of the glides.")] = 100,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of places, noise, starts and targets.")] = 0,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Compute the study of Kong et al. (IROS 2021) on an ensemble: its tables, figures, and a report of where its method stands."""
+    if (truth is None) == (leave_out is None):
+        raise ConfigError("experiment paper: expected one of --truth and --leave-out")
+    inputs = [ensemble, truth_path(truth)]
+    check_folder(out)
+    check_paths(inputs, [*(out / name for name in FILES if out.exists()), json_file], overwrite)
+    settings = load_config(None, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
+    most = None if modes is None else settings.estimator.modes
+    job = PaperJob(leave_out=leave_out, most_modes=most, plan_modes=settings.estimator.modes, pairs=pairs, seed=seed)
+    members = read_ensemble(ensemble, settings.forecast)
+    withheld = None if truth is None else read_truth(truth, settings.forecast)
+    # made before the work, so that a folder that cannot be made is said at once
+    out.mkdir(exist_ok=True)
+    with threadpool_limits(limits=settings.output.threads), _bar() as advance:
+        tables, shown = run_paper(members, withheld, settings.estimator, job, (planners.plan, planners.fly), advance)
+        write_paper(out, tables, shown)
+    console = console_beside(json_file)
+    print_paper(tables, console)
+    console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)
+    write_json(json_file, paper_json(tables))
 
 
 @contextmanager

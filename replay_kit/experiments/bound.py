@@ -10,6 +10,7 @@ from replay_kit.baselines.naive import Naive3D
 from replay_kit.baselines.nearest import NearestMember
 from replay_kit.estimator.filter import ReducedBasisEstimator
 from replay_kit.estimator.modes import Basis
+from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.scoring import ScoredPoints, rms_length
 from replay_kit.types import Array
@@ -40,7 +41,8 @@ def _basis_bound(basis: Basis, at: ScoredPoints) -> float:
     for depth in np.unique(at.depth):
         here = at.depth == depth
         kernel = velocity_kernel(basis.kernel, at.points[here], basis.grid.nodes)
-        left.append(_residual(kernel @ basis.modes, at.velocity[here].T.ravel()).reshape(2, -1).T)
+        offset = kernel @ basis.offset @ depth_weights(basis.depth_functions, np.array([depth]), basis.grid.levels)[0]
+        left.append(_residual(kernel @ basis.modes, at.velocity[here].T.ravel() - offset).reshape(2, -1).T)
     return rms_length(np.concatenate(left))
 
 

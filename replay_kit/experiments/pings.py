@@ -1,12 +1,12 @@
-"""Simulated profiles of a truth at random places of its surface, in random order."""
+"""Simulated profiles of a truth: at random places of its surface, or at each of its grid points once."""
 
 import numpy as np
 
-from replay_kit.geodesy import to_geographic
+from replay_kit.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.twin.adcp import AdcpSettings, measure
 from replay_kit.twin.field import Field
 from replay_kit.twin.vehicle import EPOCH_NS, Pings, random_places
-from replay_kit.types import Array, Flag, Observation, Reason, Source
+from replay_kit.types import Array, Ensemble, Flag, Observation, Reason, Source
 
 # Error stated by an instrument without noise: the paper's in ideal conditions [m/s].
 IDEAL_ERROR_STD = 0.01
@@ -37,6 +37,23 @@ def random_observations(field: Field, pings: int, noise: float, seed: int) -> tu
     return tuple(
         _observation(int(t), float(x), float(y), depth, profile, error_std, k)
         for k, (t, x, y, profile) in enumerate(zip(time_ns, longitude, latitude, velocity, strict=True))
+    )
+
+
+def grid_observations(truth: Ensemble) -> tuple[Observation, ...]:
+    """Return the paper's ideal measurements: each wet grid point once, without noise, a profile for each column of grid points.
+
+    Args:
+        truth: An ensemble of one; the bins are at its levels.
+    """
+    grid = truth.grid
+    j, i = np.nonzero(grid.wet[0])
+    longitude, latitude = grid.longitude[j, i], grid.latitude[j, i]
+    u, v = truth.velocity[0][:, :, j, i]
+    velocity = np.stack(rotate_to_geographic(grid.projection, longitude, latitude, u, v), axis=-1)
+    return tuple(
+        _observation(EPOCH_NS + _INTERVAL_NS * k, float(x), float(y), grid.levels, velocity[:, k], IDEAL_ERROR_STD, k)
+        for k, (x, y) in enumerate(zip(longitude, latitude, strict=True))
     )
 
 

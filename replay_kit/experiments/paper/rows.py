@@ -1,0 +1,142 @@
+"""The rows of the study's tables: one frozen value each for the console, the CSV and the JSON."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorRow:
+    """One estimator in Table I or II; over several truths the median, with the worst beside it.
+
+    Attributes:
+        method: ``naive3d``, ``paper``, ``paper_cells``, ``default``, ``nearest`` or ``ensemble_mean``.
+        rung: Which number of modes: ``full``, ``members`` or a number; empty without a choice.
+        modes: Basis flows r a level, or whole basis flows of ``naive3d``; None without a basis.
+        elements: Numbers in the basis, the paper's "elements in H"; None without a basis.
+        rel_error: RMSE over the truth's RMS speed.
+        rmse: Root mean square length of the error vector over the truth's wet grid points [m/s].
+        bound: Least RMSE of any flow in the method's span [m/s].
+        rel_error_worst: Of the worst truth.
+        rmse_worst: Of the worst truth [m/s].
+        rel_error_by_truth: Truth by truth.
+        seconds: Wall time to build the estimator and give it all profiles [s], the mean over truths.
+        note: Why there are no figures, when there are none.
+    """
+
+    method: str
+    rung: str
+    modes: int | None
+    elements: int | None
+    rel_error: float
+    rmse: float
+    bound: float
+    rel_error_worst: float
+    rmse_worst: float
+    rel_error_by_truth: tuple[float, ...]
+    seconds: float
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class SparseRow:
+    """An estimate on the way through the profiles of Table II; over several truths the median, with the worst beside it.
+
+    Attributes:
+        pings: Profiles given so far.
+        method: As in ``ErrorRow``.
+        modes: Basis flows a level; None without a basis.
+        rel_error: RMSE over the truth's RMS speed.
+        rel_error_worst: Of the worst truth.
+    """
+
+    pings: int
+    method: str
+    modes: int | None
+    rel_error: float
+    rel_error_worst: float
+
+
+@dataclass(frozen=True, slots=True)
+class GlideRow:
+    """Plans made on one flow and flown in the truth (Table III).
+
+    Attributes:
+        flow: ``truth``, ``depth_averaged_truth`` or a method.
+        pairs: Starts and targets flown.
+        median: Closest approach to the target [m].
+        lower_quartile: [m].
+        upper_quartile: [m].
+        median_low: Lower end of the bootstrap 90 % interval of the median [m].
+        median_high: Its upper end [m].
+        within_250: Pairs whose target is passed within 250 m.
+        seconds: Wall time of all plans and flights [s].
+        closest_approach: Pair by pair [m].
+        note: Why there are no figures, when there are none.
+    """
+
+    flow: str
+    pairs: int
+    median: float
+    lower_quartile: float
+    upper_quartile: float
+    median_low: float
+    median_high: float
+    within_250: int
+    seconds: float
+    closest_approach: tuple[float, ...]
+    note: str
+
+
+def over_truths(rows: Sequence[Sequence[ErrorRow]]) -> tuple[ErrorRow, ...]:
+    """Return medians and worst over truths of rows that belong to one method and number of modes.
+
+    A truth for which a row failed is left out of its figures and said in its note.
+
+    Args:
+        rows: A table for each truth.
+    """
+    keys = list(dict.fromkeys((row.method, row.rung) for table in rows for row in table))
+    return tuple(_over_truths([row for table in rows for row in table if (row.method, row.rung) == key]) for key in keys)
+
+
+def _over_truths(alike: Sequence[ErrorRow]) -> ErrorRow:
+    if len(alike) == 1:
+        return alike[0]
+    sound = [row for row in alike if not row.note]
+    failed = [row.note for row in alike if row.note]
+    measured = sound or alike
+
+    def median(name: str) -> float:
+        return float(np.median([getattr(row, name) for row in measured]))
+
+    return ErrorRow(
+        method=alike[0].method,
+        rung=alike[0].rung,
+        modes=max((row.modes for row in alike if row.modes is not None), default=None),
+        elements=max((row.elements for row in alike if row.elements is not None), default=None),
+        rel_error=median("rel_error"),
+        rmse=median("rmse"),
+        bound=median("bound"),
+        rel_error_worst=max(row.rel_error_worst for row in measured),
+        rmse_worst=max(row.rmse_worst for row in measured),
+        rel_error_by_truth=tuple(value for row in alike for value in row.rel_error_by_truth),
+        seconds=float(np.mean([row.seconds for row in alike])),
+        note=f"{len(failed)} of {len(alike)} truths: {failed[0]}" if failed else "",
+    )
+
+
+def sparse_over_truths(rows: Sequence[Sequence[SparseRow]]) -> tuple[SparseRow, ...]:
+    """Return medians and worst over truths of rows that belong to one method and number of pings.
+
+    Args:
+        rows: A table for each truth.
+    """
+    keys = list(dict.fromkeys((row.pings, row.method) for table in rows for row in table))
+    out = []
+    for pings, method in keys:
+        alike = [row for table in rows for row in table if (row.pings, row.method) == (pings, method)]
+        errors = [row.rel_error for row in alike]
+        out.append(SparseRow(pings, method, alike[0].modes, float(np.median(errors)), max(row.rel_error_worst for row in alike)))
+    return tuple(out)
