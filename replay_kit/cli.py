@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from threadpoolctl import threadpool_limits
 
 import planners
 from planners.region import locate, region_of
@@ -29,6 +30,7 @@ from replay_kit.cli_options import (
     NoiseOption,
     OverwriteOption,
     RegionOption,
+    bar,
     console_beside,
     forecast_part,
     part_named,
@@ -41,8 +43,9 @@ from replay_kit.config import PlannerConfig, RunConfig, load_config
 from replay_kit.convert import convert as convert_logs
 from replay_kit.convert import convert_json, print_converted
 from replay_kit.errors import ReplayKitError
+from replay_kit.fit import fit_json, fit_prior, print_fit, write_fit
 from replay_kit.flow import FlowEstimate
-from replay_kit.forecast import read_truth
+from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.inspect import info_json, inspect_log, print_info
 from replay_kit.job import ReplayJob, check_outputs, check_paths, truth_path
 from replay_kit.rehearse import print_rehearsal, rehearsal_json, rehearse
@@ -241,6 +244,30 @@ def convert(
     print_converted(summary, console_beside(json_file))
     write_json(json_file, convert_json(summary))
     raise typer.Exit(4 if summary.losses or summary.late else 0)
+
+
+@app.command()
+def fit(
+    ensemble: Annotated[Path, typer.Argument(metavar="ENSEMBLE", help="Ensemble forecast.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="TOML", help="Settings for --config.")],
+    left_out: Annotated[int, typer.Option("--left-out", min=1, help="Members left out in turn.")] = 12,
+    lead: LeadOption = None,
+    region: RegionOption = None,
+    levels: LevelsOption = None,
+    level_step: LevelStepOption = None,
+    modes: ModesOption = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Fit the prior to an ensemble by leaving members out, and say what was chosen."""
+    check_paths([ensemble], [out, json_file], overwrite)
+    settings = load_config(None, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
+    members = read_ensemble(ensemble, settings.forecast)
+    with threadpool_limits(limits=settings.output.threads), bar() as advance:
+        fitted = fit_prior(members, settings.estimator, left_out, advance)
+    write_fit(fitted, out)
+    print_fit(fitted, console_beside(json_file))
+    write_json(json_file, fit_json(fitted))
 
 
 @app.command()

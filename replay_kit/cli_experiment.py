@@ -1,14 +1,9 @@
 """The command line's studies: how well the estimator does, and against what."""
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 from threadpoolctl import threadpool_limits
 
 import planners
@@ -22,6 +17,7 @@ from replay_kit.cli_options import (
     NoiseOption,
     OverwriteOption,
     RegionOption,
+    bar,
     console_beside,
     forecast_part,
     numbers,
@@ -67,7 +63,7 @@ def accuracy(
     job = AccuracyJob(leave_out, counts, noise, seeds, tuple(methods.split(",")))
     members = read_ensemble(ensemble, settings.forecast)
     withheld = None if truth is None else read_truth(truth, settings.forecast)
-    with threadpool_limits(limits=settings.output.threads), _bar() as advance:
+    with threadpool_limits(limits=settings.output.threads), bar() as advance:
         result = run_accuracy(members, withheld, settings.estimator, job, advance)
     print_accuracy(result, console_beside(json_file))
     write_json(json_file, to_json(result))
@@ -105,21 +101,10 @@ def paper(
     withheld = None if truth is None else read_truth(truth, settings.forecast)
     # made before the work, so that a folder that cannot be made is said at once
     out.mkdir(exist_ok=True)
-    with threadpool_limits(limits=settings.output.threads), _bar() as advance:
+    with threadpool_limits(limits=settings.output.threads), bar() as advance:
         tables, shown = run_paper(members, withheld, settings.estimator, job, (planners.plan, planners.fly), advance)
         write_paper(out, tables, shown)
     console = console_beside(json_file)
     print_paper(tables, console)
     console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)
     write_json(json_file, paper_json(tables))
-
-
-@contextmanager
-def _bar() -> Iterator[Callable[[int, int, str], None] | None]:
-    """Show a bar of work done on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)

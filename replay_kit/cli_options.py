@@ -120,6 +120,17 @@ def progress(what: str) -> Iterator[Callable[[int], None] | None]:
         yield advance
 
 
+@contextmanager
+def bar() -> Iterator[Callable[[int, int, str], None] | None]:
+    """Show a bar of work done on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with Progress(console=Console(stderr=True), transient=True) as shown:
+        task = shown.add_task("", total=None)
+        yield lambda done, total, what: shown.update(task, completed=done, total=total, description=what)
+
+
 def write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
     """Write an answer: a file appears whole or not at all, a pipe or device is written as it is."""
     if path is None:

@@ -114,8 +114,11 @@ class EstimatorConfig(_Section):
     length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default 1.16 cells, paper 10 km")
     length_vertical: float = Field(default=100.0, gt=0.0, description="m; paper only")
     nugget: float = Field(default=1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
-    sample_share: float = Field(
-        default=2 / 3, ge=0.0, le=1.0, description="of the sample covariance in the prior; the localised one has the rest; default only"
+    sample_share: float | None = Field(
+        default=None,
+        ge=0.0,
+        le=1.0,
+        description="of the sample covariance in the prior; the localised one has the rest; default: fitted by leaving members out",
     )
     shift_distance: float | None = Field(
         default=None, ge=0.0, description="m, of the members' shifted copies, 0 for none; default one correlation length; default only"

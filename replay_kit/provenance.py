@@ -8,6 +8,8 @@ from pathlib import Path
 from replay_kit import __version__
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError
+from replay_kit.estimator import ReducedBasisEstimator
+from replay_kit.estimator.prior import HybridPrior
 from replay_kit.types import Ensemble
 
 _BLOCK = 1 << 20
@@ -72,3 +74,10 @@ def _toml(value: object) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
     return repr(value)
+
+
+def prior_notes(estimator: object) -> list[str]:
+    """Say what the prior was made with, for it may have been fitted."""
+    if not isinstance(estimator, ReducedBasisEstimator) or not isinstance(estimator.prior, HybridPrior):
+        return []
+    return [f"prior: {estimator.prior.settings}"] if estimator.prior.settings else []

@@ -22,7 +22,7 @@ from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.job import Planner, ReplayJob, check_outputs, look_ahead, open_readers
 from replay_kit.logs import merge
 from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
-from replay_kit.provenance import run_metadata, run_settings_toml
+from replay_kit.provenance import prior_notes, run_metadata, run_settings_toml
 from replay_kit.report import ReplaySummary, TruthScore
 from replay_kit.results import ResultWriter
 from replay_kit.scoring import score_against_truth
@@ -248,7 +248,7 @@ def _conclude(
     kernel = flow.kernel
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    notes = [*ensemble.notes, *run.tally.notes(reports), basis]
+    notes = [*ensemble.notes, *run.tally.notes(reports), basis, *prior_notes(run.estimator)]
     if run.job.goal is None:
         notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
     if run.writer is not None:

@@ -231,6 +231,7 @@ def test_a_log_of_another_place(ocean, tmp_path):
     summary, flow = run(ocean, "survey.mcap", ensemble=tmp_path / "far.nc", config=load_config(None, {"forecast": {"place": True}}))
     assert summary.profiles_used > 0
     assert any("no forecast" in note for note in summary.notes)
+    assert any(note.startswith("prior: sample share 0.") for note in summary.notes)
     assert abs(flow.grid.longitude.mean() - 152.3) < 0.3
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.fit import Members, choose_settings
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation, update
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
@@ -15,9 +16,6 @@ from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation
-
-# Where the prior's taper reaches zero, in correlation lengths of the ensemble.
-RADIUS_IN_LENGTHS = 6.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,8 +142,6 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasis
         representation = np.full_like(representation, config.representation_error_std)
     nodes = basis.grid.nodes
     velocity_modes = velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes
-    length = correlation_length(ensemble)
-    shift = length if config.shift_distance is None else config.shift_distance
-    radius = config.localisation_radius or RADIUS_IN_LENGTHS * length
-    prior = hybrid_prior(basis.member_weights, velocity_modes, nodes, config.sample_share, shift, radius)
+    settings = choose_settings(Members(basis.member_weights, velocity_modes, nodes), correlation_length(ensemble), config)
+    prior = hybrid_prior(basis.member_weights, velocity_modes, nodes, settings)
     return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns)

@@ -35,6 +35,26 @@ class Prior(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class PriorSettings:
+    """What makes a hybrid prior of members.
+
+    Attributes:
+        sample_share: Of the sample covariance; the localised one has the rest.
+        shift: Distance of the shifted copies [m]; 0 makes none.
+        radius: Where the localised part's taper reaches zero [m].
+    """
+
+    sample_share: float
+    shift: float
+    radius: float
+
+    def __str__(self) -> str:
+        """Return the settings in words."""
+        shift, radius = self.shift / 1e3, self.radius / 1e3
+        return f"sample share {self.sample_share:.2f}, members shifted by {shift:.1f} km, taper to zero at {radius:.1f} km"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DiagonalPrior:
     """Independent weights, as in the paper.
@@ -73,12 +93,14 @@ class HybridPrior:
         factor: shape (F, Z, r); the first part is the sum of the rows' outer products.
         vertical: shape (q, Z), orthonormal rows, one a vertical function.
         horizontal: shape (q, r, r), covariance of the modes' amplitudes in each vertical function.
+        settings: What it was made with, to be told; None when it was not made of members.
     """
 
     mean: Array
     factor: Array
     vertical: Array
     horizontal: Array
+    settings: PriorSettings | None = None
 
     def times(self, weights: Array) -> Array:
         """Return the covariance times weights, shape (Z, r), in the same shape."""
@@ -118,9 +140,7 @@ def diagonal_prior(member_weights: Array) -> DiagonalPrior:
     return DiagonalPrior(member_weights.mean(axis=0).ravel(), member_weights.var(axis=0, ddof=1))
 
 
-def hybrid_prior(
-    member_weights: Array, velocity_modes: Array, nodes: Array, sample_share: float, shift: float, radius: float
-) -> HybridPrior:
+def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, settings: PriorSettings) -> HybridPrior:
     """Return the prior of the members and their shifted copies: sample covariance, mixed with a localised one.
 
     Every member counts five times, as it is and shifted by one correlation length to the four sides: what the members
@@ -134,25 +154,24 @@ def hybrid_prior(
         member_weights: shape (E, Z, r).
         velocity_modes: shape (2N, r) [m/s for a weight of one], the modes at the nodes.
         nodes: shape (N, 2) [m], east and north.
-        sample_share: Of the sample covariance; the localised one has the rest. With 1 and no shift this is the plain sample covariance.
-        shift: Distance of the shifted copies [m]; 0 makes none.
-        radius: Where the taper reaches zero [m].
+        settings: Shares and distances. A share of 1 and no shift give the plain sample covariance.
     """
+    share = settings.sample_share
     n_members, n_levels, n_modes = member_weights.shape
     mean = member_weights.mean(axis=0)
     # least squares, because the kernel's nugget leaves the modes only nearly orthonormal at the nodes
     projector = np.asarray(np.linalg.pinv(velocity_modes), dtype=np.float64)
     anomalies = (member_weights - mean) / np.sqrt(n_members - 1.0)
-    if shift > 0.0:
-        anomalies = shifted_copies(anomalies @ velocity_modes.T, nodes, shift) @ projector.T
-    if sample_share == 1.0:
-        return HybridPrior(mean.ravel(), anomalies, np.empty((0, n_levels)), np.empty((0, n_modes, n_modes)))
+    if settings.shift > 0.0:
+        anomalies = shifted_copies(anomalies @ velocity_modes.T, nodes, settings.shift) @ projector.T
+    if share == 1.0:
+        return HybridPrior(mean.ravel(), anomalies, np.empty((0, n_levels)), np.empty((0, n_modes, n_modes)), settings)
     _, vectors = np.linalg.eigh(np.einsum("ezr,eyr->zy", anomalies, anomalies))
     vertical = vectors.T
-    taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), radius), (2, 2))
+    taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), settings.radius), (2, 2))
     in_functions: Array = np.einsum("qz,ezr->qer", vertical, anomalies, optimize=True)
     horizontal = np.stack([_localised(field, taper, projector) for field in in_functions @ velocity_modes.T])
-    return HybridPrior(mean.ravel(), np.sqrt(sample_share) * anomalies, vertical, (1.0 - sample_share) * horizontal)
+    return HybridPrior(mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings)
 
 
 def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
