@@ -111,7 +111,7 @@ class EstimatorConfig(_Section):
     speed: float | None = Field(
         default=None, gt=0.0, description="m/s, the kernel's amplitude mu; default the RMS component speed of the first level"
     )
-    length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default 1.16 cells, paper 10 km")
+    length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default two cells, paper 10 km")
     length_vertical: float = Field(default=100.0, gt=0.0, description="m; paper only")
     nugget: float = Field(default=1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
     sample_share: float | None = Field(

@@ -9,13 +9,14 @@ weights w of r modes a level: f = K modes w summed over levels in the same way. 
 members are all this one value.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from replay_kit.errors import EstimatorError
 from replay_kit.geodesy import inside_grid
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 _CHUNK = 512
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class FlowEstimate:
     """A horizontally divergence-free flow in a box, with its uncertainty when known.
 
@@ -43,7 +44,7 @@ class FlowEstimate:
         depth_functions: How levels combine.
         latent: shape (2N, Z), latent velocities of the flow, all east then all north.
         modes: shape (2N, r), latent velocities of the modes the uncertainty is expressed in; r = 0 without uncertainty.
-        weight_cov: shape (rZ, rZ) [m^2/s^2 of mode amplitude], covariance of the weights, level after level.
+        covariance: Of the weights, or what computes it when it is first asked for; read ``weight_cov``.
         time_ns: Time it holds for [ns, UTC]; None when unknown.
     """
 
@@ -52,7 +53,7 @@ class FlowEstimate:
     depth_functions: DepthFunctions
     latent: Array
     modes: Array
-    weight_cov: Array
+    covariance: Array | Callable[[], Array]
     time_ns: int | None
 
     @property
@@ -64,6 +65,16 @@ class FlowEstimate:
     def levels(self) -> Array:
         """Levels, shape (Z,) [m]."""
         return self.grid.levels
+
+    @cached_property
+    def weight_cov(self) -> Array:
+        """Covariance of the weights, shape (rZ, rZ) [m^2/s^2 of mode amplitude], level after level."""
+        return self.covariance() if callable(self.covariance) else self.covariance
+
+    def __reduce__(self) -> tuple[type["FlowEstimate"], tuple[object, ...]]:
+        """Pickle the covariance itself, not the estimator's state that it would be computed from."""
+        parts = (self.grid, self.kernel, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
+        return type(self), parts
 
     @property
     def n_modes(self) -> int:
@@ -83,8 +94,10 @@ class FlowEstimate:
         """
         points, depths, shape = _flatten(east, north, depth)
         out = np.empty((depths.size, 2))
-        for part in _chunks(depths.size):
-            out[part] = self._contract(points[part], depths[part], self.latent)
+        for places, part, at in _by_place(points):
+            by_level = (velocity_kernel(self.kernel, places, self.nodes) @ self.latent).reshape(2, len(places), -1)
+            weights = depth_weights(self.depth_functions, depths[part], self.levels)
+            out[part] = np.einsum("cpz,pz->pc", by_level[:, at], weights)
         return out.reshape(*shape, 2)
 
     def stream_function(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
@@ -107,12 +120,11 @@ class FlowEstimate:
         self._require_uncertainty("standard_error")
         points, depths, shape = _flatten(east, north, depth)
         variance = np.empty((depths.size, 2))
-        for part in _chunks(depths.size):
-            basis = (velocity_kernel(self.kernel, points[part], self.nodes) @ self.modes).reshape(2, -1, self.n_modes)
-            weights = depth_weights(self.depth_functions, depths[part], self.levels)
-            variance[part] = self._variance(basis, weights)
-            known = inside_grid(self.grid, *points[part].T) & (depths[part] <= self.levels[-1])
-            variance[part][~known] = np.nan
+        for places, part, at in _by_place(points):
+            basis = (velocity_kernel(self.kernel, places, self.nodes) @ self.modes).reshape(2, -1, self.n_modes)
+            variance[part] = self._variance(basis, at, depth_weights(self.depth_functions, depths[part], self.levels))
+        known = inside_grid(self.grid, *points.T) & (depths <= self.levels[-1])
+        variance[~known] = np.nan
         return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
 
     def sample(self, n: int, seed: int) -> tuple["FlowEstimate", ...]:
@@ -126,8 +138,12 @@ class FlowEstimate:
         factor = vectors * np.sqrt(np.maximum(values, 0.0))
         draws = factor @ np.random.default_rng(seed).standard_normal((values.size, n))
         by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
-        certain = replace(self, modes=np.empty((self.modes.shape[0], 0)), weight_cov=np.empty((0, 0)))
+        certain = self.certain()
         return tuple(replace(certain, latent=self.latent + self.modes @ weights.T) for weights in by_level)
+
+    def certain(self) -> "FlowEstimate":
+        """Return the same flow without its uncertainty."""
+        return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)))
 
     def to_xarray(
         self, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None
@@ -143,13 +159,14 @@ class FlowEstimate:
 
         save(self, Path(path))
 
-    def _contract(self, points: Array, depths: Array, latent: Array) -> Array:
-        by_level = velocity_kernel(self.kernel, points, self.nodes) @ latent
-        weights = depth_weights(self.depth_functions, depths, self.levels)
-        return np.asarray(np.sum(by_level.reshape(2, depths.size, -1) * weights, axis=2).T)
+    def _variance(self, basis: Array, at: NDArray[np.intp], weights: Array) -> Array:
+        """Return diag(H P H'), shape (P, 2): pairs of levels in turn, because a hat meets only its neighbours.
 
-    def _variance(self, basis: Array, weights: Array) -> Array:
-        """Return diag(H P H'), shape (P, 2): pairs of levels in turn, because a hat meets only its neighbours."""
+        Args:
+            basis: shape (2, M, r), the modes at the places.
+            at: shape (P,), each point's place: a place's quadratic form serves all points over it.
+            weights: shape (P, Z).
+        """
         out = np.zeros((weights.shape[0], 2))
         r = self.n_modes
         for j in range(self.levels.size):
@@ -158,9 +175,10 @@ class FlowEstimate:
                 touched = np.flatnonzero(both)
                 if touched.size:
                     block = self.weight_cov[j * r : (j + 1) * r, k * r : (k + 1) * r]
+                    places, of_point = np.unique(at[touched], return_inverse=True)
                     for component in range(2):
-                        rows = basis[component, touched]
-                        out[touched, component] += both[touched] * np.einsum("pr,pr->p", rows @ block, rows)
+                        rows = basis[component, places]
+                        out[touched, component] += both[touched] * np.einsum("pr,pr->p", rows @ block, rows)[of_point]
         return out
 
     def _require_uncertainty(self, what: str) -> None:
@@ -176,3 +194,17 @@ def _flatten(east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> tuple[Array
 def _chunks(size: int) -> Iterator[slice]:
     for start in range(0, size, _CHUNK):
         yield slice(start, min(start + _CHUNK, size))
+
+
+def _by_place(points: Array) -> Iterator[tuple[Array, NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield some places, shape (M, 2), the positions of the points that lie there, and which of the places each lies at.
+
+    On a grid, and down a profile, many points lie over one place: what depends on the place alone is computed once.
+    """
+    east_north, at = np.unique(points[:, 0] + 1j * points[:, 1], return_inverse=True)
+    order = np.argsort(at, kind="stable")
+    for part in _chunks(east_north.size):
+        first, last = np.searchsorted(at, [part.start, part.stop], sorter=order)
+        points_here = order[first:last]
+        places = east_north[part]
+        yield np.column_stack([places.real, places.imag]), points_here, at[points_here] - part.start

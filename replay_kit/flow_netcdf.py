@@ -279,7 +279,7 @@ def _from_lossless(dataset: xr.Dataset) -> FlowEstimate:
         depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
         latent=latent,
         modes=values.get("modes", np.empty((latent.shape[0], 0))),
-        weight_cov=values.get("weight_cov", np.empty((0, 0))),
+        covariance=values.get("weight_cov", np.empty((0, 0))),
         time_ns=int(values["time"]) if "time" in values else None,
     )
 

@@ -56,7 +56,7 @@ def average_over_depth(flow: FlowEstimate, depth: float) -> FlowEstimate:
     latent = np.repeat((flow.latent @ weights)[:, None], n_levels, axis=1)
     blocks = flow.weight_cov.reshape(n_levels, r, n_levels, r)
     cov = np.einsum("z,zrys,y->rs", weights, blocks, weights, optimize=True)
-    return replace(flow, depth_functions=HATS, latent=latent, weight_cov=np.kron(np.ones((n_levels, n_levels)), cov))
+    return replace(flow, depth_functions=HATS, latent=latent, covariance=np.kron(np.ones((n_levels, n_levels)), cov))
 
 
 def mean_depth_weights(functions: DepthFunctions, levels: Array, depth: float) -> Array:

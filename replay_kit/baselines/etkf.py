@@ -16,7 +16,7 @@ import scipy.linalg
 from replay_kit.baselines.columns import FlowColumns
 from replay_kit.baselines.profiles import Predictions, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
-from replay_kit.estimator.filter import FilterState, ReducedBasisEstimator, build_estimator
+from replay_kit.estimator.filter import ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.screening import rejected
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
@@ -83,13 +83,13 @@ class Etkf:
     def misfit(self, state: TransformState, observation: Observation) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         mean = self.reduced.prior.mean + self.anomalies.T @ state.mean
-        return self.reduced.misfit(FilterState(mean, self.reduced.prior.dense(), state.time_ns), observation)
+        return self.reduced.misfit_of(mean, observation)
 
     def flow(self, state: TransformState) -> FlowEstimate:
         """Return the current estimate that a state stands for."""
         factor = self.anomalies.T @ state.transform
         mean = self.reduced.prior.mean + self.anomalies.T @ state.mean
-        return self.reduced.flow(FilterState(mean, factor @ factor.T, state.time_ns))
+        return self.reduced.flow_of(mean, lambda: factor @ factor.T, state.time_ns)
 
     def columns(self) -> FlowColumns:
         """Return the anomalies as flows: what the estimate can differ from the ensemble's mean by."""

@@ -12,12 +12,25 @@ import scipy.linalg
 from replay_kit.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
 from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
-from replay_kit.estimator.filter import FilterState
-from replay_kit.estimator.kalman import update
 from replay_kit.estimator.modes import ensemble_slices
 from replay_kit.estimator.screening import rejected, scatter
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightState:
+    """What is known of the weights at one time.
+
+    Attributes:
+        mean: shape (m,).
+        cov: shape (m, m).
+        time_ns: Of the last observation used [ns, UTC]; None before the first.
+    """
+
+    mean: Array
+    cov: Array
+    time_ns: int | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +53,11 @@ class Naive3D:
     config: EstimatorConfig
     time_ns: int | None
 
-    def initial(self) -> FilterState:
+    def initial(self) -> WeightState:
         """Return the prior as a state."""
-        return FilterState(self.prior_mean, np.diag(self.prior_variance), None)
+        return WeightState(self.prior_mean, np.diag(self.prior_variance), None)
 
-    def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
+    def step(self, state: WeightState, observation: Observation) -> tuple[WeightState, Innovation]:
         """Return the state after an observation, and the innovation."""
         bins = usable_bins(observation, self.modes.grid)
         if bins.used.size == 0:
@@ -56,14 +69,14 @@ class Naive3D:
         mean, cov, predicted, nis = update(state.mean, state.cov, whitened, ((bins.values - before) / std).ravel())
         innovation_std = std * np.sqrt(np.diag(predicted).reshape(-1, 2) + 1.0)
         said = innovation_of(observation, bins, Predictions(before, design @ mean, prior, innovation_std), nis)
-        return FilterState(mean, cov, observation.time_ns), said
+        return WeightState(mean, cov, observation.time_ns), said
 
-    def misfit(self, state: FilterState, observation: Observation) -> Array:
+    def misfit(self, state: WeightState, observation: Observation) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         bins = usable_bins(observation, self.modes.grid)
         return scatter(observation.depth.size, bins.used, bins.values - self._design(bins) @ state.mean)
 
-    def flow(self, state: FilterState) -> FlowEstimate:
+    def flow(self, state: WeightState) -> FlowEstimate:
         """Return the current estimate that a state stands for."""
         values, vectors = np.linalg.eigh(state.cov)
         anomalies = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, self.velocity, axes=1)
@@ -74,6 +87,24 @@ class Naive3D:
     def _design(self, bins: UsableBins) -> Array:
         """Return the modes' velocity at the bins, shape (n, 2, m) [m/s]."""
         return np.asarray(np.einsum("nz,czm->ncm", bins.depth_weights, self.modes.at_place(bins.place)))
+
+
+def update(mean: Array, cov: Array, design: Array, innovation: Array) -> tuple[Array, Array, Array, float]:
+    """Return the updated mean and covariance, the rows' predicted covariance without noise, and the rows' NIS.
+
+    Args:
+        mean: shape (n,).
+        cov: shape (n, n), symmetric.
+        design: shape (m, n), of rows with independent noise of unit variance.
+        innovation: shape (m,), rows minus their prediction.
+    """
+    cov_design = cov @ design.T
+    predicted = design @ cov_design
+    predicted = 0.5 * (predicted + predicted.T)
+    lower = np.linalg.cholesky(predicted + np.eye(innovation.size))
+    whitened = scipy.linalg.solve_triangular(lower, innovation, lower=True)
+    half_gain = scipy.linalg.solve_triangular(lower, cov_design.T, lower=True)
+    return mean + half_gain.T @ whitened, cov - half_gain.T @ half_gain, predicted, float(whitened @ whitened)
 
 
 def build_naive(ensemble: Ensemble, config: EstimatorConfig) -> Naive3D:

@@ -1,14 +1,18 @@
 """The estimator: a frozen problem, a frozen state, and one step that online and offline use share."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.dual import initial
 from replay_kit.estimator.fit import Members, choose_settings
-from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation, update
+from replay_kit.estimator.forms import in_cheaper_form
+from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
+from replay_kit.estimator.posterior import Posterior
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
 from replay_kit.estimator.screening import rejected, scatter, screen
 from replay_kit.flow import FlowEstimate
@@ -23,14 +27,17 @@ class FilterState:
     """What is known of the weights at one time.
 
     Attributes:
-        mean: shape (Z r,), level after level.
-        cov: shape (Z r, Z r).
+        posterior: Of the weights, in the form that is cheaper at the time.
         time_ns: Of the last observation used [ns, UTC]; None before the first.
     """
 
-    mean: Array
-    cov: Array
+    posterior: Posterior
     time_ns: int | None
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the weights, shape (Z r,), level after level; computed when first asked for."""
+        return self.posterior.mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +60,7 @@ class ReducedBasisEstimator:
 
     def initial(self) -> FilterState:
         """Return the prior as a state."""
-        return FilterState(self.prior.mean, self.prior.dense(), None)
+        return FilterState(initial(self.prior, self.basis.grid.levels.size), None)
 
     def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation.
@@ -66,30 +73,28 @@ class ReducedBasisEstimator:
         if used.size == 0:
             return state, said
         rows, values = self.rows(observation, used)
-        design = rows.design()
-        prediction, prior_prediction = rows.expand(design @ state.mean), rows.expand(design @ self.prior.mean)
-        innovation = values - prediction
+        look = state.posterior.look(rows)
+        innovation = values - rows.expand(look.mean)
         compressed, left_out = rows.compress(innovation)
-        mean, cov, predicted, nis = update(state.mean, state.cov, design, compressed)
-        variance = rows.expand_variance(predicted) + np.square(rows.error_std)[:, None]
+        posterior, mean = look.posterior(compressed, 1.0)
         inflation = 1.0
         if self.error_std is None and used.size > 1:
-            inflation = dependence_inflation((values - rows.expand(design @ mean)) / rows.error_std[:, None])
+            inflation = dependence_inflation((values - rows.expand(mean)) / rows.error_std[:, None])
             if inflation > 1.0:
-                scale = 1.0 / np.sqrt(inflation)
-                mean, cov, _, _ = update(state.mean, state.cov, scale * design, scale * compressed)
+                posterior, mean = look.posterior(compressed, np.sqrt(inflation))
+        variance = rows.expand_variance(look.cov) + np.square(rows.error_std)[:, None]
         said = replace(
             said,
             innovation=scatter(observation.depth.size, used, innovation),
             innovation_std=scatter(observation.depth.size, used, np.sqrt(variance)),
-            residual=scatter(observation.depth.size, used, values - rows.expand(design @ mean)),
-            prior_innovation=scatter(observation.depth.size, used, values - prior_prediction),
-            nis=nis + left_out,
+            residual=scatter(observation.depth.size, used, values - rows.expand(mean)),
+            prior_innovation=scatter(observation.depth.size, used, values - rows.expand(look.prior_mean)),
+            nis=look.nis(compressed) + left_out,
             dof=2 * used.size,
             accepted=True,
             error_inflation=inflation,
         )
-        return FilterState(mean, cov, observation.time_ns), said
+        return FilterState(in_cheaper_form(posterior), observation.time_ns), said
 
     def usable(self, observation: Observation) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
@@ -98,20 +103,33 @@ class ReducedBasisEstimator:
 
     def misfit(self, state: FilterState, observation: Observation) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
+        return self.misfit_of(state.mean, observation)
+
+    def misfit_of(self, mean: Array, observation: Observation) -> Array:
+        """Return measured minus predicted by weights, shape (Z r,); see ``misfit``."""
         flags, _ = screen(observation, self.basis.grid)
         used = np.flatnonzero(flags == Flag.GOOD)
         out = np.full((observation.depth.size, 2), np.nan)
         if used.size:
             rows, values = self.rows(observation, used)
-            out[used] = values - rows.expand(rows.design() @ state.mean)
+            out[used] = values - rows.expand(rows.times(mean.reshape(self.basis.grid.levels.size, -1)))
         return out
 
     def flow(self, state: FilterState) -> FlowEstimate:
-        """Return the current estimate that a state stands for."""
-        by_level = state.mean.reshape(self.basis.grid.levels.size, -1)
-        latent = self.basis.offset + self.basis.modes @ by_level.T
-        time_ns = self.time_ns if state.time_ns is None else state.time_ns
-        return FlowEstimate(self.basis.grid, self.basis.kernel, self.basis.depth_functions, latent, self.basis.modes, state.cov, time_ns)
+        """Return the current estimate that a state stands for; its covariance is computed when first asked for."""
+        return self.flow_of(state.mean, state.posterior.covariance, state.time_ns)
+
+    def flow_of(self, mean: Array, covariance: Array | Callable[[], Array], time_ns: int | None) -> FlowEstimate:
+        """Return the current estimate of weights.
+
+        Args:
+            mean: shape (Z r,).
+            covariance: shape (Z r, Z r), or what computes it.
+            time_ns: Of the last observation used [ns, UTC]; None for the forecast's.
+        """
+        latent = self.basis.offset + self.basis.modes @ mean.reshape(self.basis.grid.levels.size, -1).T
+        at = self.time_ns if time_ns is None else time_ns
+        return FlowEstimate(self.basis.grid, self.basis.kernel, self.basis.depth_functions, latent, self.basis.modes, covariance, at)
 
     def rows(self, observation: Observation, used: NDArray[np.intp]) -> tuple[ProfileRows, Array]:
         """Return the compressed rows of the usable bins and their velocity about the offset, shape (n, 2), local axes."""

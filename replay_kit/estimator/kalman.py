@@ -1,4 +1,4 @@
-"""The Kalman update for one profile, compressed exactly to at most 2 Z rows.
+"""One profile as the Kalman update meets it, compressed exactly to at most 2 Z rows.
 
 All bins of a profile lie under one point, so its design is a product: H = D (bins x Z) times G (2 x r), one row for each bin and
 component. Whitening by the bins' errors and a QR factorisation D / sigma = Q R leave rows R G that hold all the bins say of
@@ -8,8 +8,6 @@ the weights; what Q discards is pure noise and enters the normalised innovation 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-import scipy.linalg.blas
 
 from replay_kit.types import Array
 
@@ -34,6 +32,11 @@ class ProfileRows:
         """Return H, shape (2 k, Z m): all east rows, then all north."""
         rows: Array = np.einsum("kz,cm->ckzm", self.r, self.basis)
         return rows.reshape(2 * self.r.shape[0], -1)
+
+    def times(self, weights: Array) -> Array:
+        """Return weights seen through H, shape (..., 2 k); ``weights`` of shape (..., Z, m)."""
+        seen: Array = self.r @ (weights @ self.basis.T)  # (..., k, 2)
+        return np.swapaxes(seen, -1, -2).reshape(*weights.shape[:-2], -1)
 
     def compress(self, values: Array) -> tuple[Array, float]:
         """Return the rows of bin values, shape (2 k,), and the squared norm of what they leave out.
@@ -87,29 +90,3 @@ def dependence_inflation(residual: Array) -> float:
     if rho <= 3.0 / np.sqrt(residual.size):
         return 1.0
     return (1.0 + rho) / (1.0 - rho) * max(1.0, mean_square)
-
-
-def update(mean: Array, cov: Array, design: Array, innovation: Array) -> tuple[Array, Array, Array, float]:
-    """Return the updated mean and covariance, the rows' predicted covariance without noise, and the rows' NIS.
-
-    Args:
-        mean: shape (n,).
-        cov: shape (n, n), symmetric.
-        design: shape (m, n), of rows with independent noise of unit variance.
-        innovation: shape (m,), rows minus their prediction.
-    """
-    cov_design = cov @ design.T
-    predicted = design @ cov_design
-    predicted = 0.5 * (predicted + predicted.T)
-    lower = np.linalg.cholesky(predicted + np.eye(innovation.size))
-    whitened = scipy.linalg.solve_triangular(lower, innovation, lower=True)
-    half_gain = scipy.linalg.solve_triangular(lower, cov_design.T, lower=True)
-    return mean + half_gain.T @ whitened, _downdated(cov, half_gain), predicted, float(whitened @ whitened)
-
-
-def _downdated(cov: Array, half_gain: Array) -> Array:
-    """Return cov - half_gain' half_gain in one pass over a copy: written out, the two temporaries take three times as long."""
-    copy = cov.copy(order="K")
-    # BLAS wants columns; a symmetric matrix by rows is the same by columns
-    columns = copy if copy.flags.f_contiguous else copy.T
-    return np.asarray(scipy.linalg.blas.dgemm(-1.0, half_gain, half_gain, beta=1.0, c=columns, trans_a=True, overwrite_c=True))

@@ -30,6 +30,10 @@ class Prior(Protocol):
         """
         ...
 
+    def mode_std(self) -> Array:
+        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
+        ...
+
     def dense(self) -> Array:
         """Return the covariance as one matrix, shape (Z r, Z r)."""
         ...
@@ -79,6 +83,10 @@ class DiagonalPrior:
         out[levels, :, levels, :] = self.variance[:, None, :] * basis
         return out
 
+    def mode_std(self) -> Array:
+        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
+        return np.asarray(np.sqrt(self.variance.mean(axis=0)))
+
     def dense(self) -> Array:
         """Return the covariance as one matrix, shape (Z r, Z r)."""
         return np.diag(self.variance.ravel())
@@ -119,6 +127,13 @@ class HybridPrior:
         pairs = np.einsum("qz,qy->zyq", self.vertical, self.vertical).reshape(n_levels**2, -1)
         in_functions = (pairs @ spread).reshape(n_levels, n_levels, n_basis, n_modes)
         return np.asarray(of_factor + in_functions.transpose(0, 2, 1, 3))
+
+    def mode_std(self) -> Array:
+        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
+        of_factor = np.einsum("fzr,fzr->r", self.factor, self.factor)
+        # the functions have unit length, so each level's share of one sums to one
+        in_functions = np.einsum("qrr->r", self.horizontal)
+        return np.asarray(np.sqrt((of_factor + in_functions) / self.factor.shape[1]))
 
     def dense(self) -> Array:
         """Return the covariance as one matrix, shape (Z r, Z r)."""

@@ -91,7 +91,7 @@ def test_filterpy_s_kalman_filter():
         theirs.update((value.T.ravel() - offset)[:, None], R=np.diag(error**2), H=design)
         assert float((theirs.y.T @ theirs.SI @ theirs.y).item()) == pytest.approx(ours.nis, rel=1e-8)
     np.testing.assert_allclose(state.mean, theirs.x.ravel(), atol=1e-9)
-    np.testing.assert_allclose(state.cov, theirs.P, atol=1e-9)
+    np.testing.assert_allclose(state.posterior.covariance(), theirs.P, atol=1e-9)
 
 
 class IncompressibleKernel(Kernel):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from replay_kit.config import EstimatorConfig
-from replay_kit.estimator import FilterState, build_estimator
+from replay_kit.estimator import build_estimator
 from replay_kit.estimator.kalman import dependence_inflation
 from replay_kit.estimator.modes import ensemble_slices
 from replay_kit.geodesy import rotate_to_local, to_local
@@ -88,7 +88,7 @@ def test_online_equals_batch(preset):
     h, y, r = np.vstack(rows), np.concatenate(values), np.diag(np.concatenate(variances))
     mean, cov, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.dense(), h, y, r)
     np.testing.assert_allclose(state.mean, mean, atol=1e-10 * np.abs(mean).max())
-    np.testing.assert_allclose(state.cov, cov, atol=1e-10 * np.abs(estimator.prior.dense()).max())
+    np.testing.assert_allclose(state.posterior.covariance(), cov, atol=1e-10 * np.abs(estimator.prior.dense()).max())
 
 
 def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
@@ -136,7 +136,7 @@ def test_estimate_and_modes_are_divergence_free(preset):
     means = [state.mean] + [np.tile(np.eye(estimator.basis.n_modes)[m], n_levels) for m in (0, 3, estimator.basis.n_modes - 1)]
     step = 60.0
     for mean in means:
-        flow = estimator.flow(FilterState(mean, state.cov, None))
+        flow = estimator.flow_of(mean, state.posterior.covariance, None)
 
         def slope(shift_east, shift_north, component, flow=flow):
             values = [flow.velocity(east + k * shift_east, north + k * shift_north, depth)[:, component] for k in (-2, -1, 1, 2)]

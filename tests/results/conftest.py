@@ -39,7 +39,7 @@ def synthetic_flow(
         depth_functions=DepthFunctions(kind, 90.0),
         latent=rng.normal(size=(2 * nodes, levels)),
         modes=rng.normal(size=(2 * nodes, n_modes)),
-        weight_cov=0.01 * factor @ factor.T if n_modes else np.empty((0, 0)),
+        covariance=0.01 * factor @ factor.T if n_modes else np.empty((0, 0)),
         time_ns=TIME_NS,
     )
 

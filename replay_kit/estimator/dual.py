@@ -1,0 +1,201 @@
+"""The posterior by the rows measured so far: exact, and cheap while they are fewer than the weights.
+
+With all rows H (K, Z r), their whitened data z and the prior N(w0, P0):
+
+    C = H P0 H' + I = L L',    f = L^-1 (z - H w0),    mean = w0 + P0 H' L^-T f,    P = P0 - (L^-1 H P0)' (L^-1 H P0).
+
+A profile h appends to L the rows [x', chol(S)] with x = L^-1 H P0 h', S = I + h P0 h' - x'x, and to f what its innovation
+z - h w0 - x'f is when whitened by S. Nothing before it changes: all states of a run share one log of rows, which grows at its end.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg.lapack
+
+from replay_kit.estimator.kalman import ProfileRows
+from replay_kit.estimator.posterior import Look, add_gram, times_columns, times_rows
+from replay_kit.estimator.prior import Prior
+from replay_kit.types import Array
+
+# Rows of L kept together: one product with earlier unknowns for all of them.
+_PANEL_ROWS = 256
+
+
+class RowLog:
+    """Rows and their Cholesky factor, which only ever grow at the end.
+
+    A state owns the first ``n`` profiles of the log. It appends in place when the log holds no others; else another state went on from
+    it before, and it goes on with a copy. So no state ever changes, and a run of steps copies nothing.
+
+    Attributes:
+        basis: shape (capacity, 2, r), G of each profile.
+        depth: shape (capacity, Z, Z), R of each, with rows of zeros when it has fewer than Z.
+        slots: shape (2 Z capacity,), of each row its position in (profile, component, row of R).
+        forward: shape (2 Z capacity,), f.
+        ends: Number of rows after 0, 1, 2 ... profiles.
+        panels: Of L, of ``panel_profiles`` profiles each.
+    """
+
+    def __init__(self, n_levels: int, n_modes: int, capacity: int) -> None:
+        self.basis = np.zeros((capacity, 2, n_modes))
+        self.depth = np.zeros((capacity, n_levels, n_levels))
+        self.slots = np.zeros(2 * n_levels * capacity, dtype=np.intp)
+        self.forward = np.zeros(2 * n_levels * capacity)
+        self.ends = [0]
+        self.panels: list[tuple[Array, Array]] = []
+        self.panel_profiles = max(1, _PANEL_ROWS // (2 * n_levels))
+
+    def extended(self, n: int) -> "RowLog":
+        """Return a log that has the first n profiles and room for one more: this one, if it can be."""
+        if n == len(self.ends) - 1 < len(self.basis):
+            return self
+        _, n_levels, _ = self.depth.shape
+        new = RowLog(n_levels, self.basis.shape[2], max(16, 2 * n))
+        new.basis[:n], new.depth[:n] = self.basis[:n], self.depth[:n]
+        rows = self.ends[n]
+        new.slots[:rows], new.forward[:rows] = self.slots[:rows], self.forward[:rows]
+        new.ends = self.ends[: n + 1]
+        # panels that are full never change again
+        full, rest = divmod(n, self.panel_profiles)
+        new.panels = self.panels[:full]
+        if rest:
+            left, corner = self.panels[full]
+            new.panels.append((left.copy(), corner.copy(order="F")))
+        return new
+
+    def append(self, rows: ProfileRows, error_scale: float, before: Array, lower: Array, forward: Array) -> None:
+        """Append a profile: its rows over the scale, and of L the rows' part ``before`` and their own ``lower``."""
+        n, start, k = len(self.ends) - 1, self.ends[-1], rows.r.shape[0]
+        stop, n_levels = start + 2 * k, self.depth.shape[1]
+        self.basis[n], self.depth[n, :k] = rows.basis, rows.r / error_scale
+        self.slots[start:stop] = np.add.outer(n_levels * (2 * n + np.arange(2)), np.arange(k)).ravel()
+        self.forward[start:stop] = forward
+        if n % self.panel_profiles == 0:
+            height = 2 * n_levels * self.panel_profiles
+            self.panels.append((np.zeros((height, start)), np.zeros((height, height), order="F")))
+        left, corner = self.panels[-1]
+        first = self.ends[n - n % self.panel_profiles]
+        inside = slice(start - first, stop - first)
+        left[inside] = before[:, :first]
+        corner[inside, : start - first] = before[:, first:]
+        corner[inside, inside] = lower
+        self.ends.append(stop)
+
+    def solve(self, n: int, right: Array) -> Array:
+        """Return L^-1 right, of the first n profiles; ``right`` of shape (K, m)."""
+        out = np.empty_like(right)
+        for left, corner, start, stop in self._panels(n):
+            out[start:stop] = _solve(corner, right[start:stop] - times_columns(left, out[:start]), 0)
+        return out
+
+    def solve_transposed(self, n: int, right: Array) -> Array:
+        """Return L'^-1 right, of the first n profiles; ``right`` of shape (K,)."""
+        out = right.copy()
+        for left, corner, start, stop in reversed(list(self._panels(n))):
+            out[start:stop] = _solve(corner, out[start:stop], 1)
+            out[:start] -= out[start:stop] @ left
+        return out
+
+    def _panels(self, n: int) -> Iterator[tuple[Array, Array, int, int]]:
+        """Yield each panel's part left of its corner, its corner, and its first and last row."""
+        for number, (left, corner) in enumerate(self.panels[: -(-n // self.panel_profiles)]):
+            first = number * self.panel_profiles
+            start, stop = self.ends[first], self.ends[min(first + self.panel_profiles, n)]
+            yield left[: stop - start], corner[: stop - start, : stop - start], start, stop
+
+
+def _solve(corner: Array, right: Array, transposed: int) -> Array:
+    """Return the solution of a lower triangular system, or of its transpose; SciPy's own function checks longer than this works."""
+    solution, info = scipy.linalg.lapack.dtrtrs(corner, right, lower=1, trans=transposed)
+    assert info == 0
+    return np.asarray(solution)
+
+
+@dataclass(frozen=True, eq=False)
+class Dual:
+    """The posterior in the dual form.
+
+    Attributes:
+        prior: Of the weights.
+        log: Rows, of which the first ``n`` profiles are this posterior's.
+        n: Number of profiles.
+    """
+
+    prior: Prior
+    log: RowLog
+    n: int
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows K."""
+        return self.log.ends[self.n]
+
+    @property
+    def forward(self) -> Array:
+        """f, shape (K,)."""
+        return self.log.forward[: self.n_rows]
+
+    @cached_property
+    def mean(self) -> Array:
+        """Mean of the weights, shape (Z r,), level after level."""
+        _, n_levels, _ = self.log.depth.shape
+        padded = np.zeros(self.n * 2 * n_levels)
+        padded[self.log.slots[: self.n_rows]] = self.log.solve_transposed(self.n, self.forward)
+        by_level = np.matmul(padded.reshape(self.n, 2, n_levels), self.log.depth[: self.n])  # (n, 2, Z)
+        transposed = by_level.reshape(-1, n_levels).T @ self.places
+        return np.asarray(self.prior.mean + self.prior.times(transposed).ravel())
+
+    def covariance(self) -> Array:
+        """Return the covariance of the weights, shape (Z r, Z r)."""
+        _, n_levels, _ = self.log.depth.shape
+        cov = self.prior.dense()
+        at_places = np.matmul(self.places, cov.reshape(n_levels, -1, cov.shape[0]))  # (Z, 2 n, Z r)
+        add_gram(cov, self.log.solve(self.n, self._rows_of(at_places.transpose(1, 0, 2))), -1.0)
+        return cov
+
+    def design(self, inside: Array) -> Array:
+        """Return H with the modes expressed in directions, shape (K, Z s).
+
+        Args:
+            inside: shape (2 n, s), all G in the directions.
+        """
+        _, n_levels, _ = self.log.depth.shape
+        by_level = inside[:, None, None] * np.eye(n_levels)[..., None]  # (2 n, Z, Z, s)
+        return self._rows_of(by_level.reshape(len(inside), n_levels, n_levels * inside.shape[1]))
+
+    def look(self, rows: ProfileRows) -> Look:
+        """Return what the posterior expects of a profile's rows."""
+        n_levels = self.log.depth.shape[1]
+        spread = times_rows(self.prior.times_modes(rows.basis), rows.r)
+        own = rows.times(spread)
+        across = spread.transpose(1, 0, 2).reshape(-1, spread.shape[2])  # (Z 2k, r), levels first
+        before = self.log.solve(self.n, self._rows_of((self.places @ across.T).reshape(2 * self.n, n_levels, len(spread))))
+        cov = own - before.T @ before
+        prior_mean = rows.times(self.prior.mean.reshape(n_levels, -1))
+
+        def absorb(lower: Array, whitened: Array, error_scale: float) -> "Dual":
+            log = self.log.extended(self.n)
+            log.append(rows, error_scale, before.T / error_scale, lower, whitened)
+            return Dual(self.prior, log, self.n + 1)
+
+        return Look(prior_mean + before.T @ self.forward, prior_mean, 0.5 * (cov + cov.T), absorb)
+
+    @property
+    def places(self) -> Array:
+        """G of all profiles, shape (2 n, r)."""
+        return self.log.basis[: self.n].reshape(2 * self.n, self.log.basis.shape[2])
+
+    def _rows_of(self, at_places: Array) -> Array:
+        """Return the rows, shape (K, m), of something given at each level for each profile's G, shape (2 n, Z, m)."""
+        n_levels = self.log.depth.shape[1]
+        by_profile = at_places.reshape(self.n, 2, n_levels, at_places.shape[-1])
+        rows: Array = np.matmul(self.log.depth[: self.n, None], by_profile).reshape(-1, at_places.shape[-1])
+        return rows[self.log.slots[: self.n_rows]]
+
+
+def initial(prior: Prior, n_levels: int) -> Dual:
+    """Return the prior as a posterior of no rows."""
+    return Dual(prior, RowLog(n_levels, prior.mean.size // n_levels, 16), 0)

@@ -1,0 +1,121 @@
+"""What both forms of the posterior have in common, and the products of a profile's rows with a covariance.
+
+A profile's design is H = R (x) G in the order of ``ProfileRows``: G (2, r) the modes under the profile, R (k, Z) its depth factor. A
+covariance is met through ``spread``, its product with G at each level, so a product with H costs two columns instead of 2 k.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import scipy.linalg
+
+from replay_kit.estimator.kalman import ProfileRows
+from replay_kit.types import Array
+
+# Rows of a symmetric matrix that are updated at once.
+_BLOCK = 512
+# Columns that are few, and the tile of a matrix that OpenBLAS multiplies with them as it lies.
+_FEW_COLUMNS, _TILE = 32, (64, 512)
+
+
+class Posterior(Protocol):
+    """The weights' Gaussian after some profiles; frozen, whatever its buffers share with later ones."""
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the weights, shape (Z r,), level after level."""
+        ...
+
+    def covariance(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        ...
+
+    def look(self, rows: ProfileRows) -> "Look":
+        """Return what the posterior expects of a profile's rows."""
+        ...
+
+
+# Makes the posterior after the rows that were looked at, each over an error scale (the last argument), from the Cholesky factor of the
+# scaled innovation's covariance and the innovation whitened by it.
+Absorb = Callable[[Array, Array, float], Posterior]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What a posterior expects of a profile's rows, before they count.
+
+    Attributes:
+        mean: shape (2 k,), of the rows.
+        prior_mean: shape (2 k,), expected when nothing was measured.
+        cov: shape (2 k, 2 k), of the rows without their own noise.
+        absorb: Makes the posterior after them.
+    """
+
+    mean: Array
+    prior_mean: Array
+    cov: Array
+    absorb: Absorb
+
+    def posterior(self, innovation: Array, error_scale: float) -> tuple[Posterior, Array]:
+        """Return the posterior after the rows, and the rows' mean in it, shape (2 k,).
+
+        Args:
+            innovation: shape (2 k,), rows minus their mean.
+            error_scale: Standard deviation of the rows' independent noise.
+        """
+        lower = np.asarray(np.linalg.cholesky(self.cov / error_scale**2 + np.eye(innovation.size)), dtype=np.float64)
+        whitened = scipy.linalg.solve_triangular(lower, innovation / error_scale, lower=True)
+        gained = scipy.linalg.solve_triangular(lower, whitened, lower=True, trans=1)
+        return self.absorb(lower, np.asarray(whitened), error_scale), self.mean + self.cov @ gained / error_scale
+
+    def nis(self, innovation: Array) -> float:
+        """Return the normalised innovation squared of the rows, with noise of unit variance."""
+        return float(innovation @ np.linalg.solve(self.cov + np.eye(innovation.size), innovation))
+
+
+def times_rows(spread: Array, depth: Array) -> Array:
+    """Return a covariance times H', transposed: shape (2 k, Z, r).
+
+    Args:
+        spread: shape (Z, 2, Z, r), its product with G at each level.
+        depth: shape (k, Z), R.
+    """
+    n_levels, _, _, n_modes = spread.shape
+    by_component = spread.transpose(1, 0, 2, 3).reshape(2, n_levels, -1)
+    return np.asarray(np.matmul(depth, by_component)).reshape(-1, n_levels, n_modes)
+
+
+def times_columns(matrix: Array, columns: Array) -> Array:
+    """Return the product of a matrix, shape (n, m), with columns, shape (m, c).
+
+    With few columns it is bound by reading the matrix. BLAS copies a large one first; tiles that are small enough it does not.
+    """
+    if columns.shape[1] > _FEW_COLUMNS:
+        return matrix @ columns
+    out = np.zeros((len(matrix), columns.shape[1]))
+    for start in range(0, len(columns), _TILE[1]):
+        part = slice(start, start + _TILE[1])
+        for row in range(0, len(matrix), _TILE[0]):
+            out[row : row + _TILE[0]] += matrix[row : row + _TILE[0], part] @ columns[part]
+    return out
+
+
+def add_gram(matrix: Array, rows: Array, sign: float) -> None:
+    """Add sign * rows' rows to a symmetric matrix in place; ``rows`` of shape (m, n)."""
+    add_symmetric(matrix, rows, sign * rows)
+
+
+def add_symmetric(matrix: Array, left: Array, right: Array) -> None:
+    """Add left' right, known to be symmetric, to a symmetric matrix in place, by blocks of its lower half: half of the whole work.
+
+    Args:
+        matrix: shape (n, n).
+        left: shape (m, n).
+        right: shape (m, n).
+    """
+    for start in range(0, matrix.shape[0], _BLOCK):
+        stop = min(start + _BLOCK, matrix.shape[0])
+        matrix[start:stop, :stop] += left[:, start:stop].T @ right[:, :stop]
+        matrix[:start, start:stop] = matrix[start:stop, :start].T
