@@ -1,0 +1,69 @@
+"""``python -m tests.benchmarks [NAME ...] --json FILE``: measure, print a table, write all as JSON and the scaling as a figure."""
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from tests.benchmarks import estimator, scaling
+from tests.benchmarks.measure import environment, limits
+
+BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {"estimator": estimator.rows}
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    """Run the named benchmarks, all without a name, and return what was measured."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[*BENCHMARKS, "scaling", []], metavar="NAME", help="estimator, scaling; default all")
+    parser.add_argument("--json", type=Path, help="file of the results; the figure is written beside it")
+    parser.add_argument("--tiny", action="store_true", help="once, at a tiny size: do they still work?")
+    parser.add_argument("--threads", type=int, default=1, help="BLAS threads")
+    options = parser.parse_args(arguments)
+    names = options.names or [*BENCHMARKS, "scaling"]
+    with threadpool_limits(options.threads):
+        result = {"limits": limits(options.tiny), "threads": options.threads, "rows": [], "scaling": []} | environment()
+        for name in names:
+            if name in BENCHMARKS:
+                result["rows"] += [_shared(row, result["limits"]) for row in BENCHMARKS[name](options.tiny)]
+        if "scaling" in names:
+            result["scaling"] = scaling.curves(options.tiny)
+    _print(result)
+    if options.json is not None:
+        options.json.write_text(json.dumps(result, indent=1))
+        if result["scaling"]:
+            scaling.draw(result["scaling"], options.json)
+    return result
+
+
+def _shared(row: dict[str, Any], of_machine: dict[str, float]) -> dict[str, Any]:
+    """Return a row with what it reached of the machine's limits."""
+    if "read_gb_s" in row:
+        row["bandwidth_fraction"] = row["read_gb_s"] / of_machine["read_gb_s"]
+    if "peer_gemm_gflops" in row:
+        row["peer_gemm_fraction"] = row["peer_gemm_gflops"] / of_machine["gemm_gflops"]
+    return row
+
+
+def _print(result: dict[str, Any]) -> None:
+    print(f"{result['machine']['processor']}, {result['threads']} BLAS thread(s), ", end="")
+    print(", ".join(f"{name} {value:.1f}" for name, value in result["limits"].items()))
+    for row in result["rows"]:
+        ratio = "" if row["ratio"] is None else f"{row['ratio']:8.1f}x, asked {row['asked']:g}x"
+        print(f"\n{row['name']}\n  {row['ours_s']:.3f} s, peer {row['peer_s']:.3f} s: {ratio}; peer: {row['peer']}")
+        print("  " + ", ".join(f"{name} {value:.1e}" for name, value in row["error"].items()))
+        known = ("name", "ours_s", "peer", "peer_s", "ratio", "asked", "error")
+        print("  " + ", ".join(f"{name} {_short(value)}" for name, value in row.items() if name not in known and value is not None))
+    for curve in result["scaling"]:
+        pairs = ", ".join(f"{v}: {s:.2f} s" for v, s in zip(curve["values"], curve["seconds"], strict=True))
+        print(f"\n{curve['name']}: time ~ value^{curve['exponent_of_time']:.2f} ({pairs})")
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    main()

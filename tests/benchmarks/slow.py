@@ -1,0 +1,89 @@
+"""The slow ways that the estimator's benchmarks are measured against; each is as its textbook has it."""
+
+import warnings
+
+import numpy as np
+import scipy.linalg
+from filterpy.kalman import KalmanFilter
+
+from replay_kit.geodesy import to_local
+from replay_kit.kernels.depth import depth_weights
+from replay_kit.kernels.horizontal import velocity_kernel
+
+with warnings.catch_warnings():
+    # DAPPER leaves its configuration file to the garbage collector
+    warnings.simplefilter("ignore", ResourceWarning)
+    from dapper.da_methods.ensemble import local_analyses
+    from dapper.tools.randvars import GaussRV
+
+
+def rows(estimator, observation):
+    """H, z - offset and the errors' standard deviations of all bins, all east then all north."""
+    used = np.arange(observation.depth.size)
+    compressed, values = estimator.rows(observation, used)
+    weights = depth_weights(estimator.basis.depth_functions, observation.depth, estimator.basis.grid.levels)
+    design = np.vstack([np.kron(weights, compressed.basis[c]) for c in range(2)])
+    return design, values.T.ravel(), np.tile(compressed.error_std, 2)
+
+
+def textbook(mean, cov, design, value, error):
+    """The update of a full covariance."""
+    cov_design = cov @ design.T
+    gain = np.linalg.solve(design @ cov_design + np.diag(error**2), cov_design.T).T
+    return mean + gain @ (value - design @ mean), cov - gain @ cov_design.T
+
+
+def filterpy_update(mean, cov, design, value, error):
+    """The Joseph form of the same."""
+    theirs = KalmanFilter(dim_x=mean.size, dim_z=value.size)
+    theirs.x, theirs.P = mean[:, None].copy(), cov
+    theirs.update(value[:, None], R=np.diag(error**2), H=design)
+    return theirs.x.ravel(), theirs.P
+
+
+def batch(estimator, observations, inflation, probes):
+    """Mean, and covariance of some probes (p, n) of the weights, from the compressed rows of all profiles at once."""
+    designs, values = [], []
+    for observation, factor in zip(observations, inflation, strict=True):
+        compressed, value = estimator.rows(observation, np.arange(observation.depth.size))
+        designs.append(compressed.design() / np.sqrt(factor))
+        values.append(compressed.compress(value)[0] / np.sqrt(factor))
+    design, prior = np.vstack(designs), estimator.prior.dense()
+    crossed = design @ prior
+    factor = scipy.linalg.cho_factor(crossed @ design.T + np.eye(len(design)), lower=True, overwrite_a=True, check_finite=False)
+    innovation = np.concatenate(values) - design @ estimator.prior.mean
+    seen = crossed @ probes.T
+    cov = probes @ prior @ probes.T - seen.T @ scipy.linalg.cho_solve(factor, seen, check_finite=False)
+    return estimator.prior.mean + crossed.T @ scipy.linalg.cho_solve(factor, innovation, check_finite=False), cov
+
+
+def dense_embedding(ensemble_slices, kernel, nodes, depth_kernel):
+    """Latents of all members, shape (E, Z, 2N), from the kernel matrix of all unknowns."""
+    n_members, n_levels, size = ensemble_slices.shape
+    matrix = np.kron(depth_kernel, velocity_kernel(kernel, nodes, nodes))
+    factor = scipy.linalg.cho_factor(matrix, overwrite_a=True, check_finite=False)
+    flat = scipy.linalg.cho_solve(factor, ensemble_slices.reshape(n_members, -1).T, check_finite=False)
+    return flat.T.reshape(n_members, n_levels, size)
+
+
+def grid_std(flow, nodes):
+    """Velocity and standard error at every node and level through H, (Z 2N, n): diag(H P H')."""
+    at_nodes = velocity_kernel(flow.kernel, nodes, nodes)
+    design = np.kron(np.eye(flow.levels.size), at_nodes @ flow.modes)
+    return at_nodes @ flow.latent, np.sqrt(np.einsum("ij,ij->i", design @ flow.weight_cov, design)).reshape(flow.levels.size, -1)
+
+
+def letkf(members, grid, observation, observe, radius, taper):
+    """DAPPER's analysis of members (E, Z 2N) after a profile; ``observe`` gives what members have at its bins, (E, 2 n)."""
+    nodes = grid.nodes
+    place = np.array(to_local(grid.projection, observation.longitude, observation.latitude))
+    columns = [np.arange(2 * grid.levels.size) * len(nodes) + node for node in range(len(nodes))]
+    value = observation.velocity.T.ravel()
+
+    def localise(batch):
+        weight = np.full(value.size, taper(np.hypot(*(place - nodes[batch[0] % len(nodes)])), radius))
+        near = np.flatnonzero(weight > 0.0)
+        return near, weight[near]
+
+    noise = GaussRV(C=float(observation.error_std[0]) ** 2, M=value.size).C
+    return local_analyses(members, observe(members), noise, value, columns, localise)[0]

@@ -1,0 +1,25 @@
+"""Every benchmark once at a tiny size: it runs, and what it measures is right. Never how long it took."""
+
+import json
+
+from tests.benchmarks.__main__ import main
+
+# Of the mean and of the covariance, relative.
+ALLOWED = {"mean": 1e-8, "covariance": 1e-6, "latents": 1e-6, "standard": 1e-10, "velocity": 1e-10}
+
+
+def test_every_benchmark_runs_and_its_answers_are_right(tmp_path, capsys):
+    file = tmp_path / "benchmarks.json"
+    main(["--tiny", "--json", str(file)])
+    result = json.loads(file.read_text())
+    assert "asked" in capsys.readouterr().out
+    assert {"rows", "machine", "versions", "limits", "scaling"} <= set(result)
+    for row in result["rows"]:
+        assert {"name", "ours_s", "peer", "peer_s", "ratio", "asked", "error", "peak_mb"} <= set(row)
+        for name, value in row["error"].items():
+            allowed = ALLOWED.get(name.split("_")[0])
+            assert allowed is None or value < allowed, (row["name"], name, value)
+    assert any(row.get("form") == "Span" for row in result["rows"])
+    assert len(result["scaling"]) == 4
+    assert (tmp_path / "benchmarks.png").exists()
+    assert (tmp_path / "benchmarks.svg").exists()
