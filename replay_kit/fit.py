@@ -11,10 +11,9 @@ from rich.table import Table
 from replay_kit import __version__
 from replay_kit.config import EstimatorConfig
 from replay_kit.errors import ForecastError
-from replay_kit.estimator.fit import FitRow, Members, best, fit_settings, fit_steps
+from replay_kit.estimator.fit import FitRow, best, fit_settings, fit_steps, members_in
 from replay_kit.estimator.modes import build_basis, correlation_length
 from replay_kit.estimator.prior import PriorSettings
-from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.logs.atomic import atomic_file
 from replay_kit.types import Ensemble
 
@@ -54,8 +53,7 @@ def fit_prior(
     """
     if ensemble.n_members < 4:
         raise ForecastError(f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}")
-    basis = build_basis(ensemble, config)
-    modes = velocity_kernel(basis.kernel, ensemble.grid.nodes, ensemble.grid.nodes) @ basis.modes
+    members = members_in(build_basis(ensemble, config))
     total, done = fit_steps(ensemble.n_members, left_out), 0
 
     def advance() -> None:
@@ -65,7 +63,7 @@ def fit_prior(
             progress(done, total, "leaving members out")
 
     length = correlation_length(ensemble)
-    rows = fit_settings(Members(basis.member_weights, modes, ensemble.grid.nodes), length, left_out, advance)
+    rows = fit_settings(members, length, left_out, advance)
     return Fitted(tuple(rows), best(rows), length, ensemble.source, min(left_out, ensemble.n_members))
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.dual import initial
-from replay_kit.estimator.fit import Members, choose_settings
+from replay_kit.estimator.fit import choose_settings, members_in
 from replay_kit.estimator.forms import in_cheaper_form
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
@@ -158,8 +158,7 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasis
     representation = basis.truncation_std
     if config.representation_error_std is not None:
         representation = np.full_like(representation, config.representation_error_std)
-    nodes = basis.grid.nodes
-    velocity_modes = velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes
-    settings = choose_settings(Members(basis.member_weights, velocity_modes, nodes), correlation_length(ensemble), config)
-    prior = hybrid_prior(basis.member_weights, velocity_modes, nodes, settings)
+    members = members_in(basis)
+    settings = choose_settings(members, correlation_length(ensemble), config)
+    prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
     return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns)

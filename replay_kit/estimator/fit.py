@@ -10,8 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.modes import Basis
 from replay_kit.estimator.prior import PriorSettings, hybrid_prior
 from replay_kit.gaussian import coverage, crps_gaussian
+from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.types import Array
 
 # Candidates for the sample covariance's share.
@@ -65,6 +67,12 @@ class Members:
     def leading(self) -> "Members":
         """Return the same in fewer modes."""
         return replace(self, weights=self.weights[..., :_MODES], velocity_modes=self.velocity_modes[:, :_MODES])
+
+
+def members_in(basis: Basis) -> Members:
+    """Return an ensemble's members in their basis."""
+    nodes = basis.grid.nodes
+    return Members(basis.member_weights, velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes, nodes)
 
 
 def choose_settings(members: Members, length: float, config: EstimatorConfig) -> PriorSettings:
