@@ -81,7 +81,10 @@ def draw(series: list[Series], path: Path) -> None:
         panel.loglog(curve["values"], curve["seconds"], "o-", label=f"seconds, exponent {curve['exponent_of_time']:.2f}")
         if min(curve["peak_mb"]) > 0.0:
             panel.loglog(curve["values"], curve["peak_mb"], "s--", label=f"MB, exponent {curve['exponent_of_memory']:.2f}")
-        panel.set(xlabel=curve["name"])
+        panel.set(xlabel=curve["name"], ylabel="wall time [s], peak memory [MB]")
+        # the values measured, since a decade holds few of a logarithmic axis's own ticks and their labels overlap
+        panel.set_xticks(curve["values"], [str(value) for value in curve["values"]])
+        panel.set_xticks([], minor=True)
         panel.legend(fontsize=8)
     for suffix in (".png", ".svg"):
         figure.savefig(path.with_suffix(suffix), dpi=110)
