@@ -23,13 +23,14 @@ from replay_kit.cli_options import (
     numbers,
     write_json,
 )
-from replay_kit.config import load_config
+from replay_kit.config import ForecastConfig, load_config
 from replay_kit.errors import ConfigError
 from replay_kit.experiments.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
 from replay_kit.experiments.paper import FILES, PaperJob, check_folder, print_paper, run_paper, write_paper
 from replay_kit.experiments.paper import to_json as paper_json
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.job import check_paths, truth_path
+from replay_kit.types import Ensemble
 
 experiment = typer.Typer(
     help="Studies: how well the estimator does, and against what.", no_args_is_help=True, rich_markup_mode=None, add_completion=False
@@ -57,12 +58,10 @@ def accuracy(
     """Compare estimators on twin surveys: error, calibration, against the number of pings."""
     check_paths([ensemble, truth_path(truth), config], [json_file], overwrite)
     settings = load_config(config, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
-    if (truth is None) == (leave_out is None):
-        raise ConfigError("experiment accuracy: expected one of --truth and --leave-out")
+    _require_one_truth("accuracy", truth, leave_out)
     counts = tuple(int(n) for n in numbers(pings, "--pings") or ())
     job = AccuracyJob(leave_out, counts, noise, seeds, tuple(methods.split(",")))
-    members = read_ensemble(ensemble, settings.forecast)
-    withheld = None if truth is None else read_truth(truth, settings.forecast)
+    members, withheld = _read(ensemble, truth, settings.forecast)
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
         result = run_accuracy(members, withheld, settings.estimator, job, advance)
     print_accuracy(result, console_beside(json_file))
@@ -89,16 +88,14 @@ def paper(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Compute the study of Kong et al. (IROS 2021) on an ensemble: its tables, figures, and a report of where its method stands."""
-    if (truth is None) == (leave_out is None):
-        raise ConfigError("experiment paper: expected one of --truth and --leave-out")
+    _require_one_truth("paper", truth, leave_out)
     inputs = [ensemble, truth_path(truth)]
     check_folder(out)
     check_paths(inputs, [*(out / name for name in FILES if out.exists()), json_file], overwrite)
     settings = load_config(None, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
     most = None if modes is None else settings.estimator.modes
     job = PaperJob(leave_out=leave_out, most_modes=most, plan_modes=settings.estimator.modes, pairs=pairs, seed=seed)
-    members = read_ensemble(ensemble, settings.forecast)
-    withheld = None if truth is None else read_truth(truth, settings.forecast)
+    members, withheld = _read(ensemble, truth, settings.forecast)
     # made before the work, so that a folder that cannot be made is said at once
     out.mkdir(exist_ok=True)
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
@@ -108,3 +105,12 @@ def paper(
     print_paper(tables, console)
     console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)
     write_json(json_file, paper_json(tables))
+
+
+def _require_one_truth(command: str, truth: str | None, leave_out: str | None) -> None:
+    if (truth is None) == (leave_out is None):
+        raise ConfigError(f"experiment {command}: expected one of --truth and --leave-out")
+
+
+def _read(ensemble: Path, truth: str | None, config: ForecastConfig) -> tuple[Ensemble, Ensemble | None]:
+    return read_ensemble(ensemble, config), None if truth is None else read_truth(truth, config)
