@@ -8,11 +8,12 @@ from typing import Protocol
 import numpy as np
 
 from replay_kit.config import RunConfig
-from replay_kit.errors import ConfigError, MeasurementError
+from replay_kit.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.flow import FlowEstimate
+from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
-from replay_kit.types import LogReader, Place, Plan, VehicleState
+from replay_kit.types import Ensemble, LogReader, Place, Plan, VehicleState
 
 
 class Planner(Protocol):
@@ -148,3 +149,26 @@ def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, fl
     longitude, latitude = np.array(positions).T
     turns = np.exp(1j * np.deg2rad(longitude))
     return (float(np.rad2deg(np.angle(turns.mean()))), float(latitude.mean())), first_ns
+
+
+def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble: Ensemble) -> Ensemble | None:
+    """Return the truth of a job, or None.
+
+    Args:
+        job: The replay.
+        config: Its settings; a truth need not have the forecast's leads or times.
+        near_ns: Time of the logs' first message [ns, UTC].
+        ensemble: The forecast, to whose place the truth is moved when the forecast was.
+
+    Raises:
+        ForecastError: It cannot be read.
+    """
+    if job.truth is None:
+        return None
+    centre = ensemble.grid.projection
+    settings = config.forecast.model_copy(update={"lead": None, "reference_time": None, "time": None})
+    place_at = (centre.longitude, centre.latitude) if config.forecast.place else None
+    try:
+        return read_truth(job.truth, config.forecast, near_ns=near_ns, place_at=place_at)
+    except ForecastError:
+        return read_truth(job.truth, settings, near_ns=near_ns, place_at=place_at)

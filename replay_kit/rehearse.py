@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import BLOCK, build_estimator, means_of
 from replay_kit.forecast import read_ensemble
 from replay_kit.job import ReplayJob, look_ahead, open_readers
 from replay_kit.logs import merge
@@ -50,7 +50,7 @@ class Rehearsal:
     seconds: float
 
 
-def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = 3) -> Rehearsal:
+def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehearsal:
     """Return what a replay would use; the logs are read to their end, but only a few updates are made.
 
     Args:
@@ -67,15 +67,18 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = 3) -> Rehearsal:
         place_at, near_ns = look_ahead(job.logs, config)
         ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
         estimator = build_estimator(ensemble, config.estimator)
-        state, profiles, used, timed, spent = estimator.initial(), 0, 0, 0, 0.0
+        profiles, used = 0, 0
+        timed: list[Observation] = []
         for observation in _observations(job, config):
             profiles += 1
             used += estimator.usable(observation)
-            if timed < n_timed and estimator.usable(observation):
-                began = time.perf_counter()
-                state, _ = estimator.step(state, observation)
-                spent, timed = spent + time.perf_counter() - began, timed + 1
-    size = state.mean.size
+            if len(timed) < n_timed and estimator.usable(observation):
+                timed.append(observation)
+        began = time.perf_counter()
+        if states := [state for state, _ in estimator.steps(estimator.initial(), timed)]:
+            means_of(states)
+        spent = time.perf_counter() - began
+    size = estimator.prior.mean.size
     return Rehearsal(
         profiles=profiles,
         profiles_used=used,
@@ -85,7 +88,7 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = 3) -> Rehearsal:
         modes=estimator.basis.n_modes,
         state_size=size,
         memory_mb=_BASE_MB + _COVARIANCES * 8e-6 * size**2 + 2e-6 * ensemble.velocity.nbytes,
-        seconds=used * spent / timed if timed else 0.0,
+        seconds=used * spent / len(timed) if timed else 0.0,
     )
 
 

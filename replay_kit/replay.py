@@ -14,12 +14,12 @@ from threadpoolctl import threadpool_limits
 
 from replay_kit.baselines import build_named
 from replay_kit.config import RunConfig
-from replay_kit.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
-from replay_kit.estimator import Estimator, FilterState
+from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
+from replay_kit.estimator import BLOCK, Estimator, FilterState, means_of
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import write_grid
-from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.job import Planner, ReplayJob, check_outputs, look_ahead, open_readers
+from replay_kit.forecast import read_ensemble
+from replay_kit.job import Planner, ReplayJob, check_outputs, look_ahead, open_readers, open_truth
 from replay_kit.logs import merge
 from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
 from replay_kit.provenance import prior_notes, run_metadata, run_settings_toml
@@ -27,7 +27,7 @@ from replay_kit.report import ReplaySummary, TruthScore
 from replay_kit.results import ResultWriter
 from replay_kit.scoring import score_against_truth
 from replay_kit.tally import Stopwatch, Tally
-from replay_kit.types import Array, Ensemble, LogReader, Message, Observation, Place, Plan, VehicleState
+from replay_kit.types import Array, Ensemble, Innovation, LogReader, Message, Observation, Place, Plan, VehicleState
 
 
 @dataclass(slots=True)
@@ -53,6 +53,8 @@ class _Run:
     next_grid_ns: int | None = None
     last_ns: int = 0
     positions: list[tuple[float, float]] = field(default_factory=list)
+    waiting: list[VehicleState | Observation] = field(default_factory=list)
+    n_observations: int = 0
 
 
 def replay(
@@ -88,7 +90,7 @@ def _replay(
     readers = open_readers(job.logs, config)
     with clock.stage("forecast"):
         ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
-        truth = _read_truth(job, config, near_ns, ensemble)
+        truth = open_truth(job, config, near_ns, ensemble)
     with clock.stage("basis"):
         estimator = build_named(ensemble, config.estimator, None if job.goal is None else job.goal.depth)
         prior_flow = estimator.flow(estimator.initial())
@@ -137,6 +139,7 @@ def _loop(
             on_message(message.time_ns)
     for event in finish(state, run.config.measurements):
         _handle(run, event)
+    _work_off(run)
     run.tally.late = merged.late
 
 
@@ -166,33 +169,54 @@ def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
 
 
 def _handle(run: _Run, event: VehicleState | Observation | Used | Skipped) -> None:
+    """Count an event; what the estimate is made of waits for its like, because a block of observations takes little longer than one."""
     if isinstance(event, Used):
         run.tally.used(event.topic)
     elif isinstance(event, Skipped):
         run.tally.skipped(event.topic, event.reason)
-    elif isinstance(event, VehicleState):
-        run.vehicle = event
-        if run.writer is not None:
-            with run.clock.stage("write"):
-                run.writer.fix(event)
     else:
-        _assimilate(run, event)
+        run.waiting.append(event)
+        run.n_observations += isinstance(event, Observation)
+        if run.n_observations == BLOCK:
+            _work_off(run)
 
 
-def _assimilate(run: _Run, observation: Observation) -> None:
+def _work_off(run: _Run) -> None:
+    """Assimilate the observations that wait, then publish everything in the order in which it came."""
+    observations = [event for event in run.waiting if isinstance(event, Observation)]
+    with run.clock.stage("estimate"):
+        done = list(run.estimator.steps(run.state, observations))
+        states = [state for state, _ in done]
+        means = means_of(states) if states and isinstance(run.state, FilterState) else [None] * len(states)
+    after = iter(zip(done, means, strict=True))
+    for event in run.waiting:
+        if isinstance(event, Observation):
+            (state, innovation), mean = next(after)
+            _assimilated(run, event, state, innovation, mean)
+        else:
+            run.vehicle = event
+            if run.writer is not None:
+                with run.clock.stage("write"):
+                    run.writer.fix(event)
+    run.waiting.clear()
+    run.n_observations = 0
+
+
+def _assimilated(run: _Run, observation: Observation, state: Any, innovation: Innovation, mean: Array | None) -> None:
+    """Publish what an observation said and the state after it; ``mean`` is that of the state's weights, where it has weights."""
     if observation.dive != run.dive:
         run.dive, run.dive_start = observation.dive, run.state
     with run.clock.stage("estimate"):
         predicted = run.estimator.misfit(run.dive_start, observation)
-        run.state, innovation = run.estimator.step(run.state, observation)
+    run.state = state
     run.tally.observed(innovation, predicted)
     if innovation.accepted:
         run.positions.append((observation.longitude, observation.latitude))
     if run.writer is not None:
         with run.clock.stage("write"):
             run.writer.innovation(innovation)
-            if innovation.accepted and isinstance(run.state, FilterState):
-                run.writer.estimate(observation.time_ns, run.state.mean, run.levels)
+            if innovation.accepted and mean is not None:
+                run.writer.estimate(observation.time_ns, mean, run.levels)
     _publish_when_due(run, observation.time_ns)
 
 
@@ -268,19 +292,6 @@ def _conclude(
             notes += why_not
     summary = run.tally.summary(reports, run.clock.seconds, run.plan, run.plan_note, score, tuple(notes))
     return summary, flow
-
-
-def _read_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble: Ensemble) -> Ensemble | None:
-    if job.truth is None:
-        return None
-    centre = ensemble.grid.projection
-    # a truth need not have the forecast's leads or times
-    settings = config.forecast.model_copy(update={"lead": None, "reference_time": None, "time": None})
-    place_at = (centre.longitude, centre.latitude) if config.forecast.place else None
-    try:
-        return read_truth(job.truth, config.forecast, near_ns=near_ns, place_at=place_at)
-    except ForecastError:
-        return read_truth(job.truth, settings, near_ns=near_ns, place_at=place_at)
 
 
 def _score(

@@ -1,5 +1,6 @@
 """The default estimate averaged over depth: one current from the surface to a goal's depth (the paper's 2D baseline)."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,10 @@ class DepthAverage:
     def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation, both of the full estimator."""
         return self.full.step(state, observation)
+
+    def steps(self, state: FilterState, observations: Iterable[Observation]) -> Iterator[tuple[FilterState, Innovation]]:
+        """Yield the state after each observation, and the innovation, both of the full estimator."""
+        return self.full.steps(state, observations)
 
     def misfit(self, state: FilterState, observation: Observation) -> Array:
         """Return measured minus predicted by the full estimator, shape (n, 2) [m/s], local axes; NaN for bins not usable."""

@@ -4,12 +4,13 @@ from dataclasses import dataclass, replace
 
 from replay_kit.baselines.etkf import Etkf, TransformState, build_etkf
 from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.interface import Estimator
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EnsembleMean:
+class EnsembleMean(Estimator[TransformState]):
     """An estimator that does not learn.
 
     Attributes:

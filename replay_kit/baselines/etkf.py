@@ -17,6 +17,7 @@ from replay_kit.baselines.columns import FlowColumns
 from replay_kit.baselines.profiles import Predictions, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator.filter import ReducedBasisEstimator, build_estimator
+from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.screening import rejected
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Ensemble, Innovation, Observation
@@ -38,7 +39,7 @@ class TransformState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Etkf:
+class Etkf(Estimator[TransformState]):
     """Ensemble transform in weight space.
 
     Attributes:

@@ -16,6 +16,7 @@ import numpy as np
 from replay_kit.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
 from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.modes import cell_size, ensemble_slices
 from replay_kit.estimator.prior import gaspari_cohn
 from replay_kit.estimator.screening import rejected, scatter
@@ -45,7 +46,7 @@ class LocalState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Letkf:
+class Letkf(Estimator[LocalState]):
     """Local analyses, one a column.
 
     Attributes:

@@ -12,6 +12,7 @@ import scipy.linalg
 from replay_kit.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
 from replay_kit.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.modes import ensemble_slices
 from replay_kit.estimator.screening import rejected, scatter
 from replay_kit.flow import FlowEstimate
@@ -34,7 +35,7 @@ class WeightState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Naive3D:
+class Naive3D(Estimator[WeightState]):
     """A Kalman filter on one weight a mode.
 
     Attributes:

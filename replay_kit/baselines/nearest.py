@@ -7,6 +7,7 @@ import numpy as np
 from replay_kit.baselines.columns import FlowColumns, certain_flow, default_kernel, embed_columns
 from replay_kit.baselines.profiles import Predictions, innovation_of, usable_bins
 from replay_kit.config import EstimatorConfig
+from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.modes import ensemble_slices
 from replay_kit.estimator.screening import rejected, scatter
 from replay_kit.flow import FlowEstimate
@@ -27,7 +28,7 @@ class MisfitState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NearestMember:
+class NearestMember(Estimator[MisfitState]):
     """Chooses among the members; without a measurement, the one nearest to their mean.
 
     Attributes:

@@ -8,15 +8,16 @@ A profile h appends to L the rows [x', chol(S)] with x = L^-1 H P0 h', S = I + h
 z - h w0 - x'f is when whitened by S. Nothing before it changes: all states of a run share one log of rows, which grows at its end.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.linalg.lapack
 
 from replay_kit.estimator.kalman import ProfileRows
-from replay_kit.estimator.posterior import Look, add_gram, times_columns, times_rows
+from replay_kit.estimator.posterior import Ahead, Look, add_gram, means, times_columns, times_rows
 from replay_kit.estimator.prior import Prior
 from replay_kit.types import Array
 
@@ -84,19 +85,29 @@ class RowLog:
         corner[inside, inside] = lower
         self.ends.append(stop)
 
-    def solve(self, n: int, right: Array) -> Array:
-        """Return L^-1 right, of the first n profiles; ``right`` of shape (K, m)."""
-        out = np.empty_like(right)
+    def solve(self, n: int, right: Array, solved: Array | None = None) -> Array:
+        """Return L^-1 right, of the first n profiles.
+
+        Args:
+            n: Number of profiles.
+            right: shape (K, m), or its last rows when the first are solved.
+            solved: shape (., m), rows of the answer for the first full panels.
+        """
+        known = 0 if solved is None else len(solved)
+        out = np.empty((known + len(right), right.shape[1]))
+        if solved is not None:
+            out[:known] = solved
         for left, corner, start, stop in self._panels(n):
-            out[start:stop] = _solve(corner, right[start:stop] - times_columns(left, out[:start]), 0)
+            if start >= known:
+                out[start:stop] = _solve(corner, right[start - known : stop - known] - times_columns(left, out[:start]), 0)
         return out
 
     def solve_transposed(self, n: int, right: Array) -> Array:
-        """Return L'^-1 right, of the first n profiles; ``right`` of shape (K,)."""
+        """Return L'^-1 right, of the first n profiles; ``right`` of shape (K, m)."""
         out = right.copy()
         for left, corner, start, stop in reversed(list(self._panels(n))):
             out[start:stop] = _solve(corner, out[start:stop], 1)
-            out[:start] -= out[start:stop] @ left
+            out[:start] -= left.T @ out[start:stop]
         return out
 
     def _panels(self, n: int) -> Iterator[tuple[Array, Array, int, int]]:
@@ -134,27 +145,49 @@ class Dual:
         return self.log.ends[self.n]
 
     @property
+    def n_levels(self) -> int:
+        """Number of levels Z."""
+        return int(self.log.depth.shape[1])
+
+    @property
     def forward(self) -> Array:
         """f, shape (K,)."""
         return self.log.forward[: self.n_rows]
 
+    @property
+    def family(self) -> Any:
+        """The log: posteriors of one log share its factor."""
+        return self.log
+
     @cached_property
     def mean(self) -> Array:
         """Mean of the weights, shape (Z r,), level after level."""
-        _, n_levels, _ = self.log.depth.shape
-        padded = np.zeros(self.n * 2 * n_levels)
-        padded[self.log.slots[: self.n_rows]] = self.log.solve_transposed(self.n, self.forward)
-        by_level = np.matmul(padded.reshape(self.n, 2, n_levels), self.log.depth[: self.n])  # (n, 2, Z)
-        transposed = by_level.reshape(-1, n_levels).T @ self.places
-        return np.asarray(self.prior.mean + self.prior.times(transposed).ravel())
+        return np.asarray(means([self])[0])
+
+    @staticmethod
+    def sources(posteriors: "Sequence[Dual]") -> Array:
+        """Return H' L'^-1 f of posteriors of one log, shape (m, Z, r); zeros below f leave L'^-1 f as it is without those rows."""
+        last = max(posteriors, key=lambda posterior: posterior.n)
+        log, n, m, n_levels = last.log, last.n, len(posteriors), last.n_levels
+        forward = np.zeros((last.n_rows, m))
+        for column, posterior in enumerate(posteriors):
+            forward[: posterior.n_rows, column] = posterior.forward
+        padded = np.zeros((m, n * 2 * n_levels))
+        padded[:, log.slots[: last.n_rows]] = log.solve_transposed(n, forward).T
+        by_level = np.matmul(padded.reshape(m, n, 2, n_levels), log.depth[:n])
+        at_places = by_level.reshape(m, 2 * n, n_levels).swapaxes(1, 2).reshape(m * n_levels, 2 * n)
+        return np.asarray(at_places @ last.places).reshape(m, n_levels, last.places.shape[1])
 
     def covariance(self) -> Array:
         """Return the covariance of the weights, shape (Z r, Z r)."""
-        _, n_levels, _ = self.log.depth.shape
         cov = self.prior.dense()
-        at_places = np.matmul(self.places, cov.reshape(n_levels, -1, cov.shape[0]))  # (Z, 2 n, Z r)
-        add_gram(cov, self.log.solve(self.n, self._rows_of(at_places.transpose(1, 0, 2))), -1.0)
+        add_gram(cov, self.whitened_cross(), -1.0)
         return cov
+
+    def whitened_cross(self) -> Array:
+        """Return L^-1 H P0, shape (K, Z r)."""
+        spread = self.prior.times_modes(self.places)  # (Z, 2 n, Z, r)
+        return self.log.solve(self.n, self._rows_of(spread.transpose(1, 0, 2, 3).reshape(2 * self.n, self.n_levels, self.prior.mean.size)))
 
     def design(self, inside: Array) -> Array:
         """Return H with the modes expressed in directions, shape (K, Z s).
@@ -162,38 +195,50 @@ class Dual:
         Args:
             inside: shape (2 n, s), all G in the directions.
         """
-        _, n_levels, _ = self.log.depth.shape
+        n_levels = self.n_levels
         by_level = inside[:, None, None] * np.eye(n_levels)[..., None]  # (2 n, Z, Z, s)
         return self._rows_of(by_level.reshape(len(inside), n_levels, n_levels * inside.shape[1]))
 
-    def look(self, rows: ProfileRows) -> Look:
+    def ahead(self, profiles: Sequence[ProfileRows]) -> list[Ahead]:
+        """Return what can be computed of coming profiles before any of them counts: L is read once for all of them."""
+        spread = self.prior.times_modes(np.concatenate([rows.basis for rows in profiles]))
+        crosses = [times_rows(spread[:, 2 * i : 2 * i + 2], rows.r) for i, rows in enumerate(profiles)]
+        n_solved = self.n - self.n % self.log.panel_profiles
+        solved = self.log.solve(n_solved, self._rows_times(np.concatenate(crosses), 0, n_solved))
+        ends = np.cumsum([len(cross) for cross in crosses])
+        return [Ahead(cross, solved[:, end - len(cross) : end], n_solved) for cross, end in zip(crosses, ends, strict=True)]
+
+    def look(self, rows: ProfileRows, ahead: Ahead) -> Look:
         """Return what the posterior expects of a profile's rows."""
-        n_levels = self.log.depth.shape[1]
-        spread = times_rows(self.prior.times_modes(rows.basis), rows.r)
-        own = rows.times(spread)
-        across = spread.transpose(1, 0, 2).reshape(-1, spread.shape[2])  # (Z 2k, r), levels first
-        before = self.log.solve(self.n, self._rows_of((self.places @ across.T).reshape(2 * self.n, n_levels, len(spread))))
-        cov = own - before.T @ before
-        prior_mean = rows.times(self.prior.mean.reshape(n_levels, -1))
+        before = self.log.solve(self.n, self._rows_times(ahead.cross, ahead.n_solved, self.n), ahead.solved)
+        cov = rows.times(ahead.cross) - before.T @ before
+        prior_mean = rows.times(self.prior.mean.reshape(self.n_levels, -1))
 
         def absorb(lower: Array, whitened: Array, error_scale: float) -> "Dual":
             log = self.log.extended(self.n)
             log.append(rows, error_scale, before.T / error_scale, lower, whitened)
             return Dual(self.prior, log, self.n + 1)
 
-        return Look(prior_mean + before.T @ self.forward, prior_mean, 0.5 * (cov + cov.T), absorb)
+        return Look(prior_mean + before.T @ self.forward, 0.5 * (cov + cov.T), absorb)
 
     @property
     def places(self) -> Array:
         """G of all profiles, shape (2 n, r)."""
         return self.log.basis[: self.n].reshape(2 * self.n, self.log.basis.shape[2])
 
-    def _rows_of(self, at_places: Array) -> Array:
-        """Return the rows, shape (K, m), of something given at each level for each profile's G, shape (2 n, Z, m)."""
-        n_levels = self.log.depth.shape[1]
-        by_profile = at_places.reshape(self.n, 2, n_levels, at_places.shape[-1])
-        rows: Array = np.matmul(self.log.depth[: self.n, None], by_profile).reshape(-1, at_places.shape[-1])
-        return rows[self.log.slots[: self.n_rows]]
+    def _rows_times(self, cross: Array, first: int, last: int) -> Array:
+        """Return the rows of some profiles times something's transpose, shape (., m); ``cross`` of shape (m, Z, r)."""
+        across = cross.transpose(1, 0, 2).reshape(-1, cross.shape[2])  # (Z m, r), levels first
+        at_places = self.places[2 * first : 2 * last] @ across.T
+        return self._rows_of(at_places.reshape(2 * (last - first), cross.shape[1], len(cross)), first)
+
+    def _rows_of(self, at_places: Array, first: int = 0) -> Array:
+        """Return the rows, shape (., m), of something given at each level for each profile's G from one on, shape (2 n, Z, m)."""
+        n, n_levels = len(at_places) // 2, self.n_levels
+        width = at_places.shape[2]
+        by_profile = at_places.reshape(n, 2, n_levels, width)
+        rows: Array = np.matmul(self.log.depth[first : first + n, None], by_profile).reshape(2 * n * n_levels, width)
+        return rows[self.log.slots[self.log.ends[first] : self.log.ends[first + n]] - 2 * n_levels * first]
 
 
 def initial(prior: Prior, n_levels: int) -> Dual:

@@ -1,7 +1,8 @@
 """The estimator: a frozen problem, a frozen state, and one step that online and offline use share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from replay_kit.estimator.fit import choose_settings, members_in
 from replay_kit.estimator.forms import in_cheaper_form
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
-from replay_kit.estimator.posterior import Posterior
+from replay_kit.estimator.posterior import Ahead, Posterior, means
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
 from replay_kit.estimator.screening import rejected, scatter, screen
 from replay_kit.flow import FlowEstimate
@@ -20,6 +21,9 @@ from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation
+
+# Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
+BLOCK = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +42,11 @@ class FilterState:
     def mean(self) -> Array:
         """Mean of the weights, shape (Z r,), level after level; computed when first asked for."""
         return self.posterior.mean
+
+
+def means_of(states: Sequence[FilterState]) -> Array:
+    """Return the means of states, shape (m, Z r): those of neighbours in one run cost little more than one of them."""
+    return means([state.posterior for state in states])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,13 +76,32 @@ class ReducedBasisEstimator:
 
         An observation without a usable bin leaves the state untouched.
         """
-        flags, reasons = screen(observation, self.basis.grid)
-        used = np.flatnonzero(flags == Flag.GOOD)
-        said = rejected(observation, flags, reasons)
-        if used.size == 0:
-            return state, said
-        rows, values = self.rows(observation, used)
-        look = state.posterior.look(rows)
+        return next(self.steps(state, [observation]))
+
+    def steps(self, state: FilterState, observations: Iterable[Observation]) -> Iterator[tuple[FilterState, Innovation]]:
+        """Yield the state after each observation, and its innovation.
+
+        The same as ``step`` over and over, but what does not depend on the observations before is computed for ``BLOCK`` of them at
+        once: several times quicker, and equal to rounding.
+        """
+        source = iter(observations)
+        while block := [self._screened(observation) for observation in islice(source, BLOCK)]:
+            ahead: Iterator[Ahead] = iter(())
+            made_by: Posterior | None = None
+            for index, screened in enumerate(block):
+                innovation = screened.said
+                if screened.profile is not None:
+                    if made_by is None or type(made_by) is not type(state.posterior) or made_by.prior is not state.posterior.prior:
+                        made_by = state.posterior
+                        ahead = iter(made_by.ahead([later.profile[0] for later in block[index:] if later.profile is not None]))
+                    state, innovation = self._step(state, screened, *screened.profile, next(ahead))
+                yield state, innovation
+
+    def _step(
+        self, state: FilterState, screened: "_Screened", rows: ProfileRows, values: Array, ahead: Ahead
+    ) -> tuple[FilterState, Innovation]:
+        observation, used = screened.observation, screened.used
+        look = state.posterior.look(rows, ahead)
         innovation = values - rows.expand(look.mean)
         compressed, left_out = rows.compress(innovation)
         posterior, mean = look.posterior(compressed, 1.0)
@@ -82,19 +110,26 @@ class ReducedBasisEstimator:
             inflation = dependence_inflation((values - rows.expand(mean)) / rows.error_std[:, None])
             if inflation > 1.0:
                 posterior, mean = look.posterior(compressed, np.sqrt(inflation))
+        # the state's own prior may be an earlier posterior
+        unmeasured = rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1))
         variance = rows.expand_variance(look.cov) + np.square(rows.error_std)[:, None]
         said = replace(
-            said,
+            screened.said,
             innovation=scatter(observation.depth.size, used, innovation),
             innovation_std=scatter(observation.depth.size, used, np.sqrt(variance)),
             residual=scatter(observation.depth.size, used, values - rows.expand(mean)),
-            prior_innovation=scatter(observation.depth.size, used, values - rows.expand(look.prior_mean)),
+            prior_innovation=scatter(observation.depth.size, used, values - rows.expand(unmeasured)),
             nis=look.nis(compressed) + left_out,
             dof=2 * used.size,
             accepted=True,
             error_inflation=inflation,
         )
         return FilterState(in_cheaper_form(posterior), observation.time_ns), said
+
+    def _screened(self, observation: Observation) -> "_Screened":
+        flags, reasons = screen(observation, self.basis.grid)
+        used = np.flatnonzero(flags == Flag.GOOD)
+        return _Screened(observation, used, rejected(observation, flags, reasons), self.rows(observation, used) if used.size else None)
 
     def usable(self, observation: Observation) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
@@ -146,6 +181,23 @@ class ReducedBasisEstimator:
         u, v = rotate_to_local(projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
         values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
         return compress_profile(weights, kernel_row @ self.basis.modes, error_std), values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Screened:
+    """An observation screened.
+
+    Attributes:
+        observation: As it came.
+        used: shape (n,), its usable bins.
+        said: What is said of it when it is not used.
+        profile: Its rows, and its values about the offset; None without usable bins.
+    """
+
+    observation: Observation
+    used: NDArray[np.intp]
+    said: Innovation
+    profile: tuple[ProfileRows, Array] | None
 
 
 def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:

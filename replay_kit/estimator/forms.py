@@ -1,11 +1,12 @@
-"""Which of the two forms of the posterior is the cheaper one from here on."""
+"""Which form of the posterior is the cheaper one from here on."""
 
 import numpy as np
 import scipy.linalg
 
-from replay_kit.estimator.dual import Dual
+from replay_kit.estimator.dense import DensePrior, dense_prior
+from replay_kit.estimator.dual import Dual, initial
 from replay_kit.estimator.posterior import Posterior
-from replay_kit.estimator.span import TOLERANCE, mode_scale, span_of
+from replay_kit.estimator.span import TOLERANCE, Span, mode_scale, span_of
 from replay_kit.types import Array
 
 # Directions for each profile below which the span form is cheaper; at scattered places there are two.
@@ -14,24 +15,42 @@ _FEW = 1.25
 _MANY = 1.25
 # The first number of profiles at which directions are counted; then at every doubling.
 _FIRST = 32
+# Share of all directions from which the span form is dearer than a dual one that begins anew from the covariance.
+_NEARLY_ALL = 0.75
+# Rows that are gathered before such a dual form begins anew again.
+_FOLDED = 512
 
 
 def in_cheaper_form(posterior: Posterior) -> Posterior:
-    """Return the same posterior, in the span form when its rows lie in few directions or outnumber the weights.
+    """Return the same posterior, in the form that is the cheaper one from here on.
 
     Both forms are exact. The dual one starts without any cost, but works on all rows measured; the span form on the directions that they
-    have, which along a track are fewer, and never more than the weights. The change costs as much as some dozens of updates and is
-    made once.
+    have, which along a track are fewer than the rows. When rows outnumber the weights and have nearly all directions, the posterior becomes
+    the prior of a dual form without rows, and again after every few profiles: memory and time for each are then bounded.
+    A change costs as much as some dozens of updates.
     """
-    if not isinstance(posterior, Dual):
-        return posterior
+    if isinstance(posterior, Span):
+        return folded(posterior) if posterior.size > _NEARLY_ALL * posterior.mode_std.size else posterior
+    assert isinstance(posterior, Dual)
+    if isinstance(posterior.prior, DensePrior):
+        return folded(posterior) if posterior.n_rows > _FOLDED else posterior
     n, many = posterior.n, posterior.n_rows > _MANY * posterior.prior.mean.size
     # powers of two, because counting costs about as much as an update
     if not many and (n < _FIRST or n & (n - 1)):
         return posterior
     mode_std = mode_scale(posterior.prior)
     found = directions(posterior.places * mode_std)
-    return span_of(posterior, found, mode_std) if many or len(found) <= _FEW * n else posterior
+    if len(found) <= min(_FEW * n, _NEARLY_ALL * mode_std.size):
+        return span_of(posterior, found, mode_std)
+    return folded(posterior) if many else posterior
+
+
+def folded(posterior: Dual | Span) -> Dual:
+    """Return the same posterior as the prior of one without rows."""
+    n_levels = posterior.n_levels
+    if isinstance(posterior, Dual) and isinstance(posterior.prior, DensePrior):
+        return initial(posterior.prior.less(posterior.mean, posterior.whitened_cross()), n_levels)
+    return initial(dense_prior(posterior.mean, posterior.covariance(), n_levels), n_levels)
 
 
 def directions(rows: Array) -> Array:

@@ -4,14 +4,16 @@ A profile's design is H = R (x) G in the order of ``ProfileRows``: G (2, r) the 
 covariance is met through ``spread``, its product with G at each level, so a product with H costs two columns instead of 2 k.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from itertools import groupby
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
 
 from replay_kit.estimator.kalman import ProfileRows
+from replay_kit.estimator.prior import Prior
 from replay_kit.types import Array
 
 # Rows of a symmetric matrix that are updated at once.
@@ -24,17 +26,56 @@ class Posterior(Protocol):
     """The weights' Gaussian after some profiles; frozen, whatever its buffers share with later ones."""
 
     @property
+    def prior(self) -> Prior:
+        """What the profiles have changed."""
+        ...
+
+    @property
+    def family(self) -> Any:
+        """What posteriors share whose sources one call computes."""
+        ...
+
+    @property
     def mean(self) -> Array:
         """Mean of the weights, shape (Z r,), level after level."""
+        ...
+
+    @staticmethod
+    def sources(posteriors: Sequence[Any]) -> Array:
+        """Return s of posteriors of one family, shape (m, Z, r): their means are w0 + P0 s."""
         ...
 
     def covariance(self) -> Array:
         """Return the covariance as one matrix, shape (Z r, Z r)."""
         ...
 
-    def look(self, rows: ProfileRows) -> "Look":
-        """Return what the posterior expects of a profile's rows."""
+    def ahead(self, profiles: Sequence[ProfileRows]) -> "list[Ahead]":
+        """Return what can be computed of coming profiles before any of them counts."""
         ...
+
+    def look(self, rows: ProfileRows, ahead: "Ahead") -> "Look":
+        """Return what the posterior expects of a profile's rows.
+
+        Args:
+            rows: The profile.
+            ahead: Of this profile, by this posterior or one from which it came in the same form.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ahead:
+    """What is known of a profile before those ahead of it count.
+
+    Attributes:
+        cross: shape (2 k, Z, r), H P0.
+        solved: shape (., 2 k), the first rows of L^-1 H0 P0 H' in the dual form, H0 being the rows measured so far.
+        n_solved: Number of profiles that those rows belong to.
+    """
+
+    cross: Array
+    solved: Array
+    n_solved: int
 
 
 # Makes the posterior after the rows that were looked at, each over an error scale (the last argument), from the Cholesky factor of the
@@ -48,13 +89,11 @@ class Look:
 
     Attributes:
         mean: shape (2 k,), of the rows.
-        prior_mean: shape (2 k,), expected when nothing was measured.
         cov: shape (2 k, 2 k), of the rows without their own noise.
         absorb: Makes the posterior after them.
     """
 
     mean: Array
-    prior_mean: Array
     cov: Array
     absorb: Absorb
 
@@ -73,6 +112,20 @@ class Look:
     def nis(self, innovation: Array) -> float:
         """Return the normalised innovation squared of the rows, with noise of unit variance."""
         return float(innovation @ np.linalg.solve(self.cov + np.eye(innovation.size), innovation))
+
+
+def means(posteriors: Sequence[Posterior]) -> Array:
+    """Return the means of posteriors, shape (m, Z r): those of neighbours in one run cost little more than one of them.
+
+    A mean is a product with the prior covariance, which is bound by reading it; several products read it once.
+    """
+    out: list[Array] = []
+    for _, of_prior in groupby(posteriors, key=lambda posterior: id(posterior.prior)):
+        same = list(of_prior)
+        families = [list(family) for _, family in groupby(same, key=lambda posterior: id(posterior.family))]
+        sources = np.concatenate([family[0].sources(family) for family in families])
+        out.append(same[0].prior.mean + same[0].prior.times(sources).reshape(len(same), -1))
+    return np.concatenate(out)
 
 
 def times_rows(spread: Array, depth: Array) -> Array:

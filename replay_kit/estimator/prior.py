@@ -19,7 +19,7 @@ class Prior(Protocol):
         ...
 
     def times(self, weights: Array) -> Array:
-        """Return the covariance times weights, shape (Z, r), in the same shape."""
+        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
         ...
 
     def times_modes(self, basis: Array) -> Array:
@@ -72,7 +72,7 @@ class DiagonalPrior:
     variance: Array
 
     def times(self, weights: Array) -> Array:
-        """Return the covariance times weights, shape (Z, r), in the same shape."""
+        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
         return self.variance * weights
 
     def times_modes(self, basis: Array) -> Array:
@@ -111,11 +111,11 @@ class HybridPrior:
     settings: PriorSettings | None = None
 
     def times(self, weights: Array) -> Array:
-        """Return the covariance times weights, shape (Z, r), in the same shape."""
-        rows = self.factor.reshape(self.factor.shape[0], weights.size)
-        of_factor = ((rows @ weights.ravel()) @ rows).reshape(weights.shape)
-        in_functions = np.matmul(self.horizontal, (self.vertical @ weights)[..., None])[..., 0]
-        return np.asarray(of_factor + self.vertical.T @ in_functions)
+        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
+        rows = self.factor.reshape(self.factor.shape[0], self.mean.size)
+        of_factor = ((weights.reshape(len(weights), self.mean.size) @ rows.T) @ rows).reshape(weights.shape)
+        in_functions = np.matmul((self.vertical @ weights).swapaxes(0, 1), self.horizontal)  # (q, m, r)
+        return np.asarray(of_factor + np.einsum("qz,qmr->mzr", self.vertical, in_functions))
 
     def times_modes(self, basis: Array) -> Array:
         """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""

@@ -16,15 +16,17 @@ orthonormal. A vehicle meets directions one by one and late, each barely above t
 seen finds fewer that hold the same, and replaces them when room runs out.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 
 from replay_kit.estimator.dual import Dual
 from replay_kit.estimator.kalman import ProfileRows
-from replay_kit.estimator.posterior import Look, add_gram, add_symmetric, times_columns, times_rows
+from replay_kit.estimator.posterior import Ahead, Look, add_gram, add_symmetric, means, times_columns, times_rows
 from replay_kit.estimator.prior import Prior
 from replay_kit.types import Array
 
@@ -38,7 +40,7 @@ _PENDING = 512
 # Rows A kept as they are until they are as many, then summarised.
 _SEEN = 256
 # Room made for new directions, at least, and as a share of those there are.
-_MORE, _MORE_SHARE = 24, 0.125
+_MORE, _MORE_SHARE = 32, 0.25
 
 
 class Buffer:
@@ -106,11 +108,20 @@ class Span:
         """Rows of V' that are this posterior's, shape (s, r)."""
         return self.directions.rows[: self.size]
 
+    @property
+    def family(self) -> Any:
+        """The prior: each posterior has a source of its own."""
+        return self.prior
+
     @cached_property
     def mean(self) -> Array:
         """Mean of the weights, shape (Z r,), level after level."""
-        by_level = self.amplitude.reshape(self.n_levels, -1)[:, : self.size] @ self.taken / self.mode_std
-        return np.asarray(self.prior.mean + self.prior.times(by_level).ravel())
+        return np.asarray(means([self])[0])
+
+    @staticmethod
+    def sources(posteriors: "Sequence[Span]") -> Array:
+        """Return (I (x) B') a of posteriors, shape (m, Z, r)."""
+        return np.stack([p.amplitude.reshape(p.n_levels, -1)[:, : p.size] @ p.taken / p.mode_std for p in posteriors])
 
     def covariance(self) -> Array:
         """Return the covariance of the weights, shape (Z r, Z r)."""
@@ -119,14 +130,20 @@ class Span:
         add_symmetric(cov, across, -(self._without_room() @ across))
         return cov
 
-    def look(self, rows: ProfileRows) -> Look:
-        """Return what the posterior expects of a profile's rows."""
-        return self._with_directions_of(rows.basis)._look(rows)
+    def ahead(self, profiles: Sequence[ProfileRows]) -> list[Ahead]:
+        """Return what can be computed of coming profiles before any of them counts."""
+        spread = self.prior.times_modes(np.concatenate([rows.basis for rows in profiles]))
+        nothing = np.empty((0, 0))
+        return [Ahead(times_rows(spread[:, 2 * i : 2 * i + 2], rows.r), nothing, 0) for i, rows in enumerate(profiles)]
 
-    def _look(self, rows: ProfileRows) -> Look:
+    def look(self, rows: ProfileRows, ahead: Ahead) -> Look:
+        """Return what the posterior expects of a profile's rows."""
+        return self._with_directions_of(rows.basis)._look(rows, ahead)
+
+    def _look(self, rows: ProfileRows, ahead: Ahead) -> Look:
         n_levels, pending = self.n_levels, self.pending.rows[: self.n_pending]
         inside = self._with_room((rows.basis * self.mode_std) @ self.taken.T)
-        spread = times_rows(self.prior.times_modes(rows.basis), rows.r) / self.mode_std
+        spread = ahead.cross / self.mode_std
         g_cross = self._with_room(spread @ self.taken.T).reshape(len(spread), -1)
         q = -times_columns(self.matrix, np.ascontiguousarray(g_cross.T)).T - (g_cross @ pending.T) @ pending
         q += np.einsum("kz,cs->ckzs", rows.r, inside).reshape(q.shape)
@@ -137,7 +154,7 @@ class Span:
             half_gain = scipy.linalg.solve_triangular(lower, q / error_scale, lower=True, check_finite=False)
             return self._updated(half_gain, whitened, inside)
 
-        return Look(prior_mean + g_cross @ self.amplitude, prior_mean, 0.5 * (cov + cov.T), absorb)
+        return Look(prior_mean + g_cross @ self.amplitude, 0.5 * (cov + cov.T), absorb)
 
     def _updated(self, half_gain: Array, whitened: Array, inside: Array) -> "Span":
         """Return the posterior with M and a updated by rows whose Gram matrix M gains, shape (2 k, Z room), and G's A among those seen."""

@@ -221,9 +221,8 @@ def _run_seed(
     advance: Callable[[], None],
 ) -> Iterator[tuple[Score, float]]:
     """Yield the score and the NIS per degree of freedom so far, at each number of pings."""
-    state, nis, dof = estimator.initial(), 0.0, 0
-    for n, observation in enumerate(observations, start=1):
-        state, said = estimator.step(state, observation)
+    nis, dof = 0.0, 0
+    for n, (state, said) in enumerate(estimator.steps(estimator.initial(), observations), start=1):
         if said.accepted:
             nis, dof = nis + said.nis, dof + said.dof
         advance()

@@ -7,6 +7,7 @@ import pytest
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator import build_estimator
+from replay_kit.estimator.dense import dense_prior
 from replay_kit.estimator.modes import cell_size, correlation_length
 from replay_kit.estimator.prior import shifted_copies
 from replay_kit.kernels.horizontal import velocity_kernel
@@ -35,18 +36,37 @@ def test_the_prior_is_the_twin_s_projected_on_the_modes():
     np.testing.assert_allclose(estimator.prior.dense(), projector @ twin @ projector.T, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+def prior_named(name):
+    if name != "dense":
+        return build_estimator(SMALL, CONFIGS[name]).prior
+    hybrid = build_estimator(SMALL, CONFIGS["hybrid"]).prior
+    return dense_prior(hybrid.mean, hybrid.dense(), 3)
+
+
+@pytest.mark.parametrize("name", [*CONFIGS, "dense"])
 def test_products_with_the_parts_are_products_with_the_matrix(name):
-    prior = build_estimator(SMALL, CONFIGS[name]).prior
+    prior = prior_named(name)
     dense = prior.dense()
     assert np.linalg.eigvalsh(dense).min() > -1e-12 * np.abs(dense).max()
     rng = np.random.default_rng(0)
-    weights = rng.standard_normal((3, dense.shape[0] // 3))
+    weights = rng.standard_normal((4, 3, dense.shape[0] // 3))
     scale = np.abs(dense).max()
-    np.testing.assert_allclose(prior.times(weights).ravel(), dense @ weights.ravel(), atol=1e-12 * scale)
-    basis = weights[:2]
+    np.testing.assert_allclose(prior.times(weights).reshape(4, -1), weights.reshape(4, -1) @ dense, atol=1e-12 * scale)
+    basis = weights[0, :2]
     columns = np.einsum("zy,cr->zcyr", np.eye(3), basis).reshape(6, -1)
     np.testing.assert_allclose(prior.times_modes(basis).reshape(6, -1), columns @ dense, atol=1e-12 * scale)
+
+
+def test_a_dense_prior_is_the_matrix_it_was_made_of_and_less_takes_rows_away():
+    hybrid = build_estimator(SMALL, CONFIGS["hybrid"]).prior
+    matrix = hybrid.dense()
+    prior = dense_prior(hybrid.mean, matrix, 3)
+    np.testing.assert_allclose(prior.dense(), matrix, atol=1e-16)  # the upper half is the lower one mirrored
+    np.testing.assert_allclose(prior.mode_std(), hybrid.mode_std(), rtol=1e-12)
+    rows = 0.1 * np.random.default_rng(1).standard_normal((7, len(matrix)))
+    less = prior.less(hybrid.mean + 1.0, rows)
+    np.testing.assert_allclose(less.dense(), matrix - rows.T @ rows, atol=1e-14)
+    np.testing.assert_array_equal(less.mean, hybrid.mean + 1.0)
 
 
 def test_without_shift_or_localisation_it_is_the_sample_covariance():

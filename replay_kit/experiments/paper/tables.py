@@ -156,8 +156,8 @@ def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: Sc
             modes, elements = _size(estimator)
             least = bound(estimator, at)
             state = estimator.initial()
-            for done, observation in enumerate(survey.observations, start=1):
-                state, _ = estimator.step(state, observation)
+            for done, (after, _) in enumerate(estimator.steps(state, survey.observations), start=1):
+                state = after
                 advance(1)
                 if done in survey.counts:
                     errors.append(_rmse(estimator.flow(state), at))
