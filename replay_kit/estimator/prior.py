@@ -158,7 +158,7 @@ def diagonal_prior(member_weights: Array) -> DiagonalPrior:
 def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, settings: PriorSettings) -> HybridPrior:
     """Return the prior of the members and their shifted copies: sample covariance, mixed with a localised one.
 
-    Every member counts five times, as it is and shifted by one correlation length to the four sides: what the members
+    Every member counts as it is and, half as much each, shifted by one correlation length to the four sides: what the members
     say of the shape of eddies holds for eddies a little elsewhere (spatial averages of covariances, Berre and Desroziers 2010, Mon. Wea.
     Rev. 138; valid-space shifting, Xu et al. 2011). The sample covariance of so many members still takes chance correlations between
     far places for real ones, and has few directions. The localised part (hybrid covariance, Hamill and Snyder 2000) has all
@@ -190,9 +190,9 @@ def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, set
 
 
 def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
-    """Return fields and their copies shifted east, west, north and south, each over sqrt(5): shape (5 E, Z, 2N).
+    """Return fields and their copies shifted east, west, north and south, weighted: shape (5 E, Z, 2N).
 
-    A copy has at each node what the field has at the node nearest to the shifted place, so at the edge it repeats the edge.
+    Their Gram matrix is a mean, in which a field itself counts as much as two of its copies. A copy has at each node what the field has at the node nearest to the shifted place, so at the edge it repeats the edge.
 
     Args:
         fields: shape (E, Z, 2N).
@@ -202,8 +202,8 @@ def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
     offsets = shift * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     _, source = cKDTree(nodes).query(nodes[None] + offsets[:, None])
     both = np.concatenate([source, source + nodes.shape[0]], axis=1)
-    copies: Array = np.concatenate([fields[..., indices] for indices in both])
-    return np.asarray(copies / np.sqrt(len(offsets)))
+    weights = np.sqrt(np.array([2.0, 1.0, 1.0, 1.0, 1.0]) / 6.0)
+    return np.concatenate([weight * fields[..., indices] for weight, indices in zip(weights, both, strict=True)])
 
 
 def _localised(fields: Array, taper: Array, projector: Array) -> Array:

@@ -76,7 +76,7 @@ def test_without_shift_or_localisation_it_is_the_sample_covariance():
 
 def test_copies_shift_the_interior_and_repeat_the_edge():
     nodes = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    copies = shifted_copies(np.arange(6.0).reshape(1, 1, 6), nodes, 1.0) * np.sqrt(5)
+    copies = shifted_copies(np.arange(6.0).reshape(1, 1, 6), nodes, 1.0) * np.sqrt(6.0 / np.array([2, 1, 1, 1, 1]))[:, None, None]
     np.testing.assert_allclose(copies[:3, 0], [[0, 1, 2, 3, 4, 5], [1, 2, 2, 4, 5, 5], [0, 0, 1, 3, 3, 4]])
     np.testing.assert_allclose(copies[3:, 0], [[0, 1, 2, 3, 4, 5]] * 2)
 

@@ -87,14 +87,14 @@ def hybrid_covariance(fields, modes, nodes, share, shift, radius, taper):
     n_nodes = size // 2
     anomalies = fields - fields.mean(axis=0)
     copies = []
-    for east, north in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+    for east, north, counts in ((0, 0, 2), (1, 0, 1), (-1, 0, 1), (0, 1, 1), (0, -1, 1)):
         for member in anomalies:
             copy = np.empty_like(member)
             for n in range(n_nodes):
                 wanted = nodes[n] + shift * np.array([east, north])
                 nearest = min(range(n_nodes), key=lambda k: np.hypot(*(nodes[k] - wanted)))
                 copy[:, n], copy[:, n + n_nodes] = member[:, nearest], member[:, nearest + n_nodes]
-            copies.append(copy @ (modes @ projector).T / np.sqrt(5 * (n_members - 1)))
+            copies.append(copy @ (modes @ projector).T * np.sqrt(counts / 6 / (n_members - 1)))
     copies = np.array(copies)
     sample = np.einsum("czn,cym->znym", copies, copies)
     by_depth = np.array(
