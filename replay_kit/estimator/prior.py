@@ -192,7 +192,8 @@ def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, set
 def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
     """Return fields and their copies shifted east, west, north and south, weighted: shape (5 E, Z, 2N).
 
-    Their Gram matrix is a mean, in which a field itself counts as much as two of its copies. A copy has at each node what the field has at the node nearest to the shifted place, so at the edge it repeats the edge.
+    Their Gram matrix is a mean, in which a field itself counts as much as two of its copies. A copy has at each node
+    what the field has at the node nearest to the shifted place, so at the edge it repeats the edge.
 
     Args:
         fields: shape (E, Z, 2N).
