@@ -5,56 +5,27 @@ bytes. Wall times go to the summary only.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.baselines import build_named
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
-from replay_kit.estimator import BLOCK, Estimator, FilterState, means_of
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import write_grid
 from replay_kit.forecast import read_ensemble
 from replay_kit.job import Planner, ReplayJob, check_outputs, look_ahead, open_readers, open_truth
 from replay_kit.logs import merge
-from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
+from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.provenance import prior_notes, run_metadata, run_settings_toml
 from replay_kit.report import ReplaySummary, TruthScore
 from replay_kit.results import ResultWriter
+from replay_kit.run import Run, handle, make_plan, work_off, write_grids
 from replay_kit.scoring import score_against_truth
 from replay_kit.tally import Stopwatch, Tally
-from replay_kit.types import Array, Ensemble, Innovation, LogReader, Message, Observation, Place, Plan, VehicleState
-
-
-@dataclass(slots=True)
-class _Run:
-    """The loop's moving parts: everything here is a frozen value that the next message replaces."""
-
-    # Any: each kind of estimator has a state of its own, which only it looks into
-    estimator: Estimator[Any]
-    writer: ResultWriter | None
-    planner: Planner | None
-    job: ReplayJob
-    config: RunConfig
-    levels: Array
-    clock: Stopwatch
-    tally: Tally
-    state: Any
-    dive_start: Any
-    dive: int = 0
-    vehicle: VehicleState | None = None
-    plan: Plan | None = None
-    plan_note: str = ""
-    next_plan_ns: int | None = None
-    next_grid_ns: int | None = None
-    last_ns: int = 0
-    positions: list[tuple[float, float]] = field(default_factory=list)
-    waiting: list[VehicleState | Observation] = field(default_factory=list)
-    n_observations: int = 0
+from replay_kit.types import Ensemble, LogReader, Message
 
 
 def replay(
@@ -97,7 +68,7 @@ def _replay(
     if job.goal is not None and planner is not None:
         planner.check(prior_flow, job.goal)
     writer = ResultWriter(job.out, overwrite=job.overwrite) if job.out is not None else None
-    run = _Run(estimator, writer, planner, job, config, ensemble.grid.levels, clock, tally, estimator.initial(), estimator.initial())
+    run = Run(estimator, writer, planner, job, config, ensemble.grid.levels, clock, tally, estimator.initial(), estimator.initial())
     try:
         _loop(run, readers, prior_flow, ensemble, on_message)
         summary, flow = _conclude(run, ensemble, prior_flow, readers, truth)
@@ -115,7 +86,7 @@ def _replay(
 
 
 def _loop(
-    run: _Run, readers: Sequence[LogReader], prior_flow: FlowEstimate, ensemble: Ensemble, on_message: Callable[[int], None] | None
+    run: Run, readers: Sequence[LogReader], prior_flow: FlowEstimate, ensemble: Ensemble, on_message: Callable[[int], None] | None
 ) -> None:
     state = initial_state()
     logs = run.config.logs
@@ -134,16 +105,16 @@ def _loop(
         with run.clock.stage("measure"):
             state, events = interpret(state, message, run.config.measurements)
         for event in events:
-            _handle(run, event)
+            handle(run, event)
         if on_message is not None:
             on_message(message.time_ns)
     for event in finish(state, run.config.measurements):
-        _handle(run, event)
-    _work_off(run)
+        handle(run, event)
+    work_off(run)
     run.tally.late = merged.late
 
 
-def _start(run: _Run, first: Message, prior_flow: FlowEstimate, ensemble: Ensemble) -> None:
+def _start(run: Run, first: Message, prior_flow: FlowEstimate, ensemble: Ensemble) -> None:
     if run.writer is None:
         return
     with run.clock.stage("write"):
@@ -168,107 +139,14 @@ def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
     }
 
 
-def _handle(run: _Run, event: VehicleState | Observation | Used | Skipped) -> None:
-    """Count an event; what the estimate is made of waits for its like, because a block of observations takes little longer than one."""
-    if isinstance(event, Used):
-        run.tally.used(event.topic)
-    elif isinstance(event, Skipped):
-        run.tally.skipped(event.topic, event.reason)
-    else:
-        run.waiting.append(event)
-        run.n_observations += isinstance(event, Observation)
-        if run.n_observations == BLOCK:
-            _work_off(run)
-
-
-def _work_off(run: _Run) -> None:
-    """Assimilate the observations that wait, then publish everything in the order in which it came."""
-    observations = [event for event in run.waiting if isinstance(event, Observation)]
-    with run.clock.stage("estimate"):
-        done = list(run.estimator.steps(run.state, observations))
-        states = [state for state, _ in done]
-        means = means_of(states) if states and isinstance(run.state, FilterState) else [None] * len(states)
-    after = iter(zip(done, means, strict=True))
-    for event in run.waiting:
-        if isinstance(event, Observation):
-            (state, innovation), mean = next(after)
-            _assimilated(run, event, state, innovation, mean)
-        else:
-            run.vehicle = event
-            if run.writer is not None:
-                with run.clock.stage("write"):
-                    run.writer.fix(event)
-    run.waiting.clear()
-    run.n_observations = 0
-
-
-def _assimilated(run: _Run, observation: Observation, state: Any, innovation: Innovation, mean: Array | None) -> None:
-    """Publish what an observation said and the state after it; ``mean`` is that of the state's weights, where it has weights."""
-    if observation.dive != run.dive:
-        run.dive, run.dive_start = observation.dive, run.state
-    with run.clock.stage("estimate"):
-        predicted = run.estimator.misfit(run.dive_start, observation)
-    run.state = state
-    run.tally.observed(innovation, predicted)
-    if innovation.accepted:
-        run.positions.append((observation.longitude, observation.latitude))
-    if run.writer is not None:
-        with run.clock.stage("write"):
-            run.writer.innovation(innovation)
-            if innovation.accepted and mean is not None:
-                run.writer.estimate(observation.time_ns, mean, run.levels)
-    _publish_when_due(run, observation.time_ns)
-
-
-def _publish_when_due(run: _Run, now_ns: int) -> None:
-    if run.next_grid_ns is None or now_ns >= run.next_grid_ns:
-        run.next_grid_ns = now_ns + int(run.config.output.interval * 1e9)
-        _write_grids(run, now_ns, run.estimator.flow(run.state))
-    if run.next_plan_ns is None:
-        run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
-    elif now_ns >= run.next_plan_ns:
-        run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
-        _plan(run, now_ns, run.estimator.flow(run.state))
-
-
-def _write_grids(run: _Run, now_ns: int, flow: FlowEstimate) -> None:
-    if run.writer is None:
-        return
-    levels = flow.levels
-    depths = run.config.output.depths or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1}))
-    with run.clock.stage("write"):
-        run.writer.grids(now_ns, flow, depths)
-
-
-def _start_place(vehicle: VehicleState) -> Place:
-    return Place(vehicle.longitude, vehicle.latitude, max(vehicle.depth, 0.0) if np.isfinite(vehicle.depth) else 0.0)
-
-
-def _plan(run: _Run, now_ns: int, flow: FlowEstimate) -> None:
-    """Plan from where the vehicle is; a vehicle outside the region is said and does not end the replay."""
-    if run.planner is None or run.job.goal is None or run.vehicle is None:
-        return
-    with run.clock.stage("plan"):
-        try:
-            run.plan, run.plan_note = run.planner.plan(flow, _start_place(run.vehicle), run.job.goal, now_ns, run.plan), ""
-        except PlanError as error:
-            run.plan, run.plan_note = None, str(error)
-    if run.writer is not None:
-        with run.clock.stage("write"):
-            if run.plan is not None:
-                run.writer.plan(run.plan, flow.grid.projection)
-            else:
-                run.writer.log(now_ns, "warning", f"no plan: {run.plan_note}")
-
-
 def _conclude(
-    run: _Run, ensemble: Ensemble, prior_flow: FlowEstimate, readers: Sequence[LogReader], truth: Ensemble | None
+    run: Run, ensemble: Ensemble, prior_flow: FlowEstimate, readers: Sequence[LogReader], truth: Ensemble | None
 ) -> tuple[ReplaySummary, FlowEstimate]:
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
     reports = [reader.report() for reader in readers]
     run.tally.require_usable(reports, ensemble.grid, run.vehicle)
     flow = run.estimator.flow(run.state)
-    _plan(run, run.last_ns, flow)
+    make_plan(run, run.last_ns, flow)
     kernel = flow.kernel
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
@@ -276,7 +154,7 @@ def _conclude(
     if run.job.goal is None:
         notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
     if run.writer is not None:
-        _write_grids(run, run.last_ns, flow)
+        write_grids(run, run.last_ns, flow)
         with run.clock.stage("write"):
             run.writer.finish(flow)
             run.writer.close()
@@ -295,7 +173,7 @@ def _conclude(
 
 
 def _score(
-    run: _Run, ensemble: Ensemble, flow: FlowEstimate, prior_flow: FlowEstimate, truth: Ensemble
+    run: Run, ensemble: Ensemble, flow: FlowEstimate, prior_flow: FlowEstimate, truth: Ensemble
 ) -> tuple[TruthScore | None, list[str]]:
     """Return the score, or as much of it as there is, and why the rest is missing."""
     try:

@@ -1,0 +1,163 @@
+"""A replay's moving parts: what the next message changes, and what is published when."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config import RunConfig
+from replay_kit.errors import PlanError
+from replay_kit.estimator import BLOCK, Estimator, FilterState, means_of
+from replay_kit.flow import FlowEstimate
+from replay_kit.job import Planner, ReplayJob
+from replay_kit.measurements import Skipped, Used
+from replay_kit.results import ResultWriter
+from replay_kit.tally import Stopwatch, Tally
+from replay_kit.types import Array, Innovation, Observation, Place, Plan, VehicleState
+
+
+# A log may hold positions and nothing else.
+_WAITING = 4096
+
+
+@dataclass(slots=True)
+class Run:
+    """The loop's moving parts: everything here is a frozen value that the next message replaces.
+
+    Attributes:
+        estimator: Does the estimating.
+        writer: Takes what is published; None publishes nothing.
+        planner: Makes the plans when the job has a goal.
+        job: Inputs and outputs.
+        config: The run's settings.
+        levels: shape (Z,) [m].
+        clock: Wall time of each stage.
+        tally: What was counted.
+        state: The estimator's, after the last observation published.
+        dive_start: The state before the dive's first observation.
+        dive: Number of the dive.
+        vehicle: Last position.
+        plan: Last plan, or None, with the reason in ``plan_note``.
+        next_plan_ns: When the next plan is due [ns, UTC].
+        next_grid_ns: When the next depth slices are due.
+        last_ns: Time of the last message.
+        positions: Longitude and latitude of each observation used.
+        waiting: Positions and observations in the order of the log, not yet published.
+        n_observations: Observations among them.
+    """
+
+    # Any: each kind of estimator has a state of its own, which only it looks into
+    estimator: Estimator[Any]
+    writer: ResultWriter | None
+    planner: Planner | None
+    job: ReplayJob
+    config: RunConfig
+    levels: Array
+    clock: Stopwatch
+    tally: Tally
+    state: Any
+    dive_start: Any
+    dive: int = 0
+    vehicle: VehicleState | None = None
+    plan: Plan | None = None
+    plan_note: str = ""
+    next_plan_ns: int | None = None
+    next_grid_ns: int | None = None
+    last_ns: int = 0
+    positions: list[tuple[float, float]] = field(default_factory=list)
+    waiting: list[VehicleState | Observation] = field(default_factory=list)
+    n_observations: int = 0
+
+
+def handle(run: Run, event: VehicleState | Observation | Used | Skipped) -> None:
+    """Count an event; what the estimate is made of waits for its like, because a block of observations takes little longer than one."""
+    if isinstance(event, Used):
+        run.tally.used(event.topic)
+    elif isinstance(event, Skipped):
+        run.tally.skipped(event.topic, event.reason)
+    else:
+        run.waiting.append(event)
+        run.n_observations += isinstance(event, Observation)
+        if run.n_observations == BLOCK or len(run.waiting) == _WAITING:
+            work_off(run)
+
+
+def work_off(run: Run) -> None:
+    """Assimilate the observations that wait, then publish everything in the order in which it came."""
+    observations = [event for event in run.waiting if isinstance(event, Observation)]
+    with run.clock.stage("estimate"):
+        done = list(run.estimator.steps(run.state, observations))
+        states = [state for state, _ in done]
+        means = means_of(states) if states and isinstance(run.state, FilterState) else [None] * len(states)
+    after = iter(zip(done, means, strict=True))
+    for event in run.waiting:
+        if isinstance(event, Observation):
+            (state, innovation), mean = next(after)
+            _assimilated(run, event, state, innovation, mean)
+        else:
+            run.vehicle = event
+            if run.writer is not None:
+                with run.clock.stage("write"):
+                    run.writer.fix(event)
+    run.waiting.clear()
+    run.n_observations = 0
+
+
+def _assimilated(run: Run, observation: Observation, state: Any, innovation: Innovation, mean: Array | None) -> None:
+    """Publish what an observation said and the state after it; ``mean`` is that of the state's weights, where it has weights."""
+    if observation.dive != run.dive:
+        run.dive, run.dive_start = observation.dive, run.state
+    with run.clock.stage("estimate"):
+        predicted = run.estimator.misfit(run.dive_start, observation)
+    run.state = state
+    run.tally.observed(innovation, predicted)
+    if innovation.accepted:
+        run.positions.append((observation.longitude, observation.latitude))
+    if run.writer is not None:
+        with run.clock.stage("write"):
+            run.writer.innovation(innovation)
+            if innovation.accepted and mean is not None:
+                run.writer.estimate(observation.time_ns, mean, run.levels)
+    _publish_when_due(run, observation.time_ns)
+
+
+def _publish_when_due(run: Run, now_ns: int) -> None:
+    if run.next_grid_ns is None or now_ns >= run.next_grid_ns:
+        run.next_grid_ns = now_ns + int(run.config.output.interval * 1e9)
+        write_grids(run, now_ns, run.estimator.flow(run.state))
+    if run.next_plan_ns is None:
+        run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
+    elif now_ns >= run.next_plan_ns:
+        run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
+        make_plan(run, now_ns, run.estimator.flow(run.state))
+
+
+def write_grids(run: Run, now_ns: int, flow: FlowEstimate) -> None:
+    """Write the depth slices of a flow, if there is a result to write."""
+    if run.writer is None:
+        return
+    levels = flow.levels
+    depths = run.config.output.depths or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1}))
+    with run.clock.stage("write"):
+        run.writer.grids(now_ns, flow, depths)
+
+
+def _start_place(vehicle: VehicleState) -> Place:
+    return Place(vehicle.longitude, vehicle.latitude, max(vehicle.depth, 0.0) if np.isfinite(vehicle.depth) else 0.0)
+
+
+def make_plan(run: Run, now_ns: int, flow: FlowEstimate) -> None:
+    """Plan from where the vehicle is; a vehicle outside the region is said and does not end the replay."""
+    if run.planner is None or run.job.goal is None or run.vehicle is None:
+        return
+    with run.clock.stage("plan"):
+        try:
+            run.plan, run.plan_note = run.planner.plan(flow, _start_place(run.vehicle), run.job.goal, now_ns, run.plan), ""
+        except PlanError as error:
+            run.plan, run.plan_note = None, str(error)
+    if run.writer is not None:
+        with run.clock.stage("write"):
+            if run.plan is not None:
+                run.writer.plan(run.plan, flow.grid.projection)
+            else:
+                run.writer.log(now_ns, "warning", f"no plan: {run.plan_note}")
