@@ -53,6 +53,8 @@ from replay_kit.replay import replay as replay_logs
 from replay_kit.report import print_summary, to_json
 from replay_kit.twin import make_twin, write_ensemble
 from replay_kit.types import Place, Plan
+from replay_kit.verify import print_verdict, verdict_json
+from replay_kit.verify import verify as verify_result
 
 # Without markup, or units in brackets such as [m/s] would be taken for styles and vanish from the help.
 app = typer.Typer(
@@ -174,6 +176,9 @@ def replay(
     truth_radius: Annotated[
         float | None, typer.Option("--truth-radius", metavar="KM", help="Score only this near to the profiles [km].")
     ] = None,
+    checkpoint: Annotated[
+        Path | None, typer.Option("--checkpoint", metavar="FILE", help="Go on from here when the run was killed; deleted at the end.")
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be used, and the memory and time expected.")] = False,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
@@ -188,6 +193,7 @@ def replay(
         save_estimate=save_estimate,
         truth=truth,
         truth_radius_km=radius(truth_radius),
+        checkpoint=checkpoint,
         overwrite=overwrite,
     )
     check_outputs(job, also_read=[config], also_written=[json_file])
@@ -210,6 +216,25 @@ def replay(
     print_summary(summary, console_beside(json_file))
     write_json(json_file, to_json(summary))
     raise typer.Exit(summary.exit_code)
+
+
+@app.command()
+def verify(
+    result: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="A result of replay.")],
+    inputs: Annotated[
+        list[Path] | None,
+        typer.Option("--inputs", metavar="DIR", help="Folder of logs and ensemble; else beside the result, then here."),
+    ] = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a result again from its inputs and the configuration in it, and name the first message that differs."""
+    check_paths([result], [json_file], overwrite)
+    with progress("replaying") as advance:
+        verdict = verify_result(result, inputs or [], GlidePlanner.of, advance)
+    print_verdict(verdict, console_beside(json_file))
+    write_json(json_file, verdict_json(verdict))
+    raise typer.Exit(0 if verdict.same else 1)
 
 
 @app.command()

@@ -154,6 +154,7 @@ class OutputConfig(_Section):
 
     depths: tuple[_Depth, ...] | None = Field(default=None, description="m; depth slices published; three levels by default")
     interval: float = Field(default=21600.0, gt=0.0, description="s of log time between published grids")
+    checkpoint_interval: float = Field(default=3600.0, gt=0.0, description="s of log time between checkpoints")
     threads: int = Field(default=1, ge=1, description="BLAS threads; other counts give other last bits")
 
 

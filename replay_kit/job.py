@@ -45,6 +45,7 @@ class ReplayJob:
         save_estimate: Lossless estimate, NetCDF.
         truth: ``PATH`` or ``PATH#MEMBER`` to score against.
         truth_radius_km: Score only grid points this near to a profile used; None scores all.
+        checkpoint: File from which a killed run goes on; made as the run goes, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
     """
 
@@ -56,6 +57,7 @@ class ReplayJob:
     save_estimate: Path | None = None
     truth: str | None = None
     truth_radius_km: float | None = None
+    checkpoint: Path | None = None
     overwrite: bool = False
 
 

@@ -4,13 +4,14 @@ The loop is driven by the messages' own times; nothing depends on the wall clock
 bytes. Wall times go to the summary only.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
 from replay_kit.baselines import build_named
+from replay_kit.checkpoint import Checkpoints, run_identity
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
 from replay_kit.flow import FlowEstimate
@@ -18,18 +19,22 @@ from replay_kit.flow_netcdf import write_grid
 from replay_kit.forecast import read_ensemble
 from replay_kit.job import Planner, ReplayJob, check_outputs, look_ahead, open_readers, open_truth
 from replay_kit.logs import merge
-from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.measurements import MeasurementState, finish, initial_state, interpret
 from replay_kit.provenance import prior_notes, run_metadata, run_settings_toml
 from replay_kit.report import ReplaySummary, TruthScore
-from replay_kit.results import ResultWriter
+from replay_kit.results import Digest, ResultWriter
 from replay_kit.run import Run, handle, make_plan, work_off, write_grids
 from replay_kit.scoring import score_against_truth
 from replay_kit.tally import Stopwatch, Tally
-from replay_kit.types import Ensemble, LogReader, Message
+from replay_kit.types import Ensemble, LogReader
 
 
 def replay(
-    job: ReplayJob, config: RunConfig, planner: Planner | None = None, on_message: Callable[[int], None] | None = None
+    job: ReplayJob,
+    config: RunConfig,
+    planner: Planner | None = None,
+    on_message: Callable[[int], None] | None = None,
+    on_digest: Callable[[Digest], None] | None = None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
     """Replay logs through the estimator and return the summary and the final estimate.
 
@@ -38,6 +43,7 @@ def replay(
         config: The run's settings.
         planner: Makes the plans when the job has a goal.
         on_message: Called with each message's time [ns], for progress.
+        on_digest: Called with each digest of the result.
 
     Raises:
         LogError: A log cannot be opened.
@@ -48,11 +54,15 @@ def replay(
     """
     check_outputs(job)
     with threadpool_limits(limits=config.output.threads):
-        return _replay(job, config, planner, on_message)
+        return _replay(job, config, planner, on_message or (lambda time_ns: None), on_digest)
 
 
 def _replay(
-    job: ReplayJob, config: RunConfig, planner: Planner | None, on_message: Callable[[int], None] | None
+    job: ReplayJob,
+    config: RunConfig,
+    planner: Planner | None,
+    on_message: Callable[[int], None],
+    on_digest: Callable[[Digest], None] | None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
     clock, tally = Stopwatch(), Tally()
     place_at, near_ns = look_ahead(job.logs, config)
@@ -67,61 +77,104 @@ def _replay(
         prior_flow = estimator.flow(estimator.initial())
     if job.goal is not None and planner is not None:
         planner.check(prior_flow, job.goal)
-    writer = ResultWriter(job.out, overwrite=job.overwrite) if job.out is not None else None
-    run = Run(estimator, writer, planner, job, config, ensemble.grid.levels, clock, tally, estimator.initial(), estimator.initial())
+    run = Run(estimator, None, planner, job, config, ensemble.grid.levels, clock, tally, estimator.initial(), estimator.initial())
+    metadata = {} if job.out is None else run_metadata(job.logs, job.ensemble, ensemble, _options(job, prior_flow))
+    checkpoints = None
+    if job.checkpoint is not None:
+        identity = run_identity(metadata, run_settings_toml(config))
+        checkpoints = Checkpoints(job.checkpoint, identity, config.output.checkpoint_interval)
     try:
-        _loop(run, readers, prior_flow, ensemble, on_message)
+        begin = _begin(run, ensemble, prior_flow, metadata, checkpoints, on_digest)
+        _loop(run, begin, readers, checkpoints, on_message)
         summary, flow = _conclude(run, ensemble, prior_flow, readers, truth)
     except (ConfigError, MeasurementError, LogError, PlanError):
         # the input was unusable: there is no result worth keeping
-        if writer is not None:
-            writer.discard()
+        if run.writer is not None:
+            run.writer.discard()
         raise
     except BaseException:
         # anything else, an interrupt first of all, leaves OUT.part with every whole chunk
-        if writer is not None:
-            writer.abandon()
+        if run.writer is not None:
+            run.writer.abandon()
         raise
+    finally:
+        if checkpoints is not None:
+            checkpoints.close()
+    if checkpoints is not None:
+        checkpoints.remove()
     return summary, flow
 
 
+@dataclass(frozen=True, slots=True)
+class _Begin:
+    """How a loop begins.
+
+    Attributes:
+        first: Called with the time of the first message [ns, UTC], when no result was begun before.
+        measurement: What the measurement step remembers.
+        skip: Number of messages taken before.
+    """
+
+    first: Callable[[int], None]
+    measurement: MeasurementState
+    skip: int = 0
+
+
+def _begin(
+    run: Run,
+    ensemble: Ensemble,
+    prior_flow: FlowEstimate,
+    metadata: Mapping[str, Mapping[str, str]],
+    checkpoints: Checkpoints | None,
+    on_digest: Callable[[Digest], None] | None,
+) -> _Begin:
+    """Open the result and return how the loop begins: anew, or where a checkpoint was made."""
+    if run.job.out is None:
+        return _Begin(lambda time_ns: None, initial_state())
+    resumed = checkpoints.resume(run) if checkpoints is not None else None
+    journal = checkpoints.open_journal(resumed) if checkpoints is not None else None
+    writer = run.writer = ResultWriter(run.job.out, run.job.overwrite, on_digest, journal)
+
+    def first(time_ns: int) -> None:
+        with run.clock.stage("write"):
+            writer.start(prior_flow.grid.projection, time_ns, metadata, run_settings_toml(run.config))
+            for note in ensemble.notes:
+                writer.log(time_ns, "warning", note)
+
+    if resumed is None or checkpoints is None:
+        return _Begin(first, initial_state())
+    checkpoints.write_again(writer, resumed)
+    return _Begin(lambda time_ns: None, resumed.measurement, resumed.messages)
+
+
 def _loop(
-    run: Run, readers: Sequence[LogReader], prior_flow: FlowEstimate, ensemble: Ensemble, on_message: Callable[[int], None] | None
+    run: Run, begin: _Begin, readers: Sequence[LogReader], checkpoints: Checkpoints | None, on_message: Callable[[int], None]
 ) -> None:
-    state = initial_state()
     logs = run.config.logs
     merged = merge(readers, logs.reorder_window, logs.start_ns, logs.end_ns)
-    messages = iter(merged)
-    started = False
+    messages, taken, state = iter(merged), 0, begin.measurement
     while True:
         with run.clock.stage("read"):
             message = next(messages, None)
         if message is None:
             break
-        if not started:
-            _start(run, message, prior_flow, ensemble)
-            started = True
+        taken += 1
+        if taken <= begin.skip:
+            continue
+        if taken == 1:
+            begin.first(message.time_ns)
         run.last_ns = message.time_ns
         with run.clock.stage("measure"):
             state, events = interpret(state, message, run.config.measurements)
         for event in events:
             handle(run, event)
-        if on_message is not None:
-            on_message(message.time_ns)
+        if checkpoints is not None:
+            checkpoints.keep_when_due(run, state, taken)
+        on_message(message.time_ns)
     for event in finish(state, run.config.measurements):
         handle(run, event)
     work_off(run)
     run.tally.late = merged.late
-
-
-def _start(run: Run, first: Message, prior_flow: FlowEstimate, ensemble: Ensemble) -> None:
-    if run.writer is None:
-        return
-    with run.clock.stage("write"):
-        metadata = run_metadata(run.job.logs, run.job.ensemble, ensemble, _options(run.job, prior_flow))
-        run.writer.start(prior_flow.grid.projection, first.time_ns, metadata, run_settings_toml(run.config))
-        for note in ensemble.notes:
-            run.writer.log(first.time_ns, "warning", note)
 
 
 def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
@@ -156,6 +209,7 @@ def _conclude(
     if run.writer is not None:
         write_grids(run, run.last_ns, flow)
         with run.clock.stage("write"):
+            run.writer.digest(run.last_ns)
             run.writer.finish(flow)
             run.writer.close()
     with run.clock.stage("write"):

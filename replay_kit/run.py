@@ -15,7 +15,6 @@ from replay_kit.results import ResultWriter
 from replay_kit.tally import Stopwatch, Tally
 from replay_kit.types import Array, Innovation, Observation, Place, Plan, VehicleState
 
-
 # A log may hold positions and nothing else.
 _WAITING = 4096
 
@@ -125,6 +124,8 @@ def _publish_when_due(run: Run, now_ns: int) -> None:
     if run.next_grid_ns is None or now_ns >= run.next_grid_ns:
         run.next_grid_ns = now_ns + int(run.config.output.interval * 1e9)
         write_grids(run, now_ns, run.estimator.flow(run.state))
+        if run.writer is not None:
+            run.writer.digest(now_ns)
     if run.next_plan_ns is None:
         run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
     elif now_ns >= run.next_plan_ns:

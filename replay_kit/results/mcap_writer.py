@@ -4,13 +4,14 @@ The file is written as ``OUT.mcap.part`` and gets its name only when it is whole
 are those of the events, never of the writing, so that the same run gives the same bytes.
 """
 
+import hashlib
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
+from typing import Any, Protocol
 
 import foxglove
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
@@ -20,6 +21,8 @@ from replay_kit.errors import ConfigError, ReplayKitError
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import save_bytes
 from replay_kit.results import messages
+from replay_kit.results.digest import DIGEST_NAME, Digest
+from replay_kit.results.journal import Journal
 from replay_kit.results.readback import check_written
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message
@@ -41,12 +44,16 @@ class ResultWriter:
     After an exception or an interrupt the file stays as ``OUT.mcap.part``, closed and readable up to there.
     """
 
-    def __init__(self, path: Path, overwrite: bool = False) -> None:
+    def __init__(
+        self, path: Path, overwrite: bool = False, on_digest: Callable[[Digest], None] | None = None, journal: Journal | None = None
+    ) -> None:
         """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
 
         Args:
             path: The result file.
             overwrite: Replace an existing result.
+            on_digest: Called with each digest written.
+            journal: Is told everything that the file is.
 
         Raises:
             ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
@@ -68,6 +75,9 @@ class ResultWriter:
         self._accepted = 0
         self._last_time_ns = 0
         self._arrow_scale: float | None = None
+        self._digest = hashlib.sha256()
+        self._on_digest = on_digest
+        self._journal = journal
         self._open = True
 
     def __enter__(self) -> "ResultWriter":
@@ -154,6 +164,39 @@ class ResultWriter:
         """Write an event to ``/log``."""
         self._log("/log", messages.log_message(time_ns, level, text), time_ns)
 
+    def digest(self, time_ns: int) -> None:
+        """Write what the messages so far amount to as a metadata record, so that a repeated run can be compared on its way."""
+        value = Digest(time_ns, self._counts.total(), self._digest.hexdigest())
+        self._metadata(DIGEST_NAME, {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256})
+        if self._on_digest is not None:
+            self._on_digest(value)
+
+    @property
+    def memory(self) -> tuple[int, float | None]:
+        """What the writer knows beside the file: accepted innovations, and the length of arrows."""
+        return self._accepted, self._arrow_scale
+
+    def write_again(self, entries: Iterable[tuple[dict[str, Any], bytes]], memory: tuple[int, float | None]) -> None:
+        """Write what an interrupted run had written.
+
+        Args:
+            entries: Of its journal; they are not told to this writer's.
+            memory: Its ``memory``.
+        """
+        journal, self._journal = self._journal, None
+        schemas: dict[str, foxglove.Schema] = {}
+        for head, data in entries:
+            if head["kind"] == "schema":
+                schemas[head["topic"]] = foxglove.Schema(name=head["name"], encoding=head["encoding"], data=data)
+            elif head["kind"] == "message":
+                self._write(head["topic"], schemas[head["topic"]], data, head["time_ns"])
+            elif head["kind"] == "attachment":
+                self._attach(head["time_ns"], head["name"], head["media_type"], data)
+            else:
+                self._metadata(head["name"], head["values"])
+        self._accepted, self._arrow_scale = memory
+        self._journal = journal
+
     def finish(self, flow: FlowEstimate) -> None:
         """Attach the last estimate without loss, with its covariance, as ``estimate.nc``; then close.
 
@@ -211,18 +254,27 @@ class ResultWriter:
         assert self._open, "a closed result takes no messages"
         if topic not in self._channels:
             self._channels[topic] = foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=self._context)
+            self._tell({"kind": "schema", "topic": topic, "name": schema.name, "encoding": schema.encoding}, schema.data)
         self._channels[topic].log(data, log_time=time_ns)
+        self._tell({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
+        self._digest.update(f"{topic}\0{time_ns}\0{len(data)}\0".encode() + data)
         self._counts[topic] += 1
         self._last_time_ns = max(self._last_time_ns, time_ns)
 
     def _attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         with self._storing(f"attach {name}"):
             self._writer.attach(log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data)
+        self._tell({"kind": "attachment", "time_ns": time_ns, "name": name, "media_type": media_type}, data)
         self._attachments += 1
 
     def _metadata(self, name: str, values: Mapping[str, str]) -> None:
         with self._storing(f"write the metadata {name}"):
             self._writer.write_metadata(name, dict(values))
+        self._tell({"kind": "metadata", "name": name, "values": dict(values)}, b"")
+
+    def _tell(self, head: dict[str, Any], data: bytes) -> None:
+        if self._journal is not None:
+            self._journal.append(head, data)
 
     @contextmanager
     def _storing(self, what: str) -> Iterator[None]:

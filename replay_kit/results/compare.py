@@ -1,0 +1,172 @@
+"""Two results message by message: where they first differ, and in which fields."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice, zip_longest
+from pathlib import Path
+from typing import Any
+
+from google.protobuf.message import Message as ProtobufMessage
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
+
+from replay_kit.errors import LogError
+from replay_kit.results.digest import DIGEST_NAME, Digest
+from replay_kit.results.mcap_writer import CONFIG_NAME
+
+_FIELDS_SHOWN = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """What a result says of the run that made it.
+
+    Attributes:
+        metadata: Record name to keys and values; the last of a name counts.
+        config_toml: The configuration.
+        digests: In the order of the file.
+        attachments: Name to bytes.
+    """
+
+    metadata: dict[str, dict[str, str]]
+    config_toml: str
+    digests: tuple[Digest, ...]
+    attachments: dict[str, bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """One message of a result.
+
+    Attributes:
+        topic: Its channel.
+        time_ns: Its time [ns, UTC].
+        data: As written.
+        schema: Of the data.
+    """
+
+    topic: str
+    time_ns: int
+    data: bytes
+    schema: Schema
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first message that two results do not share.
+
+    Attributes:
+        index: Its ordinal in the file.
+        topic: Of the first result's message, or the second's when the first has no more.
+        time_ns: Of the same [ns, UTC].
+        fields: What differs, in words: field path, then both values.
+    """
+
+    index: int
+    topic: str
+    time_ns: int
+    fields: tuple[str, ...]
+
+
+def read_recorded(path: Path) -> Recorded:
+    """Return what a result says of the run that made it.
+
+    Raises:
+        LogError: It cannot be read, or was not made by a replay.
+    """
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            metadata, digests = {}, []
+            for record in reader.iter_metadata():
+                values = dict(record.metadata)
+                metadata[record.name] = values
+                if record.name == DIGEST_NAME:
+                    digests.append(Digest(int(values["time_ns"]), int(values["messages"]), values["sha256"]))
+            attachments = {record.name: record.data for record in reader.iter_attachments()}
+        config = attachments[CONFIG_NAME].decode()
+        if "replay_kit.inputs" not in metadata:
+            raise KeyError("replay_kit.inputs")
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+    except (McapError, ValueError, KeyError) as error:
+        raise LogError(f"{path}: expected a whole result of replay-kit replay: {error!r}") from error
+    return Recorded(metadata, config, tuple(digests), attachments)
+
+
+def first_difference(one: Path, other: Path, end: int | None = None) -> Difference | None:
+    """Return the first message that two results do not share; None when they share all.
+
+    Args:
+        one: A result.
+        other: A result; of both, an unfinished one will do.
+        end: Ordinal at which to stop; None for the end.
+    """
+    pairs = zip_longest(_messages(one), _messages(other))
+    for index, (a, b) in enumerate(islice(pairs, end)):
+        if a is None or b is None:
+            more = a or b
+            assert more is not None
+            return Difference(index, more.topic, more.time_ns, (f"only {'the first' if b is None else 'the second'} has this message",))
+        if (a.topic, a.time_ns, a.data) != (b.topic, b.time_ns, b.data):
+            return Difference(index, a.topic, a.time_ns, tuple(islice(_what_differs(a, b), _FIELDS_SHOWN)))
+    return None
+
+
+def _messages(path: Path) -> Iterator[Written]:
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    with path.open("rb") as file:
+        try:
+            for record in StreamReader(file, record_size_limit=None).records:
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels[record.id] = record
+                elif isinstance(record, Message):
+                    channel = channels[record.channel_id]
+                    yield Written(channel.topic, record.log_time, record.data, schemas[channel.schema_id])
+        except (McapError, KeyError):
+            # an unfinished file ends where it ends
+            return
+
+
+def _what_differs(a: Written, b: Written) -> Iterator[str]:
+    for name in ("topic", "time_ns"):
+        if getattr(a, name) != getattr(b, name):
+            yield f"{name}: {getattr(a, name)} | {getattr(b, name)}"
+    if a.schema.name == b.schema.name:
+        decoders = [DecoderFactory().decoder_for("protobuf", message.schema) for message in (a, b)]
+        assert decoders[0] is not None
+        assert decoders[1] is not None
+        yield from _fields(decoders[0](a.data), decoders[1](b.data), "")
+    else:
+        yield f"schema: {a.schema.name} | {b.schema.name}"
+
+
+def _fields(a: ProtobufMessage, b: ProtobufMessage, path: str) -> Iterator[str]:
+    """Yield the fields that differ, each as path and both values."""
+    for field in a.DESCRIPTOR.fields:
+        ours, theirs, name = getattr(a, field.name), getattr(b, field.name), f"{path}{field.name}"
+        if isinstance(ours, Sequence) and not isinstance(ours, str | bytes):
+            if len(ours) != len(theirs):
+                yield f"{name}: {len(ours)} | {len(theirs)} elements"
+            for index, (x, y) in enumerate(zip(ours, theirs, strict=False)):
+                yield from _values(x, y, f"{name}[{index}]")
+        else:
+            yield from _values(ours, theirs, name)
+
+
+def _values(x: Any, y: Any, name: str) -> Iterator[str]:
+    if isinstance(x, ProtobufMessage):
+        yield from _fields(x, y, f"{name}.")
+    elif isinstance(x, bytes):
+        if x != y:
+            at = next((i for i, (p, q) in enumerate(zip(x, y, strict=False)) if p != q), min(len(x), len(y)))
+            yield f"{name}: {len(x)} | {len(y)} bytes, which differ at byte {at}"
+    # repr tells apart all numbers that differ, and takes not-a-number for itself
+    elif repr(x) != repr(y):
+        yield f"{name}: {x!r} | {y!r}"

@@ -1,0 +1,79 @@
+"""What a result was given so far, on the disk: from it an interrupted run's result is written again, byte for byte.
+
+The library that writes results cannot be stopped and started again within a file. It writes the same bytes when it is told the same
+in the same order; the journal is what it was told. An entry is the lengths and CRC-32 of its head (JSON) and its data, then both.
+"""
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import orjson
+
+from replay_kit.errors import ConfigError, LogError
+
+_ENTRY = struct.Struct("<III")
+
+
+class Journal:
+    """An append-only file of heads and data."""
+
+    def __init__(self, path: Path, length: int = 0) -> None:
+        """Open the file and forget what follows its first bytes, which a run that was stopped had not confirmed.
+
+        Args:
+            path: The file; it is made when it does not exist.
+            length: Bytes kept.
+
+        Raises:
+            ConfigError: It cannot be opened or written.
+            LogError: It holds fewer bytes.
+        """
+        self.path = path
+        try:
+            size = path.stat().st_size if length else 0
+            if size < length:
+                raise LogError(f"{path}: expected at least {length} bytes, got {size}; delete the checkpoint to begin anew")
+            self._file: BinaryIO = path.open("r+b" if length else "wb")
+            self._file.truncate(length)
+            self._file.seek(length)
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be written: {error.strerror}; choose another place for the checkpoint") from error
+
+    def append(self, head: dict[str, Any], data: bytes) -> None:
+        """Append an entry; it is safe on the disk after ``flushed``."""
+        text = orjson.dumps(head)
+        self._file.write(_ENTRY.pack(len(text), len(data), zlib.crc32(data, zlib.crc32(text))) + text + data)
+
+    def flushed(self) -> int:
+        """Force everything to the disk and return the file's length [bytes]."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        return self._file.tell()
+
+    def close(self) -> None:
+        """Close the file; it stays."""
+        self._file.close()
+
+
+def read_journal(path: Path, length: int) -> Iterator[tuple[dict[str, Any], bytes]]:
+    """Yield the entries in the first bytes of a journal.
+
+    Raises:
+        LogError: It is shorter, or damaged.
+    """
+    try:
+        with path.open("rb") as file:
+            while (start := file.tell()) < length:
+                head_size, data_size, crc = _ENTRY.unpack(file.read(_ENTRY.size))
+                if start + _ENTRY.size + head_size + data_size > length:
+                    raise ValueError("an entry is longer than the journal")
+                text, data = file.read(head_size), file.read(data_size)
+                if zlib.crc32(data, zlib.crc32(text)) != crc:
+                    raise ValueError("a checksum does not match")
+                yield orjson.loads(text), data
+    except (OSError, struct.error, ValueError) as error:
+        raise LogError(f"{path}: the journal of the interrupted run is damaged: {error}; delete the checkpoint to begin anew") from error

@@ -1,0 +1,156 @@
+"""Runs that are killed and go on give the bytes of an uninterrupted run; a checkpoint that does not fit is refused."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit import cli
+from replay_kit.checkpoint import journal_path
+from replay_kit.config import OutputConfig, RunConfig
+from replay_kit.errors import ConfigError, LogError
+from replay_kit.forecast import read_truth
+from replay_kit.job import ReplayJob
+from replay_kit.replay import replay
+from replay_kit.results.journal import Journal, read_journal
+from replay_kit.twin import make_twin
+from replay_kit.types import Place
+from tests import synthetic
+
+CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
+GOAL = Place(152.3, -39.8, 150.0)
+
+
+class Killed(BaseException):
+    """What stops a run in these tests and no code of the project knows."""
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("ocean")
+    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
+    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    make_twin(read_truth(str(folder / "truth.nc"), CONFIG.forecast), "glider", 90, 0.05, 1, folder / "glider.mcap")
+    return folder
+
+
+def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL):
+    job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True)
+    seen = 0
+
+    def on_message(_):
+        nonlocal seen
+        seen += 1
+        if seen == stop_after:
+            raise Killed
+
+    return replay(job, config, cli.GlidePlanner.of(config.planner), on_message)
+
+
+@pytest.fixture(scope="module")
+def whole(ocean, tmp_path_factory):
+    """The bytes and the summary of a run without checkpoints."""
+    out = tmp_path_factory.mktemp("whole") / "out.mcap"
+    summary, _ = run(ocean, out)
+    return out.read_bytes(), summary
+
+
+def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(ocean, tmp_path, whole):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    stops = 0
+    for stop_after in (130, 50, 41, None):
+        try:
+            summary, _ = run(ocean, out, checkpoint, stop_after)
+        except Killed:
+            stops += 1
+            assert checkpoint.exists()
+            assert not out.exists()
+    assert stops == 3
+    assert out.read_bytes() == whole[0]
+    assert summary.by_dive == whole[1].by_dive
+    assert summary.messages == whole[1].messages
+    assert not checkpoint.exists()
+    assert not journal_path(checkpoint).exists()
+
+
+def test_checkpoints_change_nothing_in_the_result(ocean, tmp_path, whole):
+    run(ocean, tmp_path / "out.mcap", tmp_path / "run.ck")
+    assert (tmp_path / "out.mcap").read_bytes() == whole[0]
+
+
+def test_a_process_that_is_killed_goes_on(ocean, tmp_path, whole):
+    out, checkpoint, config = tmp_path / "out.mcap", tmp_path / "run.ck", tmp_path / "run.toml"
+    config.write_text("[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n")
+    command = [sys.executable, "-c", "from replay_kit.cli import main; main()", "replay", str(ocean / "glider.mcap")]
+    options = ["--ensemble", str(ocean / "ensemble.nc"), "--config", str(config), "--goal=152.3,-39.8,150", "--overwrite"]
+    command += [*options, "-o", str(out), "--checkpoint", str(checkpoint)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    while not checkpoint.exists() and process.poll() is None:
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not out.exists()
+    subprocess.run(command, check=True, capture_output=True)
+    assert out.read_bytes() == whole[0]
+
+
+@pytest.mark.parametrize("what", ["settings", "goal"])
+def test_a_checkpoint_of_another_run_is_refused(ocean, tmp_path, what):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    with pytest.raises(Killed):
+        run(ocean, out, checkpoint, 130)
+    other = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 5})}) if what == "settings" else CONFIG
+    with pytest.raises(ConfigError, match="another run"):
+        run(ocean, out, checkpoint, config=other, goal=None if what == "goal" else GOAL)
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "journal cut", "journal flip", "journal gone"])
+def test_a_damaged_checkpoint_is_named_and_nothing_is_guessed(ocean, tmp_path, damage):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    with pytest.raises(Killed):
+        run(ocean, out, checkpoint, 130)
+    file = journal_path(checkpoint) if damage.startswith("journal") else checkpoint
+    data = bytearray(file.read_bytes())
+    if damage.endswith("gone"):
+        file.unlink()
+    else:
+        data[100] ^= 4
+        file.write_bytes(data if damage.endswith("flip") else data[: len(data) // 2])
+    with pytest.raises((LogError, ConfigError), match=file.name):
+        run(ocean, out, checkpoint)
+
+
+def test_a_checkpoint_that_would_act_is_not_loaded(ocean, tmp_path):
+    import hashlib
+
+    body = pickle.dumps(os.getcwd)
+    checkpoint = tmp_path / "run.ck"
+    checkpoint.write_bytes(hashlib.sha256(body).digest() + body)
+    with pytest.raises(LogError, match="which no checkpoint does"):
+        run(ocean, tmp_path / "out.mcap", checkpoint)
+
+
+def test_a_journal_gives_back_what_it_was_told_and_forgets_what_was_not_confirmed(tmp_path):
+    path = tmp_path / "journal"
+    journal = Journal(path)
+    entries = [({"kind": "message", "n": n}, np.random.default_rng(n).bytes(n * 37)) for n in range(5)]
+    for entry in entries[:3]:
+        journal.append(*entry)
+    length = journal.flushed()
+    journal.append({"kind": "lost"}, b"x")
+    journal.close()
+    assert list(read_journal(path, length)) == entries[:3]
+    again = Journal(path, length)
+    for entry in entries[3:]:
+        again.append(*entry)
+    assert list(read_journal(path, again.flushed())) == entries
+    again.close()
+    with pytest.raises(LogError, match="expected at least"):
+        Journal(path, 10**6)
