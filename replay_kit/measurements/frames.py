@@ -1,0 +1,184 @@
+"""Velocities from beams to the instrument's axes and to east, north, up: pure maths.
+
+A beam's velocity is the component along the beam's unit vector, given in the instrument's axes; a vector that points towards the
+transducer makes velocities towards it positive (Teledyne), one that points away makes them negative (Nortek). The geometry is
+all in these vectors, so that convex and concave heads, and beams at any angle, are one case.
+
+Sources: Teledyne RD Instruments, "ADCP Coordinate Transformation: Formulas and Calculations" (P/N 951-6079-00, 2010), sections 5
+and 6; Nortek, "Signature Principles of Operation" and "Signature Integrators Guide, AD2CP" (N3015-007), coordinate transformations.
+"""
+
+import numpy as np
+
+from replay_kit.types import Array
+
+_LEAST_BEAMS = 3
+
+
+def janus_vectors(beam_angle_deg: float, convex: bool = True) -> Array:
+    """Return the unit vectors of Teledyne's four beams, shape (4, 3), towards the transducer: x beam 1 to 2, y beam 4 to 3, z.
+
+    Args:
+        beam_angle_deg: Angle between each beam and the instrument's axis [degrees].
+        convex: Whether the head is convex; the beams of a concave one cross.
+    """
+    angle = np.deg2rad(beam_angle_deg)
+    across, along = (1.0 if convex else -1.0) * np.sin(angle), np.cos(angle)
+    return np.array([[across, 0.0, along], [-across, 0.0, along], [0.0, -across, along], [0.0, across, along]])
+
+
+def solve_beams(beams: Array, vectors: Array) -> Array:
+    """Return x, y, z and the error velocity of each cell, shape (n, 4) [m/s].
+
+    Four beams are solved by least squares, which for a Janus head is Teledyne's matrix; the error velocity is the part that no
+    velocity explains, scaled to have the noise of a horizontal component. With one beam missing the other three are solved
+    exactly, which sets the error velocity to zero (three-beam solution). With fewer the cell is NaN.
+
+    Args:
+        beams: shape (n, b) [m/s], along the beams' vectors; NaN where missing.
+        vectors: shape (b, 3), the beams' unit vectors in the instrument's axes.
+
+    References:
+        Teledyne, sections 5.3 (beam to instrument) and 5.5 (three-beam solutions).
+    """
+    result = np.full((len(beams), 4), np.nan)
+    good = np.isfinite(beams)
+    # the sets of beams that occur are few: one matrix for each, not for each cell
+    for present in np.unique(good, axis=0):
+        cells = (good == present).all(axis=1)
+        if present.sum() < _LEAST_BEAMS or np.linalg.matrix_rank(vectors[present]) < 3:
+            continue
+        result[cells, :3] = beams[cells][:, present] @ np.linalg.pinv(vectors[present]).T
+        result[cells, 3] = beams[cells] @ error_weights(vectors) if present.all() and len(vectors) == 4 else 0.0
+    return result
+
+
+def error_weights(vectors: Array) -> Array:
+    """Return the weights of four beams in the error velocity, shape (4,); positive for the first beam.
+
+    They are orthogonal to the beams of every velocity, and as long as those of the x component: Teledyne's d = a / sqrt(2).
+    """
+    weights = np.linalg.svd(vectors.T)[2][3]
+    scale = np.linalg.norm(np.linalg.pinv(vectors)[0]) * np.sign(weights[0])
+    return np.asarray(weights * scale)
+
+
+def beams_of(velocity: Array, vectors: Array) -> Array:
+    """Return beam velocities, shape (n, b) [m/s], of x, y, z and, for four beams, the error velocity: the inverse of ``solve_beams``.
+
+    Args:
+        velocity: shape (n, 3) or (n, 4) [m/s].
+        vectors: shape (b, 3), the beams' unit vectors.
+    """
+    beams = velocity[:, :3] @ vectors.T
+    if velocity.shape[1] == 4 and len(vectors) == 4:
+        weights = error_weights(vectors)
+        beams = beams + velocity[:, 3:] * (weights / (weights @ weights))
+    return beams
+
+
+def teledyne_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, up: bool = False) -> Array:
+    """Return the matrix, shape (3, 3), from Teledyne's instrument axes to east, north, up.
+
+    With pitch and roll 0 it turns ship axes (x starboard, y forward) too.
+
+    Args:
+        heading_deg: Of the y axis (beam 3), clockwise from north.
+        pitch_deg: As the internal tilt sensor measures it, positive when beam 3 is higher than beam 4; corrected here to what a
+            gimbal would measure (equation 18).
+        roll_deg: Positive when beam 2 is higher than beam 1.
+        up: Whether the instrument looks up: roll then counts from the ship's axes, half a turn from the instrument's.
+
+    References:
+        Teledyne, section 5.6, matrix M, and equation 18.
+    """
+    heading, roll = np.deg2rad(heading_deg), np.deg2rad(roll_deg)
+    pitch = np.arctan(np.tan(np.deg2rad(pitch_deg)) * np.cos(roll))
+    roll = roll + np.pi if up else roll
+    (ch, sh), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll))
+    return np.array(
+        [
+            [ch * cr + sh * sp * sr, sh * cp, ch * sr - sh * sp * cr],
+            [-sh * cr + ch * sp * sr, ch * cp, -sh * sr - ch * sp * cr],
+            [-cp * sr, sp, cp * cr],
+        ]
+    )
+
+
+def nortek_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, down: bool = False) -> Array:
+    """Return the matrix, shape (3, 3), from Nortek's instrument axes to east, north, up.
+
+    Args:
+        heading_deg: Of the x axis, clockwise from north.
+        pitch_deg: Positive when the x axis points up.
+        roll_deg: About the x axis, right-handed.
+        down: Whether the instrument's status says that it looks down: y and z are then reversed.
+
+    References:
+        Nortek, Integrators Guide, coordinate transformations: H P R with heading - 90 degrees.
+    """
+    heading, pitch, roll = np.deg2rad(90.0 - heading_deg), np.deg2rad(pitch_deg), np.deg2rad(roll_deg)
+    (ch, sh), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll))
+    matrix = np.array(
+        [
+            [ch * cp, -ch * sp * sr - sh * cr, sh * sr - ch * cr * sp],
+            [sh * cp, ch * cr - sh * sp * sr, -sh * cr * sp - ch * sr],
+            [sp, sr * cp, cp * cr],
+        ]
+    )
+    return matrix * np.array([1.0, -1.0, -1.0]) if down else matrix
+
+
+def vertical_stretch(vectors: Array, rotation: Array) -> Array:
+    """Return by how much a tilt changes the vertical distance of each beam's cells, shape (b,); 1 without tilt, 0 for a level beam.
+
+    Args:
+        vectors: shape (b, 3), the beams' unit vectors in the instrument's axes.
+        rotation: shape (3, 3), from the instrument's axes to east, north, up.
+    """
+    return np.asarray(np.abs(vectors @ rotation[2]) / np.abs(vectors[:, 2]))
+
+
+def map_bins(beams: Array, stretch: Array, bin0_distance: float, cell_size: float) -> Array:
+    """Return each beam's velocities at the vertical distances that the cells have without tilt, shape (n, b) [m/s].
+
+    Linear between the two cells of a beam that enclose a distance, so exact for a velocity that is linear in depth; Teledyne's
+    own mapping takes the nearer cell. NaN beyond a beam's first and last cell, and beside a missing one.
+
+    Args:
+        beams: shape (n, b) [m/s], cell after cell along each beam; NaN where missing.
+        stretch: shape (b,), see ``vertical_stretch``.
+        bin0_distance: Vertical distance of the first cell without tilt [m].
+        cell_size: Vertical size of a cell without tilt [m].
+
+    References:
+        Teledyne, section 6 (bin mapping).
+    """
+    n = len(beams)
+    wanted = bin0_distance + cell_size * np.arange(n)
+    mapped = np.full(beams.shape, np.nan)
+    for beam, factor in enumerate(stretch):
+        if factor <= 0.0:
+            continue
+        place = (wanted / factor - bin0_distance) / cell_size
+        # a cell that is off by rounding only must not need its neighbour
+        place = np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
+        inside = (place >= 0.0) & (place <= n - 1)
+        lower = np.floor(place[inside]).astype(int)
+        upper, share, column = np.minimum(lower + 1, n - 1), place[inside] - lower, beams[:, beam]
+        between = (1.0 - share) * column[lower] + share * column[upper]
+        mapped[inside, beam] = np.where(share > 0.0, between, column[lower])
+    return mapped
+
+
+def over_ground(velocity: Array, velocity_std: Array, bottom: Array, bottom_std: float) -> tuple[Array, Array]:
+    """Return velocities over the ground and their errors, from velocities relative to a moving platform.
+
+    Args:
+        velocity: shape (n, k) [m/s], of the water relative to the platform.
+        velocity_std: shape (n,) [m/s], error of each component.
+        bottom: shape (k,) [m/s], of the ground relative to the platform along the same axes: what bottom track measures, and
+            minus the platform's velocity over the ground.
+        bottom_std: Its error [m/s], independent of the water's.
+    """
+    return velocity - bottom, np.hypot(velocity_std, bottom_std)

@@ -1,0 +1,99 @@
+"""Rotations, beam solutions and bin mapping, against their obvious twins and against what must hold."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from replay_kit.measurements import frames
+from tests.reference import frames as slow
+
+ANGLE = st.floats(-180.0, 360.0)
+TILT = st.floats(-40.0, 40.0)
+BEAM_ANGLE = st.floats(10.0, 45.0)
+SPEED = st.floats(-5.0, 5.0)
+BEAMS = st.lists(SPEED, min_size=4, max_size=4).map(np.array)
+quick = settings(max_examples=30, deadline=None, derandomize=True)
+
+
+@quick
+@given(ANGLE, TILT, TILT, st.booleans())
+def test_rotations_are_orthonormal_and_those_of_the_twin(heading, pitch, roll, flipped):
+    for ours, twin in ((frames.teledyne_rotation, slow.teledyne), (frames.nortek_rotation, slow.nortek)):
+        matrix = ours(heading, pitch, roll, flipped)
+        np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(matrix) == pytest.approx(1.0)
+        np.testing.assert_allclose(matrix, twin(heading, pitch, roll, flipped), atol=1e-14)
+
+
+def test_a_heading_turns_forward_to_where_it_points():
+    np.testing.assert_allclose(frames.teledyne_rotation(90.0, 0.0, 0.0) @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(frames.nortek_rotation(90.0, 0.0, 0.0) @ [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], atol=1e-15)
+    # nose up: what flows forward along the instrument rises
+    assert (frames.teledyne_rotation(0.0, 20.0, 0.0) @ [0.0, 1.0, 0.0])[2] == pytest.approx(np.sin(np.deg2rad(20.0)))
+    assert (frames.nortek_rotation(0.0, 20.0, 0.0) @ [1.0, 0.0, 0.0])[2] == pytest.approx(np.sin(np.deg2rad(20.0)))
+
+
+@quick
+@given(BEAMS, BEAM_ANGLE, st.booleans())
+def test_four_beams_are_solved_as_teledyne_does(beams, angle, convex):
+    vectors = frames.janus_vectors(angle, convex)
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0)
+    solved = frames.solve_beams(beams[None], vectors)
+    np.testing.assert_allclose(solved[0], slow.janus(beams, angle, convex), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(frames.beams_of(solved, vectors)[0], beams, rtol=1e-10, atol=1e-10)
+
+
+@quick
+@given(st.lists(SPEED, min_size=3, max_size=3).map(np.array), BEAM_ANGLE, st.integers(0, 3))
+def test_three_beams_equal_four_when_the_error_velocity_is_zero(velocity, angle, bad):
+    vectors = frames.janus_vectors(angle)
+    beams = frames.beams_of(velocity[None], vectors)
+    four = frames.solve_beams(beams, vectors)
+    beams[0, bad] = np.nan
+    three = frames.solve_beams(beams, vectors)
+    np.testing.assert_allclose(four[0], [*velocity, 0.0], atol=1e-10)
+    np.testing.assert_allclose(three[0], [*velocity, 0.0], atol=1e-10)
+
+
+def test_two_beams_or_three_in_a_plane_give_nothing():
+    vectors = frames.janus_vectors(20.0)
+    beams = np.array([[0.1, 0.2, np.nan, np.nan], [0.1, 0.2, 0.3, 0.4], [np.nan] * 4])
+    solved = frames.solve_beams(beams, vectors)
+    assert np.isnan(solved[[0, 2]]).all()
+    assert np.isfinite(solved[1]).all()
+    flat = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    assert np.isnan(frames.solve_beams(np.ones((1, 3)), flat)).all()
+
+
+@quick
+@given(ANGLE, TILT, TILT, st.booleans())
+def test_mapped_bins_are_exact_for_a_velocity_linear_in_depth(heading, pitch, roll, up):
+    first, size, n = 2.0, 1.0, 24
+    vectors, rotation = frames.janus_vectors(20.0), frames.teledyne_rotation(heading, pitch, roll, up)
+    stretch = frames.vertical_stretch(vectors, rotation)
+    slope, offset = np.array([0.02, -0.013, 0.001]), np.array([0.4, 0.1, -0.02])
+    distance = (first + size * np.arange(n))[:, None] * stretch
+    beams = np.einsum("nbi,bi->nb", offset + distance[..., None] * slope, vectors @ rotation.T)
+    mapped = frames.map_bins(beams, stretch, first, size)
+    for beam in range(4):
+        np.testing.assert_allclose(mapped[:, beam], slow.mapped(beams[:, beam], stretch[beam], first, size), atol=1e-12)
+    earth = frames.solve_beams(mapped, vectors)[:, :3] @ rotation.T
+    inside = np.isfinite(mapped).all(axis=1)
+    assert inside[2:10].all()
+    expected = offset + (first + size * np.arange(n))[:, None] * slope
+    np.testing.assert_allclose(earth[inside], expected[inside], atol=1e-10)
+
+
+def test_without_tilt_bins_stay_where_they_are_missing_ones_too():
+    beams = np.arange(12.0).reshape(3, 4)
+    beams[1, 2] = np.nan
+    np.testing.assert_array_equal(frames.map_bins(beams, np.ones(4), 2.0, 0.5), beams)
+    # a beam that has become level measures no depth but its own
+    assert np.isnan(frames.map_bins(beams, np.zeros(4), 2.0, 0.5)).all()
+
+
+def test_over_ground_is_water_minus_bottom_and_less_certain():
+    velocity, std = frames.over_ground(np.array([[0.5, 0.1], [np.nan, 0.2]]), np.array([0.3, 0.4]), np.array([0.2, -0.1]), 0.4)
+    np.testing.assert_allclose(velocity, [[0.3, 0.2], [np.nan, 0.3]])
+    np.testing.assert_allclose(std, [0.5, np.hypot(0.4, 0.4)])
