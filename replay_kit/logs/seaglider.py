@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config import LogConfig
+from replay_kit.logs.payloads import FIX, PING, location_fix, number, stamp
 from replay_kit.logs.seaglider_file import DiveFile, open_dive
 from replay_kit.logs.tally import Tally
 from replay_kit.types import Array, LogReport, Message
@@ -18,7 +19,7 @@ _BAD_QUALITY = (3, 4, 6, 9)  # probably bad, bad, unsampled, missing
 
 # (time [ns], topic, schema, payload)
 _Entry = tuple[int, str, str, dict[str, Any]]
-_PING, _FIX, _DAC = "replay_kit.AdcpPing", "foxglove.LocationFix", "replay_kit.DepthAveragedCurrent"
+_DAC = "replay_kit.DepthAveragedCurrent"
 
 
 class SeagliderReader:
@@ -82,8 +83,8 @@ class SeagliderReader:
             if not known[k] or not np.isfinite(longitude[k] + latitude[k]) or quality in _BAD_QUALITY:
                 self._skip("/vehicle/fix", f"GPS fix without time or position, or flagged bad (quality {quality})")
                 continue
-            fix = _location_fix(int(time_ns[k]), longitude[k], latitude[k], 0.0, False, error[k])
-            yield int(time_ns[k]), "/vehicle/fix", _FIX, fix
+            fix = location_fix(int(time_ns[k]), longitude[k], latitude[k], 0.0, False, error[k])
+            yield int(time_ns[k]), "/vehicle/fix", FIX, fix
 
     def _mean_current(self, file: DiveFile) -> Iterator[_Entry]:
         if not file.has("depth_avg_curr_east", "depth_avg_curr_north"):
@@ -94,13 +95,13 @@ class SeagliderReader:
             self._skip("/dac", f"mean current without its fixes, or flagged bad (quality {quality})")
             return
         longitude, latitude = file.array("log_gps_lon"), file.array("log_gps_lat")
-        start, end = ({"time": _stamp(int(time_ns[k])), "lon": float(longitude[k]), "lat": float(latitude[k])} for k in (1, 2))
+        start, end = ({"time": stamp(int(time_ns[k])), "lon": float(longitude[k]), "lat": float(latitude[k])} for k in (1, 2))
         payload = {
-            "stamp": _stamp(int(time_ns[2])),
+            "stamp": stamp(int(time_ns[2])),
             "dive": file.dive,
-            "dac_eastward": _number(file.scalar("depth_avg_curr_east")),
-            "dac_northward": _number(file.scalar("depth_avg_curr_north")),
-            "error": _number(file.scalar("depth_avg_curr_error")),
+            "dac_eastward": number(file.scalar("depth_avg_curr_east")),
+            "dac_northward": number(file.scalar("depth_avg_curr_north")),
+            "error": number(file.scalar("depth_avg_curr_error")),
             "start_fix": start,
             "end_fix": end,
             "duration": int(time_ns[2] - time_ns[1]) / _NS,
@@ -125,7 +126,7 @@ def _positions(file: DiveFile) -> Iterator[_Entry]:
         time = int(time_ns[k])
         if time >= due:
             due = time + _DECIMATED_NS
-            yield time, "/vehicle/position", _FIX, _location_fix(time, longitude[k], latitude[k], depth[k], True, math.nan)
+            yield time, "/vehicle/position", FIX, location_fix(time, longitude[k], latitude[k], depth[k], True, math.nan)
 
 
 def _pings(file: DiveFile) -> Iterator[_Entry]:
@@ -145,12 +146,12 @@ def _pings(file: DiveFile) -> Iterator[_Entry]:
             "reference": "platform",
             "orientation": "up",
             "bin_mapped": False,
-            "sound_speed": _number(round(file.scalar("ad2cp_soundspeed") * file.tenths(), 3)),
-            "magnetic_declination": _number(file.scalar("magnetic_variation")),
+            "sound_speed": number(round(file.scalar("ad2cp_soundspeed") * file.tenths(), 3)),
+            "magnetic_declination": number(file.scalar("magnetic_variation")),
             "declination_applied": False,
-            **{name: _number(round(float(values[k]), 4)) for name, values in sensors.items()},
+            **{name: number(round(float(values[k]), 4)) for name, values in sensors.items()},
         }
-        yield int(time_ns[k]), "/adcp", _PING, payload
+        yield int(time_ns[k]), "/adcp", PING, payload
 
 
 def _inverted(file: DiveFile) -> Iterator[_Entry]:
@@ -167,7 +168,7 @@ def _inverted(file: DiveFile) -> Iterator[_Entry]:
         payload = _ping(file, end_ns, 2 * file.dive + leg, velocity, float(steps[0]), float(levels[0]))
         # the levels are depths: the profile hangs from the surface, not from the glider
         payload |= {"reference": "earth", "orientation": "down", "bin_mapped": True, "pressure": 0.0, "declination_applied": True}
-        yield end_ns, "/adcp/inverted", _PING, payload
+        yield end_ns, "/adcp/inverted", PING, payload
 
 
 def _leg_ends(file: DiveFile) -> tuple[int, ...]:
@@ -182,13 +183,13 @@ def _leg_ends(file: DiveFile) -> tuple[int, ...]:
     return int(time_ns[np.nanargmax(depth)]), min([last, *after])
 
 
-def _ping(file: DiveFile, time_ns: int, number: int, velocity: Array, cell_size: float, bin0_distance: float) -> dict[str, Any]:
+def _ping(file: DiveFile, time_ns: int, ordinal: int, velocity: Array, cell_size: float, bin0_distance: float) -> dict[str, Any]:
     """Return a ping in earth coordinates with what is not known as null.
 
     Args:
         file: The dive.
         time_ns: [ns, UTC].
-        number: Of the ping.
+        ordinal: Of the ping.
         velocity: shape (n_cells, 3) [m/s], east, north, up; NaN where missing.
         cell_size: [m].
         bin0_distance: [m].
@@ -196,41 +197,15 @@ def _ping(file: DiveFile, time_ns: int, number: int, velocity: Array, cell_size:
     unknown = ("beam_unit_vectors", "velocity_std", "amplitude", "correlation", "percent_good", "sound_speed", "temperature")
     attitude = ("heading", "pitch", "roll", "magnetic_declination", "bottom_track")
     return {
-        "stamp": _stamp(time_ns),
+        "stamp": stamp(time_ns),
         "frame_id": "adcp",
-        "ping": number,
+        "ping": ordinal,
         "dive": file.dive,
         "coordinate_system": "earth",
         "n_cells": len(velocity),
         "cell_size": cell_size,
         "bin0_distance": bin0_distance,
         "transducer_depth": 0.0,
-        "velocity": [[_number(component) for component in cell] for cell in np.round(velocity, 6).tolist()],
+        "velocity": [[number(component) for component in cell] for cell in np.round(velocity, 6).tolist()],
         **dict.fromkeys((*unknown, *attitude)),
     }
-
-
-def _location_fix(time_ns: int, longitude: float, latitude: float, depth: float, dead_reckoned: bool, error: float) -> dict[str, Any]:
-    stated = error > 0.0
-    variance = float(error) ** 2 if stated else 0.0
-    return {
-        "timestamp": _stamp(time_ns),
-        "frame_id": "vehicle",
-        "latitude": float(latitude),
-        "longitude": float(longitude),
-        "altitude": -float(depth),
-        "position_covariance": [variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, 0.0],
-        "position_covariance_type": 1 if stated else 0,
-        "metadata": [
-            {"key": "depth", "value": f"{depth:.3f}"},
-            {"key": "dead_reckoned", "value": "true" if dead_reckoned else "false"},
-        ],
-    }
-
-
-def _stamp(time_ns: int) -> dict[str, int]:
-    return {"sec": time_ns // _NS, "nsec": time_ns % _NS}
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
