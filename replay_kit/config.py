@@ -88,6 +88,9 @@ class MeasurementConfig(_Section):
     surface_depth: float = Field(default=3.0, gt=0.0, description="m; shallower than this the vehicle is at the surface")
     velocity_std: float = Field(default=0.09, gt=0.0, description="m/s; error of a bin whose message states none")
     max_speed: float = Field(default=5.0, gt=0.0, description="m/s; a bin with a faster component is not used")
+    magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(
+        default=None, description="degrees east; for pings whose heading is magnetic and that state none"
+    )
 
 
 class ForecastConfig(_Section):

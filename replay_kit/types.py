@@ -126,6 +126,7 @@ class Reason(IntFlag):
     MALFORMED = 128
     GROSS_RANGE = 256
     ON_LAND = 512
+    BELOW_BOTTOM = 1024
 
 
 @dataclass(frozen=True, slots=True)

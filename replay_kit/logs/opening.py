@@ -19,7 +19,7 @@ _FOREIGN = (
 
 
 def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogReader:
-    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink telemetry log, or a Seaglider's NetCDF.
+    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink telemetry log, a Seaglider's NetCDF, or a raw ADCP file.
 
     Args:
         path: The log.
@@ -43,13 +43,19 @@ def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted
 
         reader: LogReader = SeagliderReader(path, input, config)
         return reader
+    from replay_kit.logs.raw_adcp_records import is_raw_adcp
+
+    if is_raw_adcp(head):
+        from replay_kit.logs.raw_adcp import RawAdcpReader
+
+        return RawAdcpReader(path, input, config)
     from replay_kit.logs.mavlink import TlogReader, is_tlog
 
     if is_tlog(head):
         return TlogReader(path, input, config, wanted)
     known = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
-        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog) or a Seaglider NetCDF file; "
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a Seaglider NetCDF file or a raw ADCP file (PD0, AD2CP); "
         + (f"this is {known}" if known else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats")
     )
 

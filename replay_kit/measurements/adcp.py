@@ -67,16 +67,13 @@ def whole_number(value: Any) -> int | None:
 
 
 def why_not_used(payload: Mapping[str, Any]) -> tuple[str, Reason] | None:
-    """Return why a ping cannot be used as an absolute profile, in words and as a reason; None when it can.
+    """Return why a ping that ``earth_referenced`` gave is no absolute profile, in words and as a reason; None when it is one.
 
     Raises:
-        MeasurementError: ``reference`` or ``coordinate_system`` is missing or not one of the known words.
+        MeasurementError: ``reference`` is missing or not one of the known words.
     """
-    coordinate_system = _word(payload, "coordinate_system", COORDINATE_SYSTEMS)
-    if _word(payload, "reference", REFERENCES) == "platform":
+    if known_word(payload, "reference", REFERENCES) == "platform":
         return "velocity relative to the platform, whose own motion is not known", Reason.PLATFORM_REFERENCE
-    if coordinate_system != "earth":
-        return f"velocity in {coordinate_system} coordinates; earth coordinates are needed", Reason.NOT_EARTH_COORDINATES
     return None
 
 
@@ -95,18 +92,19 @@ def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: flo
     Raises:
         MeasurementError: A field is missing, of the wrong shape or not a number.
     """
-    velocity = _velocity(payload)
+    velocity = np.array([_cell(cell) for cell in velocity_cells(payload)])
     depth = _depth(payload, velocity.shape[0], vehicle_depth, latitude)
-    flags, reasons = _checks(depth, velocity, config.max_speed)
-    return Profile(depth, velocity, _error_std(payload, depth.size, config.velocity_std), "earth", flags, reasons)
+    flags, reasons = _checks(depth, velocity, config.max_speed, _below_bottom(payload, depth.size))
+    return Profile(depth, velocity, error_std(payload, depth.size, config.velocity_std), "earth", flags, reasons)
 
 
-def _checks(depth: Array, velocity: Array, max_speed: float) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
+def _checks(depth: Array, velocity: Array, max_speed: float, below_bottom: NDArray[np.bool_]) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
     """Return the flags and reasons of bins; comparisons with NaN are false, so a bin without a number is missing only."""
     flags, reasons = np.full(depth.size, Flag.GOOD, np.int8), np.zeros(depth.size, np.int32)
     checks = (
         (depth < 0.0, Reason.ABOVE_SURFACE, Flag.FAIL),
         ((np.abs(velocity) > max_speed).any(axis=1), Reason.GROSS_RANGE, Flag.FAIL),
+        (below_bottom, Reason.BELOW_BOTTOM, Flag.FAIL),
         (~np.isfinite(depth), Reason.MALFORMED, Flag.MISSING),
         (~np.isfinite(velocity).all(axis=1), Reason.MISSING, Flag.MISSING),
     )
@@ -114,6 +112,22 @@ def _checks(depth: Array, velocity: Array, max_speed: float) -> tuple[NDArray[np
         reasons[failed] |= reason
         flags[failed] = flag
     return flags, reasons
+
+
+def _below_bottom(payload: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
+    """Return which of n bins the bottom's echo spoils: those that reach beyond its nearest distance times a beam's cosine.
+
+    A beam's side lobe meets the bottom straight below before the beam itself does. Without bottom track no bin is known to be.
+    """
+    track, vectors = payload.get("bottom_track"), payload.get("beam_unit_vectors")
+    if not isinstance(track, Mapping) or not isinstance(track.get("distance"), list | tuple):
+        return np.zeros(n, np.bool_)
+    distances = np.array([number(value) for value in track["distance"]])
+    cosine = np.abs(np.array(vectors, np.float64).reshape(-1, 3)[:, 2]).min() if vectors else 1.0
+    if not np.isfinite(distances).any():
+        return np.zeros(n, np.bool_)
+    end = number(payload.get("bin0_distance")) + number(payload.get("cell_size")) * (np.arange(n) + 0.5)
+    return np.asarray(end > np.nanmin(distances) * cosine)
 
 
 def _depth(payload: Mapping[str, Any], n: int, vehicle_depth: float, latitude: float) -> Array:
@@ -124,7 +138,7 @@ def _depth(payload: Mapping[str, Any], n: int, vehicle_depth: float, latitude: f
             "ping: expected cell_size > 0 and a finite bin0_distance [m], "
             f"got {shorten(payload.get('cell_size'))} and {shorten(payload.get('bin0_distance'))}"
         )
-    sign = -1.0 if _word(payload, "orientation", ORIENTATIONS) == "up" else 1.0
+    sign = -1.0 if known_word(payload, "orientation", ORIENTATIONS) == "up" else 1.0
     pressure, offset = number(payload.get("pressure")), number(payload.get("transducer_depth"))
     top = depth_of_pressure(pressure, latitude) if np.isfinite(pressure) else vehicle_depth
     if not np.isfinite(top):
@@ -134,7 +148,12 @@ def _depth(payload: Mapping[str, Any], n: int, vehicle_depth: float, latitude: f
     return np.where(np.isfinite(depth), depth, np.nan)
 
 
-def _word(payload: Mapping[str, Any], key: str, known: tuple[str, ...]) -> str:
+def known_word(payload: Mapping[str, Any], key: str, known: tuple[str, ...]) -> str:
+    """Return the word that a field holds, by name or by number.
+
+    Raises:
+        MeasurementError: It holds none of the known words.
+    """
     value = payload.get(key)
     code = whole_number(value)
     if code is not None and 0 <= code < len(known):
@@ -144,8 +163,12 @@ def _word(payload: Mapping[str, Any], key: str, known: tuple[str, ...]) -> str:
     return str(value)
 
 
-def _velocity(payload: Mapping[str, Any]) -> Array:
-    """Return east and north, shape (n, 2); protobuf carries the cells flat."""
+def velocity_cells(payload: Mapping[str, Any]) -> Sequence[Any]:
+    """Return the cells of a ping's velocity as they came, each a list, a message or null; protobuf carries them flat.
+
+    Raises:
+        MeasurementError: They are no list, or not as many as stated.
+    """
     raw, n_cells = payload.get("velocity"), whole_number(payload.get("n_cells"))
     if not isinstance(raw, list | tuple) or n_cells is None or n_cells < 1:
         raise MeasurementError(
@@ -159,7 +182,7 @@ def _velocity(payload: Mapping[str, Any]) -> Array:
         raw = [raw[i * width : (i + 1) * width] for i in range(n_cells)]
     if len(raw) != n_cells:
         raise MeasurementError(f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells")
-    return np.array([_cell(cell) for cell in raw])
+    return raw
 
 
 def _is_flat(raw: Sequence[Any], n_cells: int) -> bool:
@@ -181,7 +204,12 @@ def _cell(cell: Any) -> tuple[float, float]:
     raise MeasurementError(f"ping: expected cells of east, north[, up], got {shorten(cell)}")
 
 
-def _error_std(payload: Mapping[str, Any], n: int, default_std: float) -> Array:
+def error_std(payload: Mapping[str, Any], n: int, default_std: float) -> Array:
+    """Return the error that a ping states, shape (n,) [m/s]; the default where it states none.
+
+    Raises:
+        MeasurementError: It states neither one number nor n.
+    """
     raw = payload.get("velocity_std")
     values = np.array([number(v) for v in raw]) if isinstance(raw, list | tuple) else np.full(n, number(raw))
     if values.size == 1:

@@ -15,6 +15,7 @@ from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic
 from replay_kit.measurements import mavlink_ping, vehicle
 from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
+from replay_kit.measurements.earth import earth_referenced
 from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
 from replay_kit.measurements.waiting import WaitingPing, add, observe, split
 from replay_kit.types import Message, Observation, Projection, Source, VehicleState
@@ -130,6 +131,7 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
 def _ping(state: MeasurementState, message: Message, n_messages: int, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     """Take in a whole ping, which gives as many ``Used`` or ``Skipped`` as messages carried it."""
     try:
+        message = replace(message, payload=earth_referenced(message.payload, config))
         refused = why_not_used(message.payload)
     except MeasurementError as error:
         return state, [Skipped(message.topic, str(error))] * n_messages

@@ -71,7 +71,7 @@ def test_dives_are_counted_from_depths():
     [
         ({"reference": "platform"}, "relative to the platform"),
         ({"reference": None}, "expected reference"),
-        ({"coordinate_system": "beam"}, "earth coordinates are needed"),
+        ({"coordinate_system": "beam"}, "heading is magnetic"),
         ({"coordinate_system": "sideways"}, "expected coordinate_system"),
         ({"velocity": [[0.1, 0.2]]}, "expected 3 cells"),
         ({"velocity": None}, "list of velocities"),

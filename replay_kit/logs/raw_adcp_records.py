@@ -1,0 +1,123 @@
+"""Where the sound records of a raw ADCP file are: Teledyne PD0 ensembles and Nortek AD2CP records, found by their checksums.
+
+What reads the records' content trusts it, so that only records which pass their checksums are handed on; the rest is counted.
+
+Sources: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", PD0 header and checksum; Nortek, "Integrators Guide,
+AD2CP" (N3015-007), common header and checksum.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+
+PD0_MAGIC = b"\x7f\x7f"
+AD2CP_MAGICS = (b"\xa5\x0a", b"\xa5\x0c")
+AD2CP_TEXT = 0xA0
+_CHECKSUM_SEED = 0xB58C
+_FIXED_LEADERS = (0x0000, 0x0001)
+_HEADERS = {0x0A: struct.Struct("<BBBBHHH"), 0x0C: struct.Struct("<BBBBIHH")}
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A record that passed its checksums.
+
+    Attributes:
+        start: Offset of its first byte.
+        end: Offset after its last byte.
+        kind: Nortek's record identifier; 0 for a PD0 ensemble.
+    """
+
+    start: int
+    end: int
+    kind: int
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Bytes that are no sound record.
+
+    Attributes:
+        start: Offset of the first.
+        size: Number of bytes.
+        what: Words for a person.
+    """
+
+    start: int
+    size: int
+    what: str
+
+
+def is_raw_adcp(head: bytes) -> bool:
+    """Return whether a file that begins with these bytes is a raw Teledyne or Nortek ADCP file."""
+    return head.startswith((PD0_MAGIC, *AD2CP_MAGICS))
+
+
+def scan(data: bytes) -> tuple[tuple[Record, ...], tuple[Gap, ...]]:
+    """Return the sound records of a file, and what lies between them.
+
+    Args:
+        data: The whole file, which begins with one of the magics.
+    """
+    values = np.frombuffer(data, np.uint8)
+    find = _pd0 if data[:2] == PD0_MAGIC else _ad2cp
+    records = tuple(find(data, values))
+    edges = [0, *(edge for record in records for edge in (record.start, record.end)), len(data)]
+    gaps = [(start, end) for start, end in zip(edges[::2], edges[1::2], strict=True) if end > start]
+    return records, tuple(Gap(start, end - start, _words(end == len(data))) for start, end in gaps)
+
+
+def _words(last: bool) -> str:
+    return "at the end: a cut record or bad bytes, skipped" if last else "bad bytes between two sound records, skipped"
+
+
+def _pd0(data: bytes, values: Bytes) -> Iterator[Record]:
+    position = 0
+    while (start := data.find(PD0_MAGIC, position)) >= 0:
+        end = _pd0_end(data, values, start)
+        if end is not None:
+            yield Record(start, end, 0)
+        position = end if end is not None else start + 1
+
+
+def _pd0_end(data: bytes, values: Bytes, start: int) -> int | None:
+    """Return the end of the ensemble that begins here; None when none does."""
+    if start + 8 > len(data):
+        return None
+    size, _, n_types, first = struct.unpack_from("<HBBH", data, start + 2)
+    check = start + size
+    # the checksum is dear: look first whether the header's own numbers fit together
+    if n_types == 0 or first != 6 + 2 * n_types or size < first + 2 or check + 2 > len(data):
+        return None
+    if struct.unpack_from("<H", data, start + first)[0] not in _FIXED_LEADERS:
+        return None
+    stated = struct.unpack_from("<H", data, check)[0]
+    return check + 2 if int(values[start:check].sum(dtype=np.int64)) & 0xFFFF == stated else None
+
+
+def _ad2cp(data: bytes, values: Bytes) -> Iterator[Record]:
+    position = 0
+    while (start := data.find(AD2CP_MAGICS[0][:1], position)) >= 0:
+        position = start + 1
+        layout = _HEADERS.get(data[start + 1]) if start + 1 < len(data) else None
+        if layout is None or start + layout.size > len(data):
+            continue
+        _, header_size, kind, _, size, data_check, header_check = layout.unpack_from(data, start)
+        body, end = start + header_size, start + header_size + size
+        if _nortek_checksum(values[start : body - 2]) != header_check or end > len(data):
+            continue
+        # a header that is sound says where the next record begins, even when the content is not
+        position = end
+        if _nortek_checksum(values[body:end]) == data_check:
+            yield Record(start, end, kind)
+
+
+def _nortek_checksum(values: Bytes) -> int:
+    words = values[: values.size // 2 * 2].view("<u2")
+    odd = int(values[-1]) << 8 if values.size % 2 else 0
+    return (_CHECKSUM_SEED + int(words.sum(dtype=np.int64)) + odd) & 0xFFFF
