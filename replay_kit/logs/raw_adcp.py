@@ -65,8 +65,8 @@ class RawAdcpReader:
             raise LogError(f"{path}: it has no profile of velocities; give a file of a current profiler")
         kinds = np.array([record.kind for record in records])
         pings = {"": 0 if self.format == "pd0" else _BURST_PING, "_avg": _AVERAGE_PING}
-        self._undecoded = {
-            _TOPICS[tag]: max(int((kinds == pings[tag]).sum()) - profiles.time_ns.size, 0) for tag, profiles in self._profiles.items()
+        self._left_out = {
+            _TOPICS[tag]: max(int((kinds == pings[tag]).sum() - profiles.known.sum()), 0) for tag, profiles in self._profiles.items()
         }
         self._unused_bottom = 0 if self.format == "pd0" else int((kinds == _BOTTOM_TRACK).sum())
         self._tally = Tally()
@@ -81,8 +81,8 @@ class RawAdcpReader:
         for gap in self._gaps:
             tally.lose(gap.what, gap.start, gap.size)
         entries = [*self._fixes(), *(entry for tag, profiles in self._profiles.items() for entry in self._pings(_TOPICS[tag], profiles))]
-        for topic, count in self._undecoded.items():
-            self._skip(topic, "ensemble that MHKiT leaves out", count)
+        for topic, count in self._left_out.items():
+            self._skip(topic, "ping that MHKiT leaves out or gives no time", count)
         self._skip("/vehicle/fix", "GPS fix that is none (quality 0, or 0 N 0 E)", self._bad_fixes)
         self._skip("/adcp/bottom_track", "bottom track of AD2CP files is not read", self._unused_bottom)
         # stable: at one time a position comes before what was measured there
@@ -109,7 +109,6 @@ class RawAdcpReader:
 
     def _pings(self, topic: str, profiles: RawProfiles) -> Iterator[_Entry]:
         known = np.flatnonzero(profiles.known)
-        self._skip(topic, "ping without a time", profiles.time_ns.size - known.size)
         time_ns = profiles.time_ns + (self._offset_ns or 0)
         vessel, vessel_std = vessel_velocity(time_ns, self._track)
         per_ping = {name: numbers(np.round(values, 6)) for name, values in profiles.per_ping.items()}

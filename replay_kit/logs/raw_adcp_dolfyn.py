@@ -36,7 +36,7 @@ def read_datasets(path: Path, data: bytes, records: Sequence[Record]) -> list[An
         raise LogError(f"{path}: the record with the instrument's configuration is missing or damaged; copy the file again")
     with tempfile.TemporaryDirectory() as folder, _quiet():
         copy = Path(folder) / "records"
-        parts = [data[record.start : record.end] for record in _in_order(records)]
+        parts = [data[record.start : record.end] for record in (records if teledyne else _of_use(records))]
         # of PD0 MHKiT reads an ensemble only where another follows
         copy.write_bytes(b"".join([*parts, parts[-1]] if teledyne else parts))
         # MHKiT raises whatever its arithmetic raises on settings it does not know, bare Exception too
@@ -46,8 +46,9 @@ def read_datasets(path: Path, data: bytes, records: Sequence[Record]) -> list[An
             read = read_signature(os.fspath(copy), userdata=False, dual_profile=kinds >= {_AVERAGE, _BURST})
             return list(read) if isinstance(read, tuple) else [read]
         except Exception as error:
-            words = " ".join(str(error).split())[:200]
-            raise LogError(f"{path}: MHKiT cannot read this raw ADCP file: {type(error).__name__}: {words}") from error
+            words = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+    # not raised from the error, which would keep the file that MHKiT left open
+    raise LogError(f"{path}: MHKiT cannot read this raw ADCP file: {words}")
 
 
 def _readers(path: Path) -> tuple[Any, Any]:
@@ -60,10 +61,10 @@ def _readers(path: Path) -> tuple[Any, Any]:
     return read_rdi, read_signature
 
 
-def _in_order(records: Sequence[Record]) -> list[Record]:
-    """Return the records with the first text record, the configuration, in front, where MHKiT looks for it."""
-    text = next((record for record in records if record.kind == AD2CP_TEXT), None)
-    return list(records) if text is None else [text, *(record for record in records if record is not text)]
+def _of_use(records: Sequence[Record]) -> list[Record]:
+    """Return the configuration, then the profiles: MHKiT pairs all kinds of records by ensemble, and stumbles where some are lost."""
+    text = next(record for record in records if record.kind == AD2CP_TEXT)
+    return [text, *(record for record in records if record.kind in (_BURST, _AVERAGE))]
 
 
 @contextlib.contextmanager

@@ -142,8 +142,8 @@ def vertical_stretch(vectors: Array, rotation: Array) -> Array:
 def map_bins(beams: Array, stretch: Array, bin0_distance: float, cell_size: float) -> Array:
     """Return each beam's velocities at the vertical distances that the cells have without tilt, shape (n, b) [m/s].
 
-    Linear between the two cells of a beam that enclose a distance, so exact for a velocity that is linear in depth; Teledyne's
-    own mapping takes the nearer cell. NaN beyond a beam's first and last cell, and beside a missing one.
+    Linear through the two cells nearest to a distance, so exact for a velocity that is linear in depth. Where one of the two is
+    missing the nearer cell is taken as it is, which is Teledyne's own mapping. NaN more than half a cell beyond a beam's ends.
 
     Args:
         beams: shape (n, b) [m/s], cell after cell along each beam; NaN where missing.
@@ -161,13 +161,12 @@ def map_bins(beams: Array, stretch: Array, bin0_distance: float, cell_size: floa
         if factor <= 0.0:
             continue
         place = (wanted / factor - bin0_distance) / cell_size
-        # a cell that is off by rounding only must not need its neighbour
-        place = np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
-        inside = (place >= 0.0) & (place <= n - 1)
-        lower = np.floor(place[inside]).astype(int)
-        upper, share, column = np.minimum(lower + 1, n - 1), place[inside] - lower, beams[:, beam]
-        between = (1.0 - share) * column[lower] + share * column[upper]
-        mapped[inside, beam] = np.where(share > 0.0, between, column[lower])
+        inside = (place >= -0.5) & (place <= n - 0.5)
+        column, nearest = beams[:, beam], np.clip(np.round(place[inside]).astype(int), 0, n - 1)
+        lower = np.clip(np.floor(place[inside]).astype(int), 0, max(n - 2, 0))
+        upper = np.minimum(lower + 1, n - 1)
+        between = column[lower] + (place[inside] - lower) * (column[upper] - column[lower])
+        mapped[inside, beam] = np.where(np.isfinite(between), between, column[nearest])
     return mapped
 
 

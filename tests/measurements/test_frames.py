@@ -85,6 +85,15 @@ def test_mapped_bins_are_exact_for_a_velocity_linear_in_depth(heading, pitch, ro
     np.testing.assert_allclose(earth[inside], expected[inside], atol=1e-10)
 
 
+def test_beside_a_missing_cell_the_nearer_one_is_taken():
+    column = np.array([1.0, 2.0, np.nan, 4.0, 5.0])
+    mapped = frames.map_bins(column[:, None], np.array([1.05]), 2.0, 1.0)[:, 0]
+    np.testing.assert_allclose(mapped, slow.mapped(column, 1.05, 2.0, 1.0))
+    # 3 m lie at 2.857 untilted, between two cells; 4 m at 3.81 and 5 m at 4.76, each beside the missing one
+    np.testing.assert_allclose(mapped[1:3], [1.0 + 0.857142857142857, np.nan])
+    assert mapped[3] == 4.0
+
+
 def test_without_tilt_bins_stay_where_they_are_missing_ones_too():
     beams = np.arange(12.0).reshape(3, 4)
     beams[1, 2] = np.nan

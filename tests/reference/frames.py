@@ -42,10 +42,10 @@ def mapped(column: Array, factor: float, first: float, size: float) -> Array:
     out = []
     for k in range(len(column)):
         want = first + size * k
-        value = math.nan
-        for j in range(len(column) - 1):
-            if have[j] - 1e-9 <= want <= have[j + 1] + 1e-9:
-                share = (want - have[j]) / (have[j + 1] - have[j])
-                value = column[j] + share * (column[j + 1] - column[j])
-        out.append(value)
+        by_distance = sorted(range(len(column)), key=lambda j: abs(have[j] - want))
+        near, other = by_distance[0], by_distance[1]
+        # beyond an end the second nearest cell is the one before
+        slope = (column[other] - column[near]) / (have[other] - have[near])
+        value = column[near] + slope * (want - have[near]) if math.isfinite(slope) else column[near]
+        out.append(value if abs(want - have[near]) <= 0.5 * size * factor else math.nan)
     return np.array(out)
