@@ -252,10 +252,10 @@ def test_a_ping_without_its_vertical_beam_keeps_its_pressure():
 
 
 @real
-@pytest.mark.parametrize(("name", "agree"), [("winriver01.PD0", 0.35), ("winriver02_transect.PD0", 0.1)])
-def test_bottom_track_and_gps_agree_on_the_river(name, agree):
+@pytest.mark.parametrize(("name", "size", "agree"), [("winriver01.PD0", None, 0.35), ("winriver02_transect.PD0", 400_000, 0.1)])
+def test_bottom_track_and_gps_agree_on_the_river(tmp_path, name, size, agree):
     """Water over ground by bottom track and by GPS are independent; in winriver01 the compass is 7 degrees off at 2 m/s."""
-    messages = list(open_log(ADCP / name).messages())
+    messages = list(open_log(_write(tmp_path, (ADCP / name).read_bytes()[:size])).messages())
     blind = [
         replace(m, payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}})
         if m.payload.get("bottom_track")
@@ -274,12 +274,12 @@ def _median_current(profiles: list[Observation]) -> Any:
 @real
 @pytest.mark.parametrize("path", sorted(ADCP.iterdir()) if ADCP.exists() else [], ids=lambda path: path.name)
 def test_a_flipped_bit_costs_one_ping_and_many_flips_are_no_foreign_error(tmp_path, path):
-    whole = path.read_bytes()[:60_000]
+    whole = path.read_bytes()[:40_000]
     rng = np.random.default_rng(len(path.name))
     before = sum(message.topic == "/adcp" for message in open_log(_write(tmp_path, whole)).messages())
     for flips in (1, 30):
         data = bytearray(whole)
-        for at in rng.integers(8_000, 59_000, flips):
+        for at in rng.integers(8_000, 39_000, flips):
             data[at] ^= 1 << int(rng.integers(8))
         # flips that cancel in the sum of bytes pass the checksum; what MHKiT makes of them is an error of ours at worst
         with contextlib.suppress(LogError) if flips > 1 else contextlib.nullcontext():

@@ -1,0 +1,161 @@
+"""Pings made absolute: what is turned, what is taken off, what is refused, and that nothing is done twice."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from replay_kit.config import MeasurementConfig
+from replay_kit.errors import MeasurementError
+from replay_kit.measurements import frames
+from replay_kit.measurements.earth import earth_referenced
+from replay_kit.types import Observation, Reason
+from tests.measurements.messages import CONFIG, fix, only, ping, run
+from tests.reference import frames as slow
+
+VECTORS = frames.janus_vectors(20.0)
+WATER, VESSEL = np.array([0.4, -0.2, 0.02]), np.array([1.1, 0.3, 0.0])
+
+
+def _raw(system: str, convention: str = "teledyne", **changes: Any) -> dict[str, Any]:
+    """Return a ping of three equal cells over a moving vessel, as its instrument would store it; the heading is a true one."""
+    heading, pitch, roll = 35.0, 4.0, -3.0
+    turn = slow.nortek(heading, pitch, roll, True) if convention == "nortek" else slow.teledyne(heading, pitch, roll, False)
+    relative = {"water": WATER - VESSEL, "bottom": -VESSEL}
+    for name, velocity in relative.items():
+        axes = {"instrument": turn.T @ velocity, "ship": slow.about(2, heading) @ velocity, "earth": velocity}
+        relative[name] = VECTORS @ (turn.T @ velocity) if system == "beam" else axes[system]
+    payload = {
+        **ping(0).payload,
+        "coordinate_system": system,
+        "reference": "platform",
+        "attitude_convention": convention,
+        "beam_unit_vectors": VECTORS.tolist(),
+        "bin_mapped": False,
+        "velocity": [relative["water"].tolist()] * 3,
+        "bottom_track": {"velocity": relative["bottom"].tolist(), "velocity_std": 0.4, "distance": [300.0] * 4},
+        "velocity_std": None,
+        "declination_applied": True,
+    }
+    return {**payload, "heading": heading, "pitch": pitch, "roll": roll, **changes}
+
+
+def _horizontal(payload: Any) -> Any:
+    return np.array(payload["velocity"])[:, :2]
+
+
+@pytest.mark.parametrize(
+    ("system", "convention"),
+    [
+        ("beam", "teledyne"),
+        ("beam", "nortek"),
+        ("instrument", "teledyne"),
+        ("instrument", "nortek"),
+        ("ship", "teledyne"),
+        ("earth", "nortek"),
+    ],
+)
+def test_every_coordinate_system_gives_the_current_over_the_ground(system, convention):
+    absolute = earth_referenced(_raw(system, convention), MeasurementConfig(velocity_std=0.3))
+    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert (absolute["coordinate_system"], absolute["reference"], absolute["ground_reference"]) == ("earth", "earth", "bottom_track")
+    assert absolute["declination_applied"] is True
+    assert bool(absolute["bin_mapped"]) == (system == "beam")
+    np.testing.assert_allclose(absolute["velocity_std"], 0.5)
+
+
+def test_what_is_absolute_stays_as_it_is():
+    raw = ping(0).payload
+    assert earth_referenced(raw, CONFIG) is raw
+    once = earth_referenced(_raw("beam"), CONFIG)
+    assert earth_referenced(once, CONFIG) is once
+
+
+def test_words_and_truths_may_be_the_numbers_of_mavlink():
+    numbers = {"coordinate_system": 2.0, "reference": 1.0, "orientation": 0.0, "declination_applied": 1.0, "bin_mapped": 0.0}
+    absolute = earth_referenced(_raw("ship", **numbers), CONFIG)
+    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+
+
+def test_a_declination_turns_a_velocity_once():
+    magnetic = {"declination_applied": False, "magnetic_declination": 90.0, "reference": "earth", "velocity": [[0.0, 1.0, None]] * 3}
+    absolute = earth_referenced({**ping(0).payload, **magnetic}, CONFIG)
+    np.testing.assert_allclose(_horizontal(absolute), np.tile([1.0, 0.0], (3, 1)), atol=1e-15)
+    assert absolute["magnetic_declination"] == 90.0
+    assert earth_referenced(absolute, CONFIG) is absolute
+
+
+def test_the_configured_declination_is_for_pings_that_state_none():
+    unknown = _raw("ship", declination_applied=False, magnetic_declination=None, heading=25.0)
+    with pytest.raises(MeasurementError, match="declination unknown"):
+        earth_referenced(unknown, CONFIG)
+    absolute = earth_referenced(unknown, MeasurementConfig(magnetic_declination=10.0))
+    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    stated = earth_referenced({**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0))
+    np.testing.assert_allclose(_horizontal(stated), _horizontal(absolute))
+
+
+def test_a_lost_beam_is_solved_around_in_water_and_bottom():
+    raw = _raw("beam")
+    raw["velocity"] = [row if k else [None, *row[1:]] for k, row in enumerate(raw["velocity"])]
+    raw["bottom_track"]["velocity"][3] = None
+    np.testing.assert_allclose(_horizontal(earth_referenced(raw, CONFIG)), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    raw["velocity"][1] = [None, None, 0.1, 0.2]
+    assert np.isnan(_horizontal(earth_referenced(raw, CONFIG))[1]).all()
+
+
+def test_gps_stands_in_for_a_lost_bottom():
+    own = {"east": VESSEL[0], "north": VESSEL[1], "velocity_std": 0.4, "source": "gps"}
+    for track in (None, {"velocity": [None] * 4}, {"velocity": "deep"}, "lost"):
+        absolute = earth_referenced(_raw("beam", bottom_track=track, platform_velocity=own), MeasurementConfig(velocity_std=0.3))
+        np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+        assert absolute["ground_reference"] == "gps"
+        np.testing.assert_allclose(absolute["velocity_std"], 0.5)
+
+
+@pytest.mark.parametrize("own", [None, {"east": 1.0, "north": None, "velocity_std": 0.1}, {"east": 1.0, "north": 0.0}, 3])
+def test_without_a_motion_a_ping_stays_relative(own):
+    raw = _raw("beam", bottom_track=None, platform_velocity=own)
+    assert earth_referenced(raw, CONFIG) is raw
+
+
+def test_a_beams_stated_error_grows_in_the_solution():
+    absolute = earth_referenced(_raw("beam", velocity_std=[0.1, 0.2, 0.3]), CONFIG)
+    # two beams at 20 degrees from the vertical give a component: 1 / (sqrt(2) sin 20)
+    expected = np.hypot(np.array([0.1, 0.2, 0.3]) / (np.sqrt(2.0) * np.sin(np.deg2rad(20.0))), 0.4)
+    np.testing.assert_allclose(absolute["velocity_std"], expected)
+
+
+def test_flat_arrays_are_those_of_protobuf():
+    raw = _raw("beam")
+    flat = {"velocity": list(np.ravel(raw["velocity"])), "beam_unit_vectors": list(np.ravel(raw["beam_unit_vectors"]))}
+    assert earth_referenced({**raw, **flat}, CONFIG)["velocity"] == earth_referenced(raw, CONFIG)["velocity"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"heading": None}, "heading, pitch or roll is not known"),
+        ({"roll": float("nan")}, "heading, pitch or roll is not known"),
+        ({"attitude_convention": None}, "expected attitude_convention to be one of teledyne, nortek"),
+        ({"beam_unit_vectors": [[0.1, 0.2]]}, "three numbers a beam"),
+        ({"beam_unit_vectors": None}, "three numbers a beam"),
+        ({"orientation": "left"}, "expected orientation"),
+    ],
+)
+def test_a_rotation_that_lacks_something_is_refused_with_the_reason(changes, reason):
+    with pytest.raises(MeasurementError, match=reason):
+        earth_referenced(_raw("beam", **changes), CONFIG)
+
+
+def test_a_raw_ping_becomes_an_observation():
+    message = ping(0)
+    (observation,) = only(Observation, run([fix(0), type(message)(message.time_ns, "/adcp", message.schema, _raw("beam"), 0, 1)]))
+    np.testing.assert_allclose(observation.velocity, np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert observation.reference == "earth"
+
+
+def test_bins_below_the_bottom_are_flagged():
+    spoiled = ping(0, bottom_track={"distance": [100.0, None, 90.0, 95.0]})
+    (observation,) = only(Observation, run([fix(0), spoiled]))
+    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [False, False, True]
