@@ -113,17 +113,17 @@ def _turned(velocity: Array, payload: Mapping[str, Any], rotation: Array, system
 
 def _can_map(payload: Mapping[str, Any], system: str) -> bool:
     """Return whether bins are still to be mapped and can be: from beams, or from axes with the error velocity beside them."""
-    if number(payload.get("bin_mapped")) == 1.0 or payload.get("beam_unit_vectors") is None:
+    if number(payload.get("bin_mapped")) == 1.0 or not payload.get("beam_unit_vectors"):
         return False
     return system == "beam" or (system == "instrument" and _rows(payload).shape[1] == 4)
 
 
 def _own_std(payload: Mapping[str, Any], system: str, config: MeasurementConfig) -> Array:
     """Return the error of a horizontal component, shape (n,) [m/s]; a beam's grows in the solution."""
-    std = error_std(payload, len(velocity_cells(payload)), config.velocity_std)
-    if system == "beam" and payload.get("velocity_std") is not None:
-        return std * np.linalg.norm(np.linalg.pinv(_vectors(payload))[0])
-    return std
+    std = error_std(payload, len(velocity_cells(payload)), float("nan"))
+    if system == "beam":
+        std = std * np.linalg.norm(np.linalg.pinv(_vectors(payload))[0])
+    return np.where(np.isfinite(std), std, config.velocity_std)
 
 
 def _bottom(payload: Mapping[str, Any]) -> tuple[Array, float, str, str] | None:

@@ -129,7 +129,13 @@ def test_a_beams_stated_error_grows_in_the_solution():
 def test_flat_arrays_are_those_of_protobuf():
     raw = _raw("beam")
     flat = {"velocity": list(np.ravel(raw["velocity"])), "beam_unit_vectors": list(np.ravel(raw["beam_unit_vectors"]))}
-    assert earth_referenced({**raw, **flat}, CONFIG)["velocity"] == earth_referenced(raw, CONFIG)["velocity"]
+    absolute = earth_referenced(raw, CONFIG)
+    assert earth_referenced({**raw, **flat, "velocity_std": []}, CONFIG) | {"beam_unit_vectors": None} == absolute | {
+        "beam_unit_vectors": None
+    }
+    # protobuf writes an empty list for what is not known
+    unknown = earth_referenced(_raw("instrument", beam_unit_vectors=[]), CONFIG)
+    np.testing.assert_allclose(_horizontal(unknown), np.tile(WATER[:2], (3, 1)), atol=1e-12)
 
 
 @pytest.mark.parametrize(
