@@ -72,7 +72,7 @@ class LogReport:
 
     Attributes:
         path: The log.
-        format: ``mcap``, ``tlog`` or ``seaglider``.
+        format: ``mcap``, ``tlog``, ``seaglider``, ``pd0`` or ``ad2cp``.
         read: Messages met, by topic, decoded or not.
         undecodable: Topic to (count, reason) for what no decoder could read.
         losses: Damage met; empty for a sound file.
