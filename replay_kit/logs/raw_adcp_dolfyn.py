@@ -37,8 +37,8 @@ def read_datasets(path: Path, data: bytes, records: Sequence[Record]) -> list[An
     with tempfile.TemporaryDirectory() as folder, _quiet():
         copy = Path(folder) / "records"
         parts = [data[record.start : record.end] for record in (records if teledyne else _of_use(records))]
-        # of PD0 MHKiT reads an ensemble only where another follows
-        copy.write_bytes(b"".join([*parts, parts[-1]] if teledyne else parts))
+        # of PD0 MHKiT reads an ensemble only where another follows, and needs two to begin
+        copy.write_bytes(b"".join([*parts, parts[-1], parts[-1]] if teledyne else parts))
         # MHKiT raises whatever its arithmetic raises on settings it does not know, bare Exception too
         try:
             if teledyne:

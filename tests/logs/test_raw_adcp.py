@@ -137,6 +137,13 @@ def test_an_ensemble_that_fails_its_checksum_is_lost_alone(tmp_path):
     assert [(loss.offset, loss.bytes) for loss in reader.report().losses] == [(4 * len(parts[0]), len(parts[0])), (12 * len(parts[0]), 100)]
 
 
+def test_one_ensemble_is_a_file(tmp_path):
+    pings, fixes = _messages(_write(tmp_path, samples.pd0(Survey(n=1))))
+    assert (len(pings), len(fixes)) == (1, 1)
+    # one fix says where, not how fast
+    assert pings[0].payload["platform_velocity"] is None
+
+
 @pytest.mark.parametrize("data", [b"\x7f\x7f", b"\x7f\x7f" * 4000, b"\xa5\x0a" + bytes(500), samples.nortek_record(0x15, bytes(80))])
 def test_a_file_without_a_sound_ensemble_is_an_error(tmp_path, data):
     with pytest.raises(LogError, match=r"no sound ensemble|configuration is missing"):
@@ -238,6 +245,14 @@ def test_velocities_turn_to_earth_as_mhkit_turns_them(tmp_path, name, size, atol
     for one, other in zip(ours, theirs, strict=True):
         mine = np.array([[np.nan if x is None else x for x in cell[:2]] for cell in one])
         np.testing.assert_allclose(mine, other, atol=atol)
+
+
+@real
+def test_a_bottom_that_was_not_found_is_no_bottom(tmp_path):
+    pings, fixes = _messages(_write(tmp_path, (ADCP / "RDI_withBT.000").read_bytes()[:30_000]))
+    assert fixes == []
+    assert pings[0].payload["bottom_track"] is None
+    assert {m.payload["reference"] for m in pings} == {"platform"}
 
 
 @real
