@@ -59,8 +59,11 @@ class RawAdcpReader:
         self.format = "pd0" if data[:2] == PD0_MAGIC else "ad2cp"
         records, self._gaps = scan(data)
         datasets = read_datasets(Path(path), data, records)
-        self._track, self._offset_ns, self._bad_fixes = _track(datasets[0])
-        self._profiles = {tag: raw_profiles(ds, tag) for ds in datasets for tag in _TOPICS if f"vel{tag}" in ds}
+        try:
+            self._track, self._offset_ns, self._bad_fixes = _track(datasets[0])
+            self._profiles = {tag: raw_profiles(ds, tag) for ds in datasets for tag in _TOPICS if f"vel{tag}" in ds}
+        except (LookupError, ValueError, TypeError) as error:
+            raise LogError(f"{path}: not a setting of an instrument that is understood: {type(error).__name__}: {error}") from error
         if not self._profiles:
             raise LogError(f"{path}: it has no profile of velocities; give a file of a current profiler")
         kinds = np.array([record.kind for record in records])

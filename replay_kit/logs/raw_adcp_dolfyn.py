@@ -44,7 +44,9 @@ def read_datasets(path: Path, data: bytes, records: Sequence[Record]) -> list[An
             if teledyne:
                 return [read_rdi(os.fspath(copy), userdata=False, nens=len(records), debug=0)]
             read = read_signature(os.fspath(copy), userdata=False, dual_profile=kinds >= {_AVERAGE, _BURST})
-            return list(read) if isinstance(read, tuple) else [read]
+            datasets = list(read) if isinstance(read, tuple) else [read]
+            # of two modes MHKiT leaves the file's configuration with the first
+            return [dataset.assign_attrs({**datasets[0].attrs, **dataset.attrs}) for dataset in datasets]
         except Exception as error:
             words = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
     # not raised from the error, which would keep the file that MHKiT left open

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from replay_kit.types import Array
 
+_ORIENTATIONS = {"down": "down", "up": "up", "AHRS": "up"}
 _SYSTEMS = {"beam": "beam", "inst": "instrument", "ship": "ship", "earth": "earth"}
 _MISSING = (-32.768, -3.2768)  # m/s; -32768 in mm/s and in tenths of them
 _DB_PER_COUNT = 0.45  # Teledyne's nominal echo intensity scale
@@ -46,6 +47,9 @@ def raw_profiles(dataset: Any, tag: str) -> RawProfiles:
     Args:
         dataset: From MHKiT (xarray).
         tag: ``""`` for the burst or only mode, ``"_avg"`` for the averaging one.
+
+    Raises:
+        LookupError: A setting is missing or none of those known, such as a horizontal instrument, whose cells have no depths.
     """
     teledyne = dataset.attrs["inst_make"] == "TRDI"
     make = _teledyne if teledyne else _nortek
@@ -81,7 +85,7 @@ def _geometry(dataset: Any, tag: str) -> dict[str, Any]:
     return {
         "coordinate_system": _SYSTEMS[attributes["coord_sys"]],
         "reference": "platform",
-        "orientation": "up" if attributes["orientation"] in ("up", "AHRS") else "down",
+        "orientation": _ORIENTATIONS[attributes["orientation"]],
         "n_cells": int(cells.size),
         "cell_size": round(float(attributes[f"cell_size{tag}"]), 4),
         "bin0_distance": round(float(cells[0]), 4),

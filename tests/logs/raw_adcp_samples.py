@@ -3,10 +3,12 @@
 import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 
-from replay_kit.types import Array
+from replay_kit.logs import open_log
+from replay_kit.types import Array, Message
 from tests.reference import frames as slow
 
 FIRST_CELL, CELL, N_CELLS, ANGLE = 2.0, 1.0, 12, 20.0
@@ -37,6 +39,19 @@ class Survey:
     bottom: float = 50.0
     up: bool = False
     n: int = 30
+
+
+def write(folder: Path, data: bytes) -> Path:
+    """Return the path of a file that holds the data."""
+    path = folder / "survey.pd0"
+    path.write_bytes(data)
+    return path
+
+
+def adcp_messages(path: Path) -> tuple[list[Message], list[Message]]:
+    """Return a log's pings and fixes."""
+    messages = list(open_log(path).messages())
+    return [m for m in messages if m.topic == "/adcp"], [m for m in messages if m.topic == "/vehicle/fix"]
 
 
 def vectors() -> Array:

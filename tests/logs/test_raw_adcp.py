@@ -1,16 +1,13 @@
-"""Raw Teledyne and Nortek files: made ones with a known truth, real ones against MHKiT's own rotation, and damaged ones."""
+"""Raw Teledyne and Nortek files made with a known truth, whole and damaged."""
 
-import contextlib
-import io
 import sys
-import warnings
-from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from replay_kit.config import LogConfig, MeasurementConfig, RunConfig
 from replay_kit.convert import convert
@@ -19,32 +16,19 @@ from replay_kit.geodesy import to_geographic
 from replay_kit.inspect import inspect_log
 from replay_kit.logs import open_log
 from replay_kit.logs.raw_adcp_gps import Track, clock_offset_ns, declination_deg, vessel_velocity
+from replay_kit.logs.raw_adcp_profiles import raw_profiles
 from replay_kit.logs.raw_adcp_records import AD2CP_TEXT, scan
 from replay_kit.measurements import observations
-from replay_kit.measurements.earth import earth_referenced
-from replay_kit.types import Flag, Message, Observation, Projection
+from replay_kit.types import Flag, Observation, Projection
 from tests.logs import raw_adcp_samples as samples
-from tests.logs.raw_adcp_samples import Survey
+from tests.logs.raw_adcp_samples import Survey, adcp_messages, write
 
-ADCP = Path(__file__).parents[3] / "shared" / "data" / "adcp"
-real = pytest.mark.skipif(not ADCP.exists(), reason="../shared/data/adcp is not there")
 SECOND = 1_000_000_000
 START_NS = int(samples.START.timestamp()) * SECOND
 
 
-def _write(folder: Path, data: bytes) -> Path:
-    path = folder / "survey.pd0"
-    path.write_bytes(data)
-    return path
-
-
-def _messages(path: Path) -> tuple[list[Message], list[Message]]:
-    messages = list(open_log(path).messages())
-    return [m for m in messages if m.topic == "/adcp"], [m for m in messages if m.topic == "/vehicle/fix"]
-
-
 def _profiles(folder: Path, survey: Survey) -> list[Observation]:
-    return list(observations(open_log(_write(folder, samples.pd0(survey))).messages()))
+    return list(observations(open_log(write(folder, samples.pd0(survey))).messages()))
 
 
 @pytest.mark.parametrize(
@@ -77,8 +61,8 @@ def test_a_vessels_file_gives_the_current_over_the_ground(tmp_path, survey):
 
 
 def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
-    path = _write(tmp_path, samples.pd0(Survey(bottom_track=False)))
-    pings, _ = _messages(path)
+    path = write(tmp_path, samples.pd0(Survey(bottom_track=False)))
+    pings, _ = adcp_messages(path)
     own = pings[15].payload["platform_velocity"]
     assert own["source"] == "gps"
     assert (own["east"], own["north"]) == pytest.approx((1.5, 0.8), abs=3.0 * own["velocity_std"])
@@ -88,12 +72,12 @@ def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
 
 
 def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
-    info = inspect_log(_write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False))), RunConfig())
+    info = inspect_log(write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False))), RunConfig())
     assert info.not_used == {"/adcp": {"velocity relative to the platform, whose own motion is not known": 30}}
 
 
 def test_a_magnetic_heading_without_a_declination_is_refused_until_one_is_given(tmp_path):
-    path = _write(tmp_path, samples.pd0(Survey(gps=False)))
+    path = write(tmp_path, samples.pd0(Survey(gps=False)))
     (reason,) = inspect_log(path, RunConfig()).not_used["/adcp"]
     assert "measurements.magnetic_declination" in reason
     stated = RunConfig(measurements=MeasurementConfig(magnetic_declination=15.8))
@@ -108,18 +92,18 @@ def test_cells_that_the_bottom_spoils_are_flagged(tmp_path):
 
 
 def test_gps_sets_the_clock_right_over_midnight(tmp_path):
-    pings, fixes = _messages(_write(tmp_path, samples.pd0(Survey())))
+    pings, fixes = adcp_messages(write(tmp_path, samples.pd0(Survey())))
     assert pings[3].payload["clock_offset"] == samples.CLOCK_BEHIND.total_seconds()
     assert [m.time_ns for m in pings] == [START_NS + k * SECOND for k in range(30)] == [m.time_ns for m in fixes]
     assert fixes[0].payload["latitude"] == pytest.approx(samples.LATITUDE)
     assert fixes[0].payload["longitude"] == pytest.approx(samples.LONGITUDE)
-    pings, _ = _messages(_write(tmp_path, samples.pd0(Survey(gps=False))))
+    pings, _ = adcp_messages(write(tmp_path, samples.pd0(Survey(gps=False))))
     assert pings[0].payload["clock_offset"] is None
     assert pings[0].time_ns == START_NS - samples.CLOCK_BEHIND // timedelta(seconds=1) * SECOND
 
 
 def test_what_is_converted_reads_as_the_file_itself(tmp_path):
-    path = _write(tmp_path, samples.pd0(Survey()))
+    path = write(tmp_path, samples.pd0(Survey()))
     summary = convert([path], tmp_path / "survey.mcap", False, LogConfig())
     assert summary.messages == {"/adcp": 30, "/vehicle/fix": 30}
     ours, again = (list(observations(open_log(log).messages())) for log in (path, summary.out))
@@ -131,14 +115,14 @@ def test_an_ensemble_that_fails_its_checksum_is_lost_alone(tmp_path):
     parts = [samples.ensemble(Survey(), k) for k in range(12)]
     damaged = bytearray(parts[4])
     damaged[200] ^= 0x10
-    reader = open_log(_write(tmp_path, b"".join([*parts[:4], damaged, *parts[5:], parts[0][:100]])))
+    reader = open_log(write(tmp_path, b"".join([*parts[:4], damaged, *parts[5:], parts[0][:100]])))
     times = [m.time_ns for m in reader.messages() if m.topic == "/adcp"]
     assert times == [START_NS + k * SECOND for k in range(12) if k != 4]
     assert [(loss.offset, loss.bytes) for loss in reader.report().losses] == [(4 * len(parts[0]), len(parts[0])), (12 * len(parts[0]), 100)]
 
 
 def test_one_ensemble_is_a_file(tmp_path):
-    pings, fixes = _messages(_write(tmp_path, samples.pd0(Survey(n=1))))
+    pings, fixes = adcp_messages(write(tmp_path, samples.pd0(Survey(n=1))))
     assert (len(pings), len(fixes)) == (1, 1)
     # one fix says where, not how fast
     assert pings[0].payload["platform_velocity"] is None
@@ -147,20 +131,64 @@ def test_one_ensemble_is_a_file(tmp_path):
 @pytest.mark.parametrize("data", [b"\x7f\x7f", b"\x7f\x7f" * 4000, b"\xa5\x0a" + bytes(500), samples.nortek_record(0x15, bytes(80))])
 def test_a_file_without_a_sound_ensemble_is_an_error(tmp_path, data):
     with pytest.raises(LogError, match=r"no sound ensemble|configuration is missing"):
-        open_log(_write(tmp_path, data))
+        open_log(write(tmp_path, data))
 
 
 def test_what_mhkit_cannot_read_is_our_error(tmp_path):
     records = samples.nortek_record(AD2CP_TEXT, b"\x10no configuration\x00") + 3 * samples.nortek_record(0x15, bytes(80))
     with pytest.raises(LogError, match="MHKiT cannot read"):
-        open_log(_write(tmp_path, records))
+        open_log(write(tmp_path, records))
 
 
 def test_without_mhkit_the_extra_is_named(tmp_path, monkeypatch):
     for name in ("mhkit", "mhkit.dolfyn.io.nortek2", "mhkit.dolfyn.io.rdi"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(LogError, match=r"pip install 'replay-kit\[adcp\]'"):
-        open_log(_write(tmp_path, samples.pd0(Survey(n=2))))
+        open_log(write(tmp_path, samples.pd0(Survey(n=2))))
+
+
+def _nortek_dataset(**attributes: Any) -> xr.Dataset:
+    """Return what MHKiT makes of the averaging mode of a Nortek in earth coordinates: two pings of two cells."""
+    time = np.array(["2024-05-01T00:00:00.1234", "2024-05-01T00:10:00"], "datetime64[ns]")
+    velocity = np.array([[[0.1, 0.2], [0.3, -32.768]], [[0.4, 0.5], [0.6, 0.7]], [[0.01, 0.02], [0.03, 0.04]], [[0.03, 0.02], [0.01, 0.0]]])
+    beams = np.linalg.inv(np.array([[0.5, 0, 0.8, 0], [0, -0.5, 0, 0.8], [-0.5, 0, 0.8, 0], [0, 0.5, 0, 0.8]]))
+    names = {"heading_avg": -90.0, "pitch_avg": 1.0, "roll_avg": 2.0, "temp_avg": 12.0, "c_sound_avg": 1490.0, "pressure_avg": 100.0}
+    variables = {
+        "vel_avg": (("dir", "range_avg", "time_avg"), velocity),
+        "status_avg": (("time_avg",), np.array([1, 0])),
+        "beam2inst_orientmat": (("x1", "x2"), beams),
+        **{name: (("time_avg",), np.full(2, value)) for name, value in names.items()},
+    }
+    settings = {"inst_make": "Nortek", "coord_sys": "earth", "orientation": "down", "cell_size_avg": 4.0}
+    return xr.Dataset(
+        variables,
+        {"time_avg": time, "range_avg": [5.0, 9.0]},
+        {**settings, "filehead_config": '{"USER": {"DECL": 3.5}}', **attributes},
+    )
+
+
+def test_nortek_averages_in_earth_coordinates_have_one_vertical_and_a_true_heading():
+    profiles = raw_profiles(_nortek_dataset(), "_avg")
+    np.testing.assert_allclose(profiles.per_ping["velocity"][0], [[0.1, 0.4, 0.02], [0.3, 0.6, 0.02]])
+    np.testing.assert_array_equal(np.isnan(profiles.per_ping["velocity"][1]), [[False] * 3, [True, False, False]])
+    assert profiles.per_ping["heading"].tolist() == [270.0, 270.0]
+    # the second ping was skipped by the instrument
+    assert profiles.known.tolist() == [True, False]
+    assert profiles.time_ns[0] == 1_714_521_600_123_400_000
+    stated = {
+        "coordinate_system": "earth",
+        "declination_applied": True,
+        "magnetic_declination": 3.5,
+        "bin0_distance": 5.0,
+        "cell_size": 4.0,
+    }
+    assert stated.items() <= profiles.common.items()
+    np.testing.assert_allclose(np.linalg.norm(profiles.common["beam_unit_vectors"], axis=1), 1.0)
+
+
+def test_a_horizontal_instrument_is_refused():
+    with pytest.raises(LookupError, match="horizontal"):
+        raw_profiles(_nortek_dataset(orientation="horizontal"), "_avg")
 
 
 @pytest.mark.parametrize("long", [False, True])
@@ -207,98 +235,3 @@ def test_the_declination_is_that_of_the_time_and_none_before_2010():
     assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) == pytest.approx(15.8, abs=0.1)
     assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) != declination_deg(1_297_845_425 * SECOND, -123.04, 48.08)
     assert declination_deg(1_100_000_000 * SECOND, 0.0, 0.0) is None
-
-
-def _by_mhkit(path: Path) -> Any:
-    from mhkit import dolfyn
-
-    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        dataset = dolfyn.read(str(path), userdata=False)
-        if dataset.coord_sys != "earth":
-            dolfyn.rotate2(dataset, "earth")
-    return dataset
-
-
-@real
-@pytest.mark.parametrize(
-    ("name", "size", "atol"),
-    [
-        ("RDI_withBT.000", 60_000, 1e-6),
-        ("vmdas01_wh.ENX", 60_000, 1e-6),
-        ("winriver01.PD0", 120_000, 5e-6),  # MHKiT's matrices are 32-bit
-        ("winriver02_transect.PD0", 120_000, 5e-6),
-        ("BenchFile01.ad2cp", 100_000, 1e-3),  # the file rounds the beams' matrix to four digits, ours are unit vectors
-    ],
-)
-def test_velocities_turn_to_earth_as_mhkit_turns_them(tmp_path, name, size, atol):
-    path = tmp_path / name
-    path.write_bytes((ADCP / name).read_bytes()[:size])
-    pings, _ = _messages(path)
-    assert sorted(tmp_path.iterdir()) == [path]
-    theirs = _by_mhkit(path).vel.values[:2].transpose(2, 1, 0)
-    config = MeasurementConfig()
-    # as MHKiT does: no declination but what the file applied, no bin mapping, relative to the platform
-    plain = {"declination_applied": True, "bin_mapped": True, "reference": "earth", "bottom_track": None, "platform_velocity": None}
-    ours = [earth_referenced({**m.payload, **plain}, config)["velocity"] for m in pings[: len(theirs)]]
-    assert len(ours) >= 30
-    for one, other in zip(ours, theirs, strict=True):
-        mine = np.array([[np.nan if x is None else x for x in cell[:2]] for cell in one])
-        np.testing.assert_allclose(mine, other, atol=atol)
-
-
-@real
-def test_a_bottom_that_was_not_found_is_no_bottom(tmp_path):
-    pings, fixes = _messages(_write(tmp_path, (ADCP / "RDI_withBT.000").read_bytes()[:30_000]))
-    assert fixes == []
-    assert pings[0].payload["bottom_track"] is None
-    assert {m.payload["reference"] for m in pings} == {"platform"}
-
-
-@real
-def test_a_ping_without_its_vertical_beam_keeps_its_pressure():
-    """MHKiT halves pressure and tilt where the fifth beam's record of a ping was skipped; only the four beams' records are used."""
-    pings, _ = _messages(ADCP / "Sig_SkippedPings01.ad2cp")
-    pressure, pitch = (np.array([m.payload[name] for m in pings]) for name in ("pressure", "pitch"))
-    assert len(pings) == 100
-    np.testing.assert_allclose(pressure, 60.56, atol=0.1)
-    np.testing.assert_allclose(pitch, -0.6, atol=0.1)
-    assert {m.payload["orientation"] for m in pings} == {"up"}
-
-
-@real
-@pytest.mark.parametrize(("name", "size", "agree"), [("winriver01.PD0", None, 0.35), ("winriver02_transect.PD0", 300_000, 0.1)])
-def test_bottom_track_and_gps_agree_on_the_river(tmp_path, name, size, agree):
-    """Water over ground by bottom track and by GPS are independent; in winriver01 the compass is 7 degrees off at 2 m/s."""
-    messages = list(open_log(_write(tmp_path, (ADCP / name).read_bytes()[:size])).messages())
-    blind = [
-        replace(m, payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}})
-        if m.payload.get("bottom_track")
-        else m
-        for m in messages
-    ]
-    by_bottom, by_gps = (_median_current(list(observations(source))) for source in (messages, blind))
-    assert np.hypot(*(by_bottom - by_gps)) < agree
-    assert 0.4 < np.hypot(*by_bottom) < 1.5
-
-
-def _median_current(profiles: list[Observation]) -> Any:
-    return np.median(np.concatenate([p.velocity[p.flags == Flag.GOOD] for p in profiles]), axis=0)
-
-
-@real
-@pytest.mark.parametrize("path", sorted(ADCP.iterdir()) if ADCP.exists() else [], ids=lambda path: path.name)
-def test_a_flipped_bit_costs_one_ping_and_many_flips_are_no_foreign_error(tmp_path, path):
-    whole = path.read_bytes()[:40_000]
-    rng = np.random.default_rng(len(path.name))
-    before = sum(message.topic == "/adcp" for message in open_log(_write(tmp_path, whole)).messages())
-    for flips in (1, 30):
-        data = bytearray(whole)
-        for at in rng.integers(8_000, 39_000, flips):
-            data[at] ^= 1 << int(rng.integers(8))
-        # flips that cancel in the sum of bytes pass the checksum; what MHKiT makes of them is an error of ours at worst
-        with contextlib.suppress(LogError) if flips > 1 else contextlib.nullcontext():
-            reader = open_log(_write(tmp_path, bytes(data)))
-            after = sum(message.topic == "/adcp" for message in reader.messages())
-            assert before - flips <= after < before + (path.suffix == ".ad2cp")
-            assert reader.report().losses
