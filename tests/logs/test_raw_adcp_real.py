@@ -83,7 +83,9 @@ def test_a_ping_without_its_vertical_beam_keeps_its_pressure():
 @pytest.mark.parametrize(("name", "size", "agree"), [("winriver01.PD0", None, 0.35), ("winriver02_transect.PD0", 300_000, 0.1)])
 def test_bottom_track_and_gps_agree_on_the_river(tmp_path, name, size, agree):
     """Water over ground by bottom track and by GPS are independent; in winriver01 the compass is 7 degrees off at 2 m/s."""
-    messages = list(open_log(write(tmp_path, (ADCP / name).read_bytes()[:size])).messages())
+    whole = list(open_log(write(tmp_path, (ADCP / name).read_bytes()[:size])).messages())
+    # every fifth ping is enough for a median
+    messages = [m for k, m in enumerate(whole) if m.topic != "/adcp" or k % 5 == 0]
     blind = [
         replace(m, payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}})
         if m.payload.get("bottom_track")
