@@ -114,6 +114,7 @@ def _checks(depth: Array, velocity: Array, max_speed: float, below_bottom: NDArr
     return flags, reasons
 
 
+@np.errstate(all="ignore")
 def _below_bottom(payload: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
     """Return which of n bins the bottom's echo spoils: those that reach beyond its nearest distance times a beam's cosine.
 

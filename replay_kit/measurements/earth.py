@@ -18,8 +18,12 @@ from replay_kit.types import Array
 _CONVENTIONS = ("teledyne", "nortek")
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
 _BOTTOM_STD = 0.03
+# vectors written with three digits are still unit vectors
+_UNIT = 0.01
 
 
+# numbers that no instrument gives become NaN, which is a missing bin
+@np.errstate(all="ignore")
 def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> Mapping[str, Any]:
     """Return the ping in earth coordinates with reference earth, or as it is where it does not say how its platform moves.
 
@@ -39,7 +43,7 @@ def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> M
     declination = _declination(payload, system, config)
     if not platform and system == "earth" and not declination:
         return payload
-    bottom = _bottom(payload) if platform else None
+    bottom = _bottom(payload, config.max_speed) if platform else None
     if platform and bottom is None:
         return payload
     if declination is None:
@@ -126,8 +130,11 @@ def _own_std(payload: Mapping[str, Any], system: str, config: MeasurementConfig)
     return np.where(np.isfinite(std), std, config.velocity_std)
 
 
-def _bottom(payload: Mapping[str, Any]) -> tuple[Array, float, str, str] | None:
-    """Return the ground's velocity relative to the platform, shape (1, components) [m/s], its error, coordinates and origin."""
+def _bottom(payload: Mapping[str, Any], max_std: float) -> tuple[Array, float, str, str] | None:
+    """Return the ground's velocity relative to the platform, shape (1, components) [m/s], its error, coordinates and origin.
+
+    None when the ping does not say, or with an error above ``max_std`` [m/s], which is to say nothing.
+    """
     track = payload.get("bottom_track")
     if isinstance(track, Mapping) and isinstance(track.get("velocity"), list | tuple):
         velocity = np.array([[number(value) for value in track["velocity"]]])
@@ -136,12 +143,12 @@ def _bottom(payload: Mapping[str, Any]) -> tuple[Array, float, str, str] | None:
         # one beam of four may be missing, but no axis
         needed = velocity if system == "beam" else velocity[:, : 2 if system in ("ship", "earth") else 3]
         if velocity.shape[1] >= 3 and np.isfinite(needed).sum() >= min(3, needed.size):
-            return velocity, std if std > 0.0 else _BOTTOM_STD, system, "bottom_track"
+            return velocity, std if 0.0 < std <= max_std else _BOTTOM_STD, system, "bottom_track"
     own = payload.get("platform_velocity")
     if isinstance(own, Mapping):
         velocity = -np.array([[number(own.get("east")), number(own.get("north")), 0.0]])
         std = number(own.get("velocity_std"))
-        if np.isfinite(velocity).all() and std > 0.0:
+        if np.isfinite(velocity).all() and 0.0 < std <= max_std:
             return velocity, std, "true", str(own.get("source", "stated"))
     return None
 
@@ -164,4 +171,7 @@ def _vectors(payload: Mapping[str, Any]) -> Array:
     vectors = np.array(payload.get("beam_unit_vectors"), dtype=np.float64)
     if vectors.size == 0 or vectors.size % 3 or not np.isfinite(vectors).all():
         raise MeasurementError("velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam")
-    return vectors.reshape(-1, 3)
+    vectors = vectors.reshape(-1, 3)
+    if not (np.abs(np.linalg.norm(vectors, axis=1) - 1.0) < _UNIT).all():
+        raise MeasurementError("beam_unit_vectors: expected vectors of length 1")
+    return vectors

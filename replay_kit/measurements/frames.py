@@ -136,7 +136,8 @@ def vertical_stretch(vectors: Array, rotation: Array) -> Array:
         vectors: shape (b, 3), the beams' unit vectors in the instrument's axes.
         rotation: shape (3, 3), from the instrument's axes to east, north, up.
     """
-    return np.asarray(np.abs(vectors @ rotation[2]) / np.abs(vectors[:, 2]))
+    untilted = np.abs(vectors[:, 2])
+    return np.asarray(np.divide(np.abs(vectors @ rotation[2]), untilted, out=np.zeros(len(vectors)), where=untilted > 0.0))
 
 
 def map_bins(beams: Array, stretch: Array, bin0_distance: float, cell_size: float) -> Array:

@@ -1,5 +1,6 @@
 """Pings made absolute: what is turned, what is taken off, what is refused, and that nothing is done twice."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
-from replay_kit.measurements import frames
+from replay_kit.measurements import Skipped, Used, frames
 from replay_kit.measurements.earth import earth_referenced
 from replay_kit.types import Observation, Reason
 from tests.measurements.messages import CONFIG, fix, only, ping, run
@@ -113,7 +114,9 @@ def test_gps_stands_in_for_a_lost_bottom():
         np.testing.assert_allclose(absolute["velocity_std"], 0.5)
 
 
-@pytest.mark.parametrize("own", [None, {"east": 1.0, "north": None, "velocity_std": 0.1}, {"east": 1.0, "north": 0.0}, 3])
+@pytest.mark.parametrize(
+    "own", [None, {"east": 1.0, "north": None, "velocity_std": 0.1}, {"east": 1.0, "north": 0.0, "velocity_std": 90.0}, 3]
+)
 def test_without_a_motion_a_ping_stays_relative(own):
     raw = _raw("beam", bottom_track=None, platform_velocity=own)
     assert earth_referenced(raw, CONFIG) is raw
@@ -146,6 +149,7 @@ def test_flat_arrays_are_those_of_protobuf():
         ({"attitude_convention": None}, "expected attitude_convention to be one of teledyne, nortek"),
         ({"beam_unit_vectors": [[0.1, 0.2]]}, "three numbers a beam"),
         ({"beam_unit_vectors": None}, "three numbers a beam"),
+        ({"beam_unit_vectors": [[0.0, 0.0, 2.0]] * 4}, "vectors of length 1"),
         ({"orientation": "left"}, "expected orientation"),
     ],
 )
@@ -154,9 +158,36 @@ def test_a_rotation_that_lacks_something_is_refused_with_the_reason(changes, rea
         earth_referenced(_raw("beam", **changes), CONFIG)
 
 
+JUNK = (
+    None,
+    -1,
+    1e308,
+    float("nan"),
+    10**400,
+    "x",
+    [],
+    [None],
+    [[1e308] * 4] * 3,
+    [[0.0] * 3] * 4,
+    {},
+    {"velocity": [1e308] * 4},
+    {"distance": ["b"]},
+)
+
+
+@pytest.mark.parametrize("system", ["beam", "instrument", "ship", "earth"])
+def test_junk_in_any_field_is_used_or_skipped_once(system):
+    raw = _raw(system, platform_velocity=None, tilt_applied=True)
+    for field in raw:
+        for value in JUNK:
+            message = replace(ping(0), payload={**raw, field: value})
+            events = run([fix(0), message])
+            assert len([event for event in only(Used, events) + only(Skipped, events) if event.topic == "/adcp"]) == 1, (field, value)
+
+
 def test_a_raw_ping_becomes_an_observation():
     message = ping(0)
-    (observation,) = only(Observation, run([fix(0), type(message)(message.time_ns, "/adcp", message.schema, _raw("beam"), 0, 1)]))
+    (observation,) = only(Observation, run([fix(0), replace(message, payload=_raw("beam"))]))
     np.testing.assert_allclose(observation.velocity, np.tile(WATER[:2], (3, 1)), atol=1e-12)
     assert observation.reference == "earth"
 
