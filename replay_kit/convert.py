@@ -12,6 +12,7 @@ from replay_kit.config import LogConfig
 from replay_kit.errors import ConfigError
 from replay_kit.job import check_paths
 from replay_kit.logs import merge, open_log
+from replay_kit.logs.losses import loss_json, loss_words
 from replay_kit.logs.mcap_log_writer import open_mcap_log
 from replay_kit.types import LogReport, Loss
 
@@ -83,7 +84,7 @@ def convert_json(summary: ConvertSummary) -> dict[str, Any]:
         "messages": dict(summary.messages),
         "late": dict(summary.late),
         "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in summary.undecodable.items()},
-        "losses": [{"file": path, "what": loss.what, "offset": loss.offset, "bytes": loss.bytes} for path, loss in summary.losses],
+        "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
     }
 
 
@@ -94,7 +95,7 @@ def print_converted(summary: ConvertSummary, console: Console) -> None:
         table.add_row(topic, str(count))
     console.print(table)
     for path, loss in summary.losses:
-        console.print(f"LOST: {path}: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})", soft_wrap=True)
+        console.print(f"LOST: {path}: {loss_words(loss)}", soft_wrap=True)
     for topic, count in summary.late.items():
         console.print(f"LOST: {count} x {topic}: later than the reorder window allows", soft_wrap=True)
     for topic, (count, why) in summary.undecodable.items():

@@ -12,6 +12,7 @@ from rich.table import Table
 from replay_kit.config import RunConfig
 from replay_kit.geodesy import unwrap_longitude
 from replay_kit.logs import open_log
+from replay_kit.logs.losses import loss_json, loss_words, unchecked_words
 from replay_kit.measurements import Skipped, finish, initial_state, interpret
 from replay_kit.types import Flag, LogReport, Observation, VehicleState
 
@@ -156,7 +157,8 @@ def info_json(info: LogInfo) -> dict[str, Any]:
         ],
         "not_used": info.not_used,
         "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in info.report.undecodable.items()},
-        "losses": [{"what": loss.what, "offset": loss.offset, "bytes": loss.bytes} for loss in info.report.losses],
+        "losses": [loss_json(loss) for loss in info.report.losses],
+        "unchecked": dict(info.report.unchecked),
     }
 
 
@@ -182,5 +184,7 @@ def print_info(log: LogInfo, console: Console) -> None:
                 console.print(f"Not used: {count} x {topic_name}: {reason}", soft_wrap=True)
     for topic_name, (count, why) in log.report.undecodable.items():
         console.print(f"Cannot be decoded: {count} x {topic_name}: {why}", soft_wrap=True)
+    if log.report.unchecked:
+        console.print(f"No checksum covers, so that damage would pass unseen: {unchecked_words(log.report)}", soft_wrap=True)
     for loss in log.report.losses:
-        console.print(f"LOST: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})", soft_wrap=True)
+        console.print(f"LOST: {loss_words(loss)}", soft_wrap=True)

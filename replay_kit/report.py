@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from replay_kit.logs.losses import loss_json, loss_words
 from replay_kit.types import Array, Loss, Plan
 
 
@@ -137,7 +138,7 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
                 {"topic": row.topic, "read": row.read, "used": row.used, "skipped": row.skipped, "reasons": dict(row.reasons)}
                 for row in summary.messages
             ],
-            "losses": [{"file": path, "what": loss.what, "offset": loss.offset, "bytes": loss.bytes} for path, loss in summary.losses],
+            "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
             "late": summary.late,
             "observations": {
                 "used": summary.profiles_used,
@@ -222,7 +223,7 @@ def print_summary(summary: ReplaySummary, console: Console) -> None:
     for note in summary.notes:
         _say(console, f"Note: {note}")
     for path, loss in summary.losses:
-        _say(console, f"LOST: {path}: {loss.what} ({loss.bytes} bytes, from byte {loss.offset})")
+        _say(console, f"LOST: {path}: {loss_words(loss)}")
     if summary.late:
         _say(console, f"LOST: {summary.late} messages came later than the reorder window allows; widen logs.reorder_window")
 

@@ -59,11 +59,17 @@ class Loss:
         what: Words for a person: where the damage is and what was done.
         offset: Byte offset in the file at which whole records end.
         bytes: Number of bytes that could not be used.
+        messages: Number of messages in them; None when nothing in the file says.
+        first_ns: Earliest time that they may have [ns, UTC]; None when nothing in the file says.
+        last_ns: Latest.
     """
 
     what: str
     offset: int
     bytes: int
+    messages: int | None = None
+    first_ns: int | None = None
+    last_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +83,7 @@ class LogReport:
         undecodable: Topic to (count, reason) for what no decoder could read.
         losses: Damage met; empty for a sound file.
         without_stamp: Messages ordered by their log time although the clock is ``header``, because they carry no stamp.
+        unchecked: What no checksum covers, so that damage in it would pass unseen: kind to count.
     """
 
     path: str
@@ -85,6 +92,7 @@ class LogReport:
     undecodable: Mapping[str, tuple[int, str]]
     losses: tuple[Loss, ...]
     without_stamp: int = 0
+    unchecked: Mapping[str, int] = field(default_factory=dict)
 
 
 class LogReader(Protocol):

@@ -7,6 +7,7 @@ checksum says that an entry is sound, so after bad bytes the scan goes on byte b
 import re
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -111,7 +112,8 @@ class TlogReader:
 
     def report(self) -> LogReport:
         """Return what was met so far."""
-        return self._tally.report(self.path, self.format)
+        frames = self._tally.read.total()
+        return replace(self._tally.report(self.path, self.format), unchecked={"stamps of frames": frames} if frames else {})
 
     def _topic(self, key: tuple[int, int, int]) -> tuple[str, str, bool]:
         """Return (topic, name, whether to decode) of the messages of one sender; the name is empty when it is unknown."""

@@ -7,7 +7,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from replay_kit.logs.decode import Decoder, channel_decoder
-from replay_kit.logs.mcap_records import Summary, parse
+from replay_kit.logs.mcap_records import parse
+from replay_kit.logs.mcap_summary import Summary
+from replay_kit.logs.raw import RawChannel
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +20,13 @@ class Sink:
         topic: The channel's topic.
         schema: Name of its schema; empty when it has none.
         decode: The decoder, or the reason why there is none.
+        channel: What the file says of it; None when it says nothing.
     """
 
     topic: str
     schema: str
     decode: Decoder | str
+    channel: RawChannel | None
 
 
 class Channels:
@@ -66,8 +70,10 @@ class Channels:
     def _build(self, channel_id: int) -> Sink:
         channel = self._channels.get(channel_id) or self._summary().channels.get(channel_id)
         if channel is None:
-            return Sink(f"(channel {channel_id})", "", "the file does not say what this channel is")
+            return Sink(f"(channel {channel_id})", "", "the file does not say what this channel is", None)
         schema = None
         if channel.schema_id != 0:
             schema = self._schemas.get(channel.schema_id) or self._summary().schemas.get(channel.schema_id)
-        return Sink(channel.topic, schema.name if schema else "", channel_decoder(channel.message_encoding, schema))
+        definition = (schema.name, schema.encoding, schema.data) if schema else None
+        raw = RawChannel(channel.topic, channel.message_encoding, tuple(channel.metadata.items()), definition)
+        return Sink(channel.topic, schema.name if schema else "", channel_decoder(channel.message_encoding, schema), raw)

@@ -7,7 +7,7 @@ inside a record is parsed by ``mcap.records``.
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from typing import BinaryIO, TypeVar
@@ -17,12 +17,27 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, Schema, Statistics
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 
 MAGIC = b"\x89MCAP0\r\n"
 
-#: Largest record read and largest chunk decompressed [bytes]; a file that claims more is taken as damaged there.
+#: Largest record read [bytes]; a file that claims more is taken as damaged there.
 MAX_SIZE = 1 << 30
+
+#: Largest chunk decompressed [bytes]; what a compressed chunk unfolds to is the file's claim, and may be a bomb.
+MAX_CONTENTS = 1 << 28
 
 #: What the record parsers of ``mcap.records`` raise on bytes that are no such record.
 RECORD_ERRORS = (struct.error, ValueError, OverflowError, McapError)
@@ -32,10 +47,16 @@ HEAD_SIZE = 9
 
 _HEAD = struct.Struct("<BQ")
 _PIECE = 1 << 20
+_CHUNK_HEAD = struct.Struct("<QQQII")
+_INDEX_HEAD = struct.Struct("<HI")
+_INDEX_ENTRY = 16
 _KEPT = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER, Opcode.STATISTICS})
-_KEPT |= {Opcode.CHUNK_INDEX}
+_KEPT |= {Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX}
+_INNER = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 
-_Parsed = TypeVar("_Parsed", Channel, Chunk, ChunkIndex, DataEnd, Footer, Schema, Statistics)
+_Parsed = TypeVar(
+    "_Parsed", Attachment, AttachmentIndex, Channel, ChunkIndex, DataEnd, Footer, Header, Metadata, MetadataIndex, Schema, Statistics
+)
 
 
 class ChunkError(ValueError):
@@ -63,13 +84,50 @@ class Record:
     crc: int
 
 
-def file_records(file: BinaryIO, start: int, size: int) -> Iterator[Record]:
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """A chunk record, its contents still packed.
+
+    Attributes:
+        start_ns: Earliest log time in it, as it says [ns].
+        end_ns: Latest.
+        size: Bytes of its contents when unpacked, as it says.
+        crc: CRC-32 of them; 0 for none.
+        compression: ``zstd``, ``lz4`` or empty.
+        data: The contents, packed.
+    """
+
+    start_ns: int
+    end_ns: int
+    size: int
+    crc: int
+    compression: str
+    data: memoryview
+
+
+def parse_chunk(body: bytes) -> Chunk:
+    """Return the chunk in a record's body; what is missing at its end is missing in ``data``.
+
+    Parsed here and not by the library, which copies the data.
+
+    Raises:
+        struct.error, ValueError: ``RECORD_ERRORS``; the body is no chunk.
+    """
+    start_ns, end_ns, size, crc, name_length = _CHUNK_HEAD.unpack_from(body)
+    offset = _CHUNK_HEAD.size + name_length
+    compression = body[_CHUNK_HEAD.size : offset].decode("utf-8")
+    (length,) = struct.unpack_from("<Q", body, offset)
+    return Chunk(start_ns, end_ns, size, crc, compression, memoryview(body)[offset + 8 : offset + 8 + length])
+
+
+def file_records(file: BinaryIO, start: int, size: int, bound: Callable[[int], int | None] | None = None) -> Iterator[Record]:
     """Yield the records of a file up to and with the footer, or up to and with the first that is not whole.
 
     Args:
         file: The open log; it may be moved between two records.
         start: Byte offset of the first record.
         size: Size of the file [bytes].
+        bound: Gives where a record is known to begin after an offset; one that reaches beyond it is not whole.
     """
     offset, crc = start, zlib.crc32(MAGIC)
     while True:
@@ -80,9 +138,10 @@ def file_records(file: BinaryIO, start: int, size: int) -> Iterator[Record]:
             return
         opcode, length = _HEAD.unpack(head)
         end = offset + HEAD_SIZE + length
+        limit = (bound(offset) if bound else None) or size
         kept = opcode in _KEPT
-        if opcode == 0 or end > size or (kept and length > MAX_SIZE):
-            rest = file.read(min(size - offset - HEAD_SIZE, MAX_SIZE)) if opcode == Opcode.CHUNK else b""
+        if opcode == 0 or end > limit or (kept and length > MAX_SIZE):
+            rest = file.read(min(limit - offset - HEAD_SIZE, MAX_SIZE)) if opcode == Opcode.CHUNK and limit > offset + HEAD_SIZE else b""
             yield Record(opcode, offset, size, rest, False, crc)
             return
         before, crc = crc, zlib.crc32(head, crc)
@@ -92,6 +151,22 @@ def file_records(file: BinaryIO, start: int, size: int) -> Iterator[Record]:
         if opcode == Opcode.FOOTER:
             return
         offset = end
+
+
+def indexed_messages(file: BinaryIO, offset: int, size: int) -> int | None:
+    """Return how many messages the message indexes that begin here list, those of one chunk; None when none begins here."""
+    count = None
+    while True:
+        file.seek(offset)
+        head = file.read(HEAD_SIZE + _INDEX_HEAD.size)
+        if len(head) < HEAD_SIZE + _INDEX_HEAD.size or head[0] != Opcode.MESSAGE_INDEX:
+            return count
+        _, length = _HEAD.unpack_from(head)
+        _, listed = _INDEX_HEAD.unpack_from(head, HEAD_SIZE)
+        offset += HEAD_SIZE + length
+        if length != _INDEX_HEAD.size + listed or offset > size:
+            return count
+        count = (count or 0) + listed // _INDEX_ENTRY
 
 
 def _crc_of_rest(file: BinaryIO, length: int, crc: int) -> int:
@@ -121,54 +196,66 @@ def chunk_contents(chunk: Chunk) -> bytes:
     Raises:
         ChunkError: The size claimed is not believable, the data do not decompress to it, or the CRC differs.
     """
-    if chunk.uncompressed_size > MAX_SIZE:
-        raise ChunkError(f"claims {chunk.uncompressed_size} bytes, more than the {MAX_SIZE} that are read at once")
+    _check_claim(chunk)
     data = _decompress(chunk, strict=True)
-    if len(data) != chunk.uncompressed_size:
-        raise ChunkError(f"holds {len(data)} bytes where {chunk.uncompressed_size} are claimed")
-    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+    if len(data) != chunk.size:
+        raise ChunkError(f"holds {len(data)} bytes where {chunk.size} are claimed")
+    if chunk.crc not in (0, zlib.crc32(data)):
         raise ChunkError("its checksum does not match")
     return data
 
 
 def cut_contents(chunk: Chunk) -> bytes:
-    """Return what can be had from a chunk whose end is missing; no checksum covers it.
+    """Return what can be had from a chunk whose end is missing or unknown; its checksum, if all is there, must match.
 
     Raises:
-        ChunkError: The compression is unknown.
+        ChunkError: The size claimed is not believable, the compression is unknown, or all is there and the CRC differs.
     """
-    return _decompress(chunk, strict=False)
+    _check_claim(chunk)
+    data = _decompress(chunk, strict=False)
+    # what follows the chunk's data in the file is none of it
+    data = data[: chunk.size]
+    if len(data) == chunk.size and chunk.crc not in (0, zlib.crc32(data)):
+        raise ChunkError("its checksum does not match")
+    return data
+
+
+def _check_claim(chunk: Chunk) -> None:
+    limit = MAX_CONTENTS if chunk.compression else MAX_SIZE
+    if chunk.size > limit:
+        raise ChunkError(f"claims {chunk.size} bytes, more than the {limit} that are read at once")
 
 
 def _decompress(chunk: Chunk, strict: bool) -> bytes:
     """Return at most one byte more than claimed, whatever the compressed data would unfold to."""
     if chunk.compression == "":
-        return chunk.data
-    limit = min(chunk.uncompressed_size, MAX_SIZE) + 1
+        return bytes(chunk.data)
+    limit = chunk.size + 1
     if chunk.compression == "zstd":
         pieces = _zstd_pieces(chunk.data, limit)
     elif chunk.compression == "lz4":
         pieces = _lz4_pieces(chunk.data, limit)
     else:
         raise ChunkError(f"compression {chunk.compression!r} is not known; known: zstd, lz4, none")
-    out = bytearray()
+    # grows with what really comes, and gives its bytes without a copy
+    out = BytesIO()
     try:
         for piece in pieces:
-            out += piece
+            out.write(piece)
     except (zstandard.ZstdError, RuntimeError) as error:
         if strict:
             raise ChunkError(f"its {chunk.compression} data are damaged: {error}") from error
-    return bytes(out)
+    return out.getvalue()
 
 
-def _zstd_pieces(data: bytes, limit: int) -> Iterator[bytes]:
+def _zstd_pieces(data: memoryview, limit: int) -> Iterator[bytes]:
     with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
         while limit > 0 and (piece := reader.read(min(limit, _PIECE))):
             limit -= len(piece)
             yield piece
 
 
-def _lz4_pieces(data: bytes, limit: int) -> Iterator[bytes]:
+def _lz4_pieces(data: memoryview | bytes, limit: int) -> Iterator[bytes]:
     decompressor = lz4.frame.LZ4FrameDecompressor()
     while limit > 0 and not decompressor.eof:
         piece = decompressor.decompress(data, max_length=min(limit, _PIECE))
@@ -179,61 +266,21 @@ def _lz4_pieces(data: bytes, limit: int) -> Iterator[bytes]:
         yield piece
 
 
-def inner_records(data: bytes) -> Iterator[tuple[int, int, int]]:
+def inner_records(data: bytes, known_only: bool) -> Iterator[tuple[int, int, int]]:
     """Yield (opcode, start, end) of the body of each whole record inside a chunk's contents.
 
     Bytes after the last whole record are left to the caller, who sees that the last ``end`` is short of the length.
-    """
-    offset, size = 0, len(data)
-    while offset + HEAD_SIZE <= size:
-        opcode, length = _HEAD.unpack_from(data, offset)
-        offset += HEAD_SIZE
-        if opcode == 0 or offset + length > size:
-            return
-        yield opcode, offset, offset + length
-        offset += length
-
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """What the end of a finished file says about the whole of it.
-
-    Attributes:
-        schemas: By number.
-        channels: By number.
-        chunk_offsets: Where chunks begin [bytes], increasing.
-    """
-
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
-    chunk_offsets: tuple[int, ...]
-
-
-def read_summary(file: BinaryIO, size: int) -> Summary:
-    """Return the summary section; empty when the file has none or its end is missing or damaged.
 
     Args:
-        file: The open log.
-        size: Size of the file [bytes].
+        data: The contents.
+        known_only: Whether a record that is no schema, channel or message is taken as damage, as where no checksum speaks
+            for it; else it is a kind that later versions of the format may have.
     """
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    offsets: set[int] = set()
-    length = HEAD_SIZE + 20 + len(MAGIC)
-    file.seek(max(0, size - length))
-    tail = file.read(length)
-    if len(tail) == length and tail.endswith(MAGIC) and _HEAD.unpack_from(tail) == (Opcode.FOOTER, 20):
-        start = parse(Footer, tail[HEAD_SIZE:]).summary_start or size
-        for record in file_records(file, start, size) if start < size else ():
-            try:
-                if record.opcode == Opcode.SCHEMA:
-                    schema = parse(Schema, record.body)
-                    schemas[schema.id] = schema
-                elif record.opcode == Opcode.CHANNEL:
-                    channel = parse(Channel, record.body)
-                    channels[channel.id] = channel
-                elif record.opcode == Opcode.CHUNK_INDEX:
-                    offsets.add(parse(ChunkIndex, record.body).chunk_start_offset)
-            except RECORD_ERRORS:
-                continue
-    return Summary(schemas, channels, tuple(sorted(offset for offset in offsets if offset < size)))
+    offset, size, unpack = 0, len(data), _HEAD.unpack_from
+    while offset + HEAD_SIZE <= size:
+        opcode, length = unpack(data, offset)
+        start = offset + HEAD_SIZE
+        offset = start + length
+        if opcode == 0 or offset > size or (known_only and opcode not in _INNER):
+            return
+        yield opcode, start, offset

@@ -1,6 +1,7 @@
 """Counts of what a reader met in one log, shared by the formats."""
 
 from collections import Counter
+from dataclasses import replace
 
 from replay_kit.types import LogReport, Loss
 
@@ -13,6 +14,7 @@ class Tally:
 
     def __init__(self) -> None:
         self.read: Counter[str] = Counter()
+        self.unchecked: Counter[str] = Counter()
         self._undecodable: dict[str, tuple[int, str]] = {}
         self._losses: list[Loss] = []
         self._further: Loss | None = None
@@ -28,20 +30,23 @@ class Tally:
         count, first = self._undecodable.get(topic, (0, reason))
         self._undecodable[topic] = (count + 1, first)
 
-    def lose(self, what: str, offset: int, size: int) -> None:
+    def lose(self, what: str, offset: int, size: int, messages: int | None = None, span: tuple[int, int] | None = None) -> None:
         """Record damage.
 
         Args:
             what: Words for a person.
             offset: Byte offset in the file at which whole records end.
             size: Number of bytes that could not be used.
+            messages: Number of messages in them; None when nothing says.
+            span: First and last time that they may have [ns]; None when nothing says.
         """
+        first_ns, last_ns = span or (None, None)
+        loss = Loss(what, offset, size, messages, first_ns, last_ns)
         if len(self._losses) < MAX_LOSSES:
-            self._losses.append(Loss(what, offset, size))
+            self._losses.append(loss)
             return
         self._further_count += 1
-        first, total = (self._further.offset, self._further.bytes) if self._further else (offset, 0)
-        self._further = Loss(f"{self._further_count} further damaged places, not listed one by one", first, total + size)
+        self._further = _sum(self._further, loss, f"{self._further_count} further damaged places, not listed one by one")
 
     def report(self, path: str, format_name: str) -> LogReport:
         """Return a copy of the counts.
@@ -51,4 +56,14 @@ class Tally:
             format_name: ``mcap`` or ``tlog``.
         """
         losses = (*self._losses, self._further) if self._further else tuple(self._losses)
-        return LogReport(path, format_name, dict(self.read), dict(self._undecodable), losses)
+        return LogReport(path, format_name, dict(self.read), dict(self._undecodable), losses, unchecked=dict(self.unchecked))
+
+
+def _sum(loss: Loss | None, further: Loss, what: str) -> Loss:
+    """Return two losses as one; what one of them does not know, the sum does not."""
+    if loss is None:
+        return replace(further, what=what)
+    messages = None if loss.messages is None or further.messages is None else loss.messages + further.messages
+    first_ns = None if loss.first_ns is None or further.first_ns is None else min(loss.first_ns, further.first_ns)
+    last_ns = None if loss.last_ns is None or further.last_ns is None else max(loss.last_ns, further.last_ns)
+    return Loss(what, loss.offset, loss.bytes + further.bytes, messages, first_ns, last_ns)

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType
 
 from replay_kit.errors import LogError
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap_records import MAGIC, MAX_SIZE
+from replay_kit.logs.mcap_records import MAGIC, MAX_CONTENTS, MAX_SIZE
 from replay_kit.types import LogReport, Message
 from tests.logs.log_samples import json_mcap
 
@@ -48,6 +48,13 @@ def content(messages: list[Message]) -> list[tuple[int, str, str, str]]:
 def chunk_record(data: bytes, claimed: int, compression: bytes = b"", crc: int = 0) -> bytes:
     head = struct.pack("<QQQII", 0, 0, claimed, crc, len(compression)) + compression + struct.pack("<Q", len(data))
     return struct.pack("<BQ", Opcode.CHUNK, len(head) + len(data)) + head + data
+
+
+def with_chunk_first(whole: bytes, chunk: bytes) -> bytes:
+    """Return a file with one more chunk, and without a summary, whose offsets would no longer be true."""
+    first, end = record_offsets(whole, Opcode.CHUNK)[0], record_offsets(whole, Opcode.DATA_END)[0]
+    tail = struct.pack("<BQI", Opcode.DATA_END, 4, 0) + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC
+    return whole[:first] + chunk + whole[first:end] + tail
 
 
 def record_offsets(data: bytes, opcode: Opcode) -> list[int]:
@@ -152,7 +159,7 @@ def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path: Path) 
     messages, report = read(tmp_path, bytes(damaged))
     assert numbers(messages) == list(range(40))
     assert len(report.losses) == 1
-    assert "goes on at the next chunk" in report.losses[0].what
+    assert f"goes on at byte {chunks[3]}" in report.losses[0].what
     assert report.losses[0].offset + report.losses[0].bytes == chunks[3]
 
 
@@ -175,7 +182,7 @@ def test_zeros_after_a_power_cut(tmp_path: Path) -> None:
     "chunk",
     [
         chunk_record(b"", MAX_SIZE + 1),
-        chunk_record(zstandard.compress(bytes(1 << 26)), MAX_SIZE + 1, b"zstd"),
+        chunk_record(zstandard.compress(bytes(1 << 26)), MAX_CONTENTS + 1, b"zstd"),
         chunk_record(zstandard.compress(bytes(1 << 26)), 1000, b"zstd"),
         chunk_record(zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 26)), 1000, b"zstd"),
         chunk_record(b"not lz4", 1000, b"lz4"),
@@ -186,10 +193,9 @@ def test_zeros_after_a_power_cut(tmp_path: Path) -> None:
     ],
 )
 def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path: Path, chunk: bytes) -> None:
-    whole = SAMPLES["none"]
-    first = record_offsets(whole, Opcode.CHUNK)[0]
+    data = with_chunk_first(SAMPLES["none"], chunk)
     tracemalloc.start()
-    messages, report = read(tmp_path, whole[:first] + chunk + whole[first:])
+    messages, report = read(tmp_path, data)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert numbers(messages) == list(range(40))
@@ -213,9 +219,7 @@ def test_memory_is_one_chunk(tmp_path: Path) -> None:
 
 def test_many_losses_are_summed(tmp_path: Path) -> None:
     chunk = chunk_record(b"abc", 4)
-    whole = SAMPLES["none"]
-    first = record_offsets(whole, Opcode.CHUNK)[0]
-    _, report = read(tmp_path, whole[:first] + chunk * 50 + whole[first:])
+    _, report = read(tmp_path, with_chunk_first(SAMPLES["none"], chunk * 50))
     assert len(report.losses) == 21
     assert report.losses[-1].what.startswith("30 further")
     assert sum(loss.bytes for loss in report.losses) == 50 * len(chunk)

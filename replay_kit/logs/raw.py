@@ -1,0 +1,50 @@
+"""Messages as they stand in a file, undecoded, for whoever copies them."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RawChannel:
+    """What an MCAP file says of a channel.
+
+    Attributes:
+        topic: Its name.
+        encoding: Of its messages.
+        metadata: Keys and values.
+        schema: Name, encoding and data; None when it has none.
+    """
+
+    topic: str
+    encoding: str
+    metadata: tuple[tuple[str, str], ...]
+    schema: tuple[str, str, bytes] | None
+
+
+@dataclass(slots=True)
+class RawMessage:
+    """A message, its bytes untouched.
+
+    Attributes:
+        time_ns: The time that orders it, by the clock asked for [ns].
+        input: Position of the log among the run's inputs.
+        position: Ordinal in that log.
+        channel: Where it was sent.
+        sequence: As the file gives it.
+        log_ns: As the file gives it.
+        publish_ns: As the file gives it.
+        data: The payload.
+    """
+
+    time_ns: int
+    input: int
+    position: int
+    channel: RawChannel
+    sequence: int
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+    @property
+    def topic(self) -> str:
+        """The channel's topic."""
+        return self.channel.topic
