@@ -41,7 +41,8 @@ class Channels:
         self._summary = summary
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._sinks: dict[int, Sink] = {}
+        #: Those built so far, by channel; asked directly where a call a message would cost.
+        self.sinks: dict[int, Sink] = {}
 
     def declare(self, opcode: int, body: bytes) -> None:
         """Take up a schema or channel record.
@@ -53,18 +54,18 @@ class Channels:
             schema = parse(Schema, body)
             if self._schemas.get(schema.id) != schema:
                 self._schemas[schema.id] = schema
-                self._sinks.clear()
+                self.sinks.clear()
         else:
             channel = parse(Channel, body)
             if self._channels.get(channel.id) != channel:
                 self._channels[channel.id] = channel
-                self._sinks.pop(channel.id, None)
+                self.sinks.pop(channel.id, None)
 
     def sink(self, channel_id: int) -> Sink:
         """Return where the messages of this channel go, known or not."""
-        found = self._sinks.get(channel_id)
+        found = self.sinks.get(channel_id)
         if found is None:
-            found = self._sinks[channel_id] = self._build(channel_id)
+            found = self.sinks[channel_id] = self._build(channel_id)
         return found
 
     def _build(self, channel_id: int) -> Sink:

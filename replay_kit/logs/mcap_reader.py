@@ -94,7 +94,7 @@ class McapReader:
     def _decoded(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> Message | None:
         """Return a message decoded; None, and a count, when it cannot be."""
         channel_id, _, time_ns, publish_ns = MESSAGE.unpack_from(data, start)
-        sink = channels.sink(channel_id)
+        sink = channels.sinks.get(channel_id) or channels.sink(channel_id)
         tally = self._tally
         tally.read[sink.topic] += 1
         decode = sink.decode

@@ -45,14 +45,16 @@ RECORD_ERRORS = (struct.error, ValueError, OverflowError, McapError)
 #: Opcode and length before each record's body [bytes].
 HEAD_SIZE = 9
 
-_HEAD = struct.Struct("<BQ")
+#: Opcode and length.
+RECORD_HEAD = struct.Struct("<BQ")
 _PIECE = 1 << 20
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _INDEX_HEAD = struct.Struct("<HI")
 _INDEX_ENTRY = 16
 _KEPT = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER, Opcode.STATISTICS})
 _KEPT |= {Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX}
-_INNER = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+#: What a chunk holds, as plain numbers.
+INNER = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)})
 
 _Parsed = TypeVar(
     "_Parsed", Attachment, AttachmentIndex, Channel, ChunkIndex, DataEnd, Footer, Header, Metadata, MetadataIndex, Schema, Statistics
@@ -136,7 +138,7 @@ def file_records(file: BinaryIO, start: int, size: int, bound: Callable[[int], i
         if len(head) < HEAD_SIZE:
             yield Record(0, offset, size, b"", False, crc)
             return
-        opcode, length = _HEAD.unpack(head)
+        opcode, length = RECORD_HEAD.unpack(head)
         end = offset + HEAD_SIZE + length
         limit = (bound(offset) if bound else None) or size
         kept = opcode in _KEPT
@@ -161,7 +163,7 @@ def indexed_messages(file: BinaryIO, offset: int, size: int) -> int | None:
         head = file.read(HEAD_SIZE + _INDEX_HEAD.size)
         if len(head) < HEAD_SIZE + _INDEX_HEAD.size or head[0] != Opcode.MESSAGE_INDEX:
             return count
-        _, length = _HEAD.unpack_from(head)
+        _, length = RECORD_HEAD.unpack_from(head)
         _, listed = _INDEX_HEAD.unpack_from(head, HEAD_SIZE)
         offset += HEAD_SIZE + length
         if length != _INDEX_HEAD.size + listed or offset > size:
@@ -264,23 +266,3 @@ def _lz4_pieces(data: memoryview | bytes, limit: int) -> Iterator[bytes]:
             return
         limit -= len(piece)
         yield piece
-
-
-def inner_records(data: bytes, known_only: bool) -> Iterator[tuple[int, int, int]]:
-    """Yield (opcode, start, end) of the body of each whole record inside a chunk's contents.
-
-    Bytes after the last whole record are left to the caller, who sees that the last ``end`` is short of the length.
-
-    Args:
-        data: The contents.
-        known_only: Whether a record that is no schema, channel or message is taken as damage, as where no checksum speaks
-            for it; else it is a kind that later versions of the format may have.
-    """
-    offset, size, unpack = 0, len(data), _HEAD.unpack_from
-    while offset + HEAD_SIZE <= size:
-        opcode, length = unpack(data, offset)
-        start = offset + HEAD_SIZE
-        offset = start + length
-        if opcode == 0 or offset > size or (known_only and opcode not in _INNER):
-            return
-        yield opcode, start, offset

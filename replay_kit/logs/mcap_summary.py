@@ -12,10 +12,9 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
 
-from replay_kit.logs.mcap_records import HEAD_SIZE, MAGIC, RECORD_ERRORS, file_records, parse
+from replay_kit.logs.mcap_records import HEAD_SIZE, MAGIC, RECORD_ERRORS, RECORD_HEAD, file_records, parse
 
 _FOOTER_SIZE = HEAD_SIZE + 20
-_HEAD = struct.Struct("<BQ")
 _PIECE = 1 << 20
 #: A chunk up to its data: opcode, length, two times, size, checksum, name of the compression, length of the data.
 _CHUNK_START = re.compile(rb"\x06.{5}\x00{3}.{28}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd).{8}", re.DOTALL)
@@ -81,7 +80,7 @@ def read_summary(file: BinaryIO, size: int) -> Summary:
     length = _FOOTER_SIZE + len(MAGIC)
     file.seek(max(0, size - length))
     tail = file.read(length)
-    if len(tail) < length or not tail.endswith(MAGIC) or _HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
+    if len(tail) < length or not tail.endswith(MAGIC) or RECORD_HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
         return _NOTHING
     footer = parse(Footer, tail[HEAD_SIZE:])
     start = footer.summary_start

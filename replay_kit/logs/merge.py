@@ -39,9 +39,9 @@ class Merge:
     def __iter__(self) -> Iterator[Message]:
         """Yield the messages from ``start_ns`` to ``end_ns``, both included; each iteration reads the logs anew."""
         self._late = Counter()
-        for message in heapq.merge(*(self._ordered(reader) for reader in self._readers), key=_order):
-            if self._wanted(message):
-                yield message
+        ordered = [self._ordered(reader) for reader in self._readers]
+        merged = ordered[0] if len(ordered) == 1 else heapq.merge(*ordered, key=_order)
+        yield from merged if self._start_ns is None and self._end_ns is None else filter(self._wanted, merged)
 
     def _wanted(self, message: Message) -> bool:
         return (self._start_ns is None or message.time_ns >= self._start_ns) and (self._end_ns is None or message.time_ns <= self._end_ns)

@@ -162,7 +162,7 @@ def _ping_frame(state: MeasurementState, message: Message, config: MeasurementCo
     if mavlink_ping.is_complete(pings[key]):
         frames = pings.pop(key)
         state = replace(state, frames=tuple(pings.items()))
-        whole = replace(message, schema=PING_SCHEMA, payload=mavlink_ping.assemble(frames))
+        whole = message._replace(schema=PING_SCHEMA, payload=mavlink_ping.assemble(frames))
         return _ping(state, whole, len(frames), config)
     events: list[Event] = []
     if len(pings) > _OPEN_PINGS:

@@ -8,16 +8,18 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, scaling
+from tests.benchmarks import estimator, logs, scaling
 from tests.benchmarks.measure import environment, limits
 
-BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {"estimator": estimator.rows}
+BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {"estimator": estimator.rows, "logs": logs.rows}
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     """Run the named benchmarks, all without a name, and return what was measured."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[*BENCHMARKS, "scaling", []], metavar="NAME", help="estimator, scaling; default all")
+    parser.add_argument(
+        "names", nargs="*", choices=[*BENCHMARKS, "scaling", []], metavar="NAME", help="estimator, logs, scaling; default all"
+    )
     parser.add_argument("--json", type=Path, help="file of the results; the figure is written beside it")
     parser.add_argument("--tiny", action="store_true", help="once, at a tiny size: do they still work?")
     parser.add_argument("--threads", type=int, default=1, help="BLAS threads")
@@ -51,8 +53,8 @@ def _print(result: dict[str, Any]) -> None:
     print(f"{result['machine']['processor']}, {result['threads']} BLAS thread(s), ", end="")
     print(", ".join(f"{name} {value:.1f}" for name, value in result["limits"].items()))
     for row in result["rows"]:
-        ratio = "" if row["ratio"] is None else f"{row['ratio']:8.1f}x, asked {row['asked']:g}x"
-        print(f"\n{row['name']}\n  {row['ours_s']:.3f} s, peer {row['peer_s']:.3f} s: {ratio}; peer: {row['peer']}")
+        ratio = "" if row["ratio"] is None else f", peer {row['peer_s']:.3f} s: {row['ratio']:8.1f}x, asked {row['asked']:g}x"
+        print(f"\n{row['name']}\n  {row['ours_s']:.3f} s{ratio}; peer: {row['peer']}")
         print("  " + ", ".join(f"{name} {value:.1e}" for name, value in row["error"].items()))
         known = ("name", "ours_s", "peer", "peer_s", "ratio", "asked", "error")
         print("  " + ", ".join(f"{name} {_short(value)}" for name, value in row.items() if name not in known and value is not None))

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -157,7 +156,7 @@ def test_mavlink_frames_with_odd_fields_are_each_counted_once():
     assert "DEBUG_FLOAT_ARRAY" in MAVLINK_NAMES
     for part, key, odd in itertools.product(range(5), ("array_id", "time_usec", "data"), ODD):
         frames = list(mavlink_frames())
-        frames[part] = replace(frames[part], payload={**frames[part].payload, key: odd})
+        frames[part] = frames[part]._replace(payload={**frames[part].payload, key: odd})
         events = run([position_int(5), *frames])
         assert len(only(Used, events) + only(Skipped, events)) == 6, (part, key, odd)
         assert all(np.isfinite(o.depth[o.flags == Flag.GOOD]).all() for o in only(Observation, events))

@@ -1,0 +1,125 @@
+"""Reading and writing MCAP against the stock library, in one run on the same files."""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import foxglove.messages as fox
+import orjson
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
+
+from replay_kit.logs import merge, open_log
+from tests.benchmarks.estimator import row
+from tests.benchmarks.measure import seconds
+
+Row = dict[str, Any]
+_SECOND = 1_000_000_000
+_START = 1_542_326_400 * _SECOND
+
+
+def _fix(n: int) -> dict[str, Any]:
+    return {
+        "timestamp": {"sec": _START // _SECOND + n, "nsec": 0},
+        "frame_id": "vehicle",
+        "latitude": -40.1 + 1e-6 * n,
+        "longitude": 152.1 - 1e-6 * n,
+        "altitude": -12.5,
+        "position_covariance": [0.25 * k for k in range(9)],
+        "position_covariance_type": 0,
+        "metadata": [{"key": "dead_reckoned", "value": "0"}],
+    }
+
+
+def _protobuf_fix(n: int) -> bytes:
+    value = _fix(n)
+    message = fox.LocationFix(
+        timestamp=fox.Timestamp(value["timestamp"]["sec"], 0),
+        frame_id=value["frame_id"],
+        latitude=value["latitude"],
+        longitude=value["longitude"],
+        altitude=value["altitude"],
+        position_covariance=value["position_covariance"],
+        metadata=[fox.KeyValuePair(**pair) for pair in value["metadata"]],
+    )
+    return bytes(message.encode())
+
+
+def _write(path: Path, count: int, encoding: str, schema: tuple[str, str, bytes], payload: Callable[[int], bytes]) -> Path:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/fix", encoding, writer.register_schema(*schema))
+        for n in range(count):
+            writer.add_message(channel, _START + n * _SECOND, payload(n), _START + n * _SECOND, n)
+        writer.finish()
+    return path
+
+
+def _ours(path: Path, in_order: bool) -> list[Any]:
+    """The number of messages, and the last payload."""
+    count, payload = 0, None
+    for message in merge([open_log(path)], 1.0) if in_order else open_log(path).messages():
+        count += 1
+        payload = message.payload
+    return [count, payload]
+
+
+def _peer_json(path: Path, in_order: bool) -> list[Any]:
+    count, payload = 0, None
+    with path.open("rb") as file:
+        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=in_order):
+            count += 1
+            payload = orjson.loads(message.data)
+    return [count, payload]
+
+
+def _peer_protobuf(path: Path, in_order: bool) -> list[Any]:
+    count, value = 0, None
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
+        for _, _, _, value in reader.iter_decoded_messages(log_time_order=in_order):  # noqa: B007 - the last is compared
+            count += 1
+    return [count, {} if value is None else {name: getattr(value, name) for name in ("latitude", "longitude")}]
+
+
+def _reading(name: str, path: Path, peer: Callable[[Path, bool], list[Any]], words: str, repeats: int) -> Row:
+    """In order of time, as a replay reads and as the stock reader does unless told otherwise; the ratio in file order beside it."""
+    ours_s, (count, payload) = seconds(lambda: _ours(path, True), repeats)
+    peer_s, (peer_count, some) = seconds(lambda: peer(path, True), repeats)
+    unordered_s, peer_unordered_s = (seconds(lambda read=read: read(path, False), repeats)[0] for read in (_ours, peer))
+    differs = count != peer_count or any(payload[key] != value for key, value in some.items())
+    return row(
+        name,
+        ours_s,
+        words,
+        peer_s,
+        1.0,
+        {"messages_differ": float(differs)},
+        messages=count,
+        megabytes=path.stat().st_size / 1e6,
+        ratio_in_file_order=peer_unordered_s / unordered_s,
+        peak_mb=None,
+    )
+
+
+def reading_rows(folder: Path, tiny: bool) -> list[Row]:
+    """JSON and protobuf, decoded to plain dicts, against the stock reader with orjson and with mcap-protobuf-support."""
+    count, repeats = (200, 1) if tiny else (300_000, 3)
+    json_schema = ("foxglove.LocationFix", "jsonschema", b'{"type":"object"}')
+    json_file = _write(folder / "json.mcap", count, "json", json_schema, lambda n: orjson.dumps(_fix(n)))
+    schema = fox.LocationFix.get_schema()
+    protobuf_file = _write(folder / "protobuf.mcap", count, "protobuf", (schema.name, schema.encoding, schema.data), _protobuf_fix)
+    peer = "mcap reader, mcap-protobuf-support, checksums on; its values stay packed, ours are plain dicts"
+    return [
+        _reading("MCAP read, JSON", json_file, _peer_json, "mcap reader, orjson, checksums on", repeats),
+        _reading("MCAP read, protobuf", protobuf_file, _peer_protobuf, peer, repeats),
+    ]
+
+
+def rows(tiny: bool) -> list[Row]:
+    """All rows; temporary files go when they end."""
+    with tempfile.TemporaryDirectory() as folder:
+        return reading_rows(Path(folder), tiny)
