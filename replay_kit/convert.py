@@ -1,7 +1,9 @@
-"""Any logs that can be read, merged into one MCAP log with JSON payloads."""
+"""Any logs that can be read, merged into one MCAP log or telemetry log that loses nothing which the format can hold."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,16 @@ from replay_kit.config import LogConfig
 from replay_kit.errors import ConfigError
 from replay_kit.job import check_paths
 from replay_kit.logs import merge, open_log
+from replay_kit.logs.atomic import atomic_file
+from replay_kit.logs.copying import RawLog, header_of
 from replay_kit.logs.losses import loss_json, loss_words
-from replay_kit.logs.mcap_log_writer import open_mcap_log
+from replay_kit.logs.mcap_log_writer import McapLogWriter, open_mcap_log
+from replay_kit.logs.raw import RawMessage
+from replay_kit.logs.tlog_writer import write_tlog
+from replay_kit.results.readback import check_written
 from replay_kit.types import LogReport, Loss
+
+_STAMP_BYTES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,15 +31,13 @@ class ConvertSummary:
     """What was converted.
 
     Attributes:
-        out: The MCAP log.
+        out: The log.
         messages: Messages written, by topic.
-        late: Messages left out because they came too late to be put in order, by topic.
         reports: What each reader met, in the order of the inputs.
     """
 
     out: Path
     messages: Mapping[str, int]
-    late: Mapping[str, int]
     reports: tuple[LogReport, ...]
 
     @property
@@ -52,11 +59,15 @@ class ConvertSummary:
 def convert(
     inputs: Sequence[Path], out: Path, overwrite: bool, config: LogConfig, on_message: Callable[[int], None] | None = None
 ) -> ConvertSummary:
-    """Write the messages of all inputs, in order of (time, input, position), to one MCAP log and return what was written.
+    """Write the messages of all inputs, in order of (time, input, position), to one log and return what was written.
+
+    MCAP to MCAP keeps payloads, schemas, encodings, all stamps, sequences, attachments and metadata. What MCAP did not hold before
+    becomes JSON; the frames of a telemetry log are kept beside it as they were, so that they can be written again. A message that
+    comes later than the reorder window allows is written where it comes.
 
     Args:
         inputs: Logs of any format that ``open_log`` knows.
-        out: The MCAP log.
+        out: The log: a telemetry log when its name ends in ``.tlog``, else MCAP.
         overwrite: Whether an existing output is replaced; an input never is.
         config: Clock, first and last time, reorder window.
         on_message: Called with each message's time [ns], for progress.
@@ -64,25 +75,62 @@ def convert(
     Raises:
         ConfigError: The output is an input, or exists, or cannot be written; or there is no input.
         LogError: An input cannot be opened.
+        ReplayKitError: What was written does not read back; it stays as ``OUT.part``.
     """
     if not inputs:
         raise ConfigError("convert: expected at least one log, got none")
     check_paths(inputs, [out], overwrite)
-    readers = [open_log(path, number, config) for number, path in enumerate(inputs)]
-    merged = merge(readers, config.reorder_window, config.start_ns, config.end_ns)
-    with open_mcap_log(out) as writer:
-        for message in merged:
-            writer.write(message)
+    logs = [RawLog(path, number, config) for number, path in enumerate(inputs)]
+    if out.suffix == ".tlog":
+        return _to_tlog(logs, out, config, on_message)
+    headers = [header_of(path) for path in inputs]
+    profiles = {header.profile for header in headers if header is not None}
+    with open_mcap_log(out, profiles.pop() if len(profiles) == 1 and None not in headers else "", _check) as writer:
+        logs = [RawLog(path, number, config, writer.copy_beside) for number, path in enumerate(inputs)]
+        merged = merge(logs, config.reorder_window, config.start_ns, config.end_ns, keep_late=True)
+        frames = chain.from_iterable(log.frames() for log in logs if log.has_own_frames())
+        for message in chain(merged, (frame for frame in frames if _in_span(frame, config))):
+            writer.copy(message)
             if on_message is not None:
                 on_message(message.time_ns)
-    return ConvertSummary(out, writer.written, merged.late, tuple(reader.report() for reader in readers))
+    return ConvertSummary(out, writer.written, tuple(log.report() for log in logs))
+
+
+def _check(part: Path, writer: McapLogWriter) -> None:
+    check_written(part, writer.written, writer.attachments)
+
+
+def _in_span(message: RawMessage, config: LogConfig) -> bool:
+    return (config.start_ns or 0) <= message.time_ns and (config.end_ns is None or message.time_ns <= config.end_ns)
+
+
+def _to_tlog(logs: Sequence[RawLog], out: Path, config: LogConfig, on_message: Callable[[int], None] | None) -> ConvertSummary:
+    """Write frames that the logs hold as they were; where there are none, frames made of fixes and pings."""
+    frames: Iterator[RawMessage] = chain.from_iterable(log.frames() for log in logs)
+    first = next(frames, None)
+    if first is None:
+        readers = [open_log(log.path, number, config) for number, log in enumerate(logs)]
+        written = write_tlog(out, merge(readers, config.reorder_window, config.start_ns, config.end_ns))
+        return ConvertSummary(out, written, tuple(reader.report() for reader in readers))
+    count: Counter[str] = Counter()
+    with atomic_file(out) as file:
+        for frame in chain((first,), frames):
+            if _in_span(frame, config):
+                file.write((frame.time_ns // 1000).to_bytes(_STAMP_BYTES, "big") + frame.data)
+                count[frame.topic] += 1
+            if on_message is not None:
+                on_message(frame.time_ns)
+    # the frames came without a report of their own
+    for log in logs:
+        for _ in log.messages():
+            pass
+    return ConvertSummary(out, dict(count), tuple(log.report() for log in logs))
 
 
 def convert_json(summary: ConvertSummary) -> dict[str, Any]:
     """Return what was converted for JSON."""
     return {
         "messages": dict(summary.messages),
-        "late": dict(summary.late),
         "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in summary.undecodable.items()},
         "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
     }
@@ -96,7 +144,5 @@ def print_converted(summary: ConvertSummary, console: Console) -> None:
     console.print(table)
     for path, loss in summary.losses:
         console.print(f"LOST: {path}: {loss_words(loss)}", soft_wrap=True)
-    for topic, count in summary.late.items():
-        console.print(f"LOST: {count} x {topic}: later than the reorder window allows", soft_wrap=True)
     for topic, (count, why) in summary.undecodable.items():
         console.print(f"Cannot be decoded: {count} x {topic}: {why}", soft_wrap=True)

@@ -1,7 +1,7 @@
 """Files that appear whole or not at all."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -10,11 +10,12 @@ from replay_kit.errors import ConfigError
 
 
 @contextmanager
-def atomic_file(path: Path) -> Iterator[BinaryIO]:
+def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iterator[BinaryIO]:
     """Give a binary file named ``PATH.part`` that takes its name when the block ends; an error or interrupt leaves the part.
 
     Args:
         path: The final name; a file of that name is replaced.
+        check: Called with the part once it is whole on the disk; its error keeps it from taking its name.
 
     Raises:
         ConfigError: The file cannot be created or written.
@@ -28,4 +29,16 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         yield file
         file.flush()
         os.fsync(file.fileno())
+    if check is not None:
+        check(part)
     os.replace(part, path)
+    sync(path.parent)
+
+
+def sync(path: Path) -> None:
+    """Force a file or folder to the disk, so that a rename never outlives its content after a power cut."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

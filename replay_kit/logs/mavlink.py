@@ -125,6 +125,13 @@ class TlogReader:
         return f"mavlink/{system}/{component}/{name}", name, self._wanted is None or name in self._wanted
 
 
+def entries(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield the stamp [us] and the frame of each sound entry of a telemetry log, as they stand in it."""
+    with open(path, "rb") as file:
+        for frame, entry in _frames(file, Tally()):
+            yield frame.stamp_us, entry[8:]
+
+
 def _payload(message: Any) -> dict[str, Any]:
     """Return a message's fields; character arrays as text without the padding."""
     fields = {}

@@ -9,7 +9,7 @@ from mcap.records import Channel, Schema
 from replay_kit.logs.decode import Decoder, channel_decoder
 from replay_kit.logs.mcap_records import parse
 from replay_kit.logs.mcap_summary import Summary
-from replay_kit.logs.raw import RawChannel
+from replay_kit.logs.raw import MAVLINK_FRAMES, RawChannel
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +19,14 @@ class Sink:
     Attributes:
         topic: The channel's topic.
         schema: Name of its schema; empty when it has none.
-        decode: The decoder, or the reason why there is none.
-        channel: What the file says of it; None when it says nothing.
+        decode: The decoder; the reason why there is none; or None for frames that stand decoded on topics of their own.
+        channel: What the file says of it.
     """
 
     topic: str
     schema: str
-    decode: Decoder | str
-    channel: RawChannel | None
+    decode: Decoder | str | None
+    channel: RawChannel
 
 
 class Channels:
@@ -71,10 +71,12 @@ class Channels:
     def _build(self, channel_id: int) -> Sink:
         channel = self._channels.get(channel_id) or self._summary().channels.get(channel_id)
         if channel is None:
-            return Sink(f"(channel {channel_id})", "", "the file does not say what this channel is", None)
+            unknown = RawChannel(channel_id, f"(channel {channel_id})", "", (), None)
+            return Sink(unknown.topic, "", "the file does not say what this channel is", unknown)
         schema = None
         if channel.schema_id != 0:
             schema = self._schemas.get(channel.schema_id) or self._summary().schemas.get(channel.schema_id)
         definition = (schema.name, schema.encoding, schema.data) if schema else None
-        raw = RawChannel(channel.topic, channel.message_encoding, tuple(channel.metadata.items()), definition)
-        return Sink(channel.topic, schema.name if schema else "", channel_decoder(channel.message_encoding, schema), raw)
+        raw = RawChannel(channel_id, channel.topic, channel.message_encoding, tuple(channel.metadata.items()), definition)
+        decode = None if raw.encoding == MAVLINK_FRAMES else channel_decoder(channel.message_encoding, schema)
+        return Sink(channel.topic, schema.name if schema else "", decode, raw)

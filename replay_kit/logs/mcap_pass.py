@@ -37,7 +37,7 @@ MESSAGE = struct.Struct("<HIQQ")
 _CHUNK_HEAD = HEAD_SIZE + 40
 #: As a plain number, for the comparison made for every message.
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
-_BESIDE = frozenset({Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA})
+_BESIDE = frozenset({Opcode.ATTACHMENT, Opcode.METADATA})
 
 _T = TypeVar("_T")
 #: Makes what a pass gives of a message record ``data[start:end]``; None leaves it out.
@@ -54,7 +54,8 @@ class Pass(Generic[_T]):
             file: The open file.
             tally: Counts losses and what no checksum covers.
             make: Called with the channels, the bytes, start and end of a message record's body, and the message's ordinal.
-            beside: Called with each header, attachment and metadata record that is whole; attachments come without their body.
+            beside: Called with each attachment and metadata record that is whole, an attachment without its body; what it raises of
+                ``RECORD_ERRORS`` is a loss.
         """
         self._file = file
         self._tally = tally
@@ -107,11 +108,17 @@ class Pass(Generic[_T]):
                 else:
                     self._declare(record.opcode, record.body, record)
             elif record.opcode in _BESIDE:
-                if self._beside is not None:
-                    self._beside(record)
+                self._give_beside(record)
             else:
                 self._check(record)
         return None
+
+    def _give_beside(self, record: Record) -> None:
+        try:
+            if self._beside is not None:
+                self._beside(record)
+        except RECORD_ERRORS as error:
+            self._lose(f"an attachment or metadata record is damaged and left out: {error}", record.offset, record.end, 0)
 
     def _as_indexed(self, record: Record) -> bool:
         """Return whether a record is what the summary says of its place."""

@@ -64,7 +64,7 @@ class McapReader:
         """Yield the messages as they stand in the file, none decoded; the clock ``header`` decodes to find the stamp.
 
         Args:
-            beside: Called with each header, attachment and metadata record met.
+            beside: As for ``Pass``.
 
         Raises:
             LogError: The file cannot be read or is no MCAP file.
@@ -98,8 +98,9 @@ class McapReader:
         tally = self._tally
         tally.read[sink.topic] += 1
         decode = sink.decode
-        if isinstance(decode, str):
-            tally.undecodable(sink.topic, decode)
+        if decode is None or isinstance(decode, str):
+            if decode:
+                tally.undecodable(sink.topic, decode)
             return None
         try:
             payload = decode(data[start + 22 : end])
@@ -119,14 +120,11 @@ class McapReader:
         self._tally.read[sink.topic] += 1
         body = data[start + MESSAGE.size : end]
         time_ns = publish_ns if self.clock == "publish" else log_ns
-        if self.clock == "header" and not isinstance(sink.decode, str):
+        if self.clock == "header" and callable(sink.decode):
             try:
                 time_ns = self._stamped(sink.decode(body), time_ns)
             except PAYLOAD_ERRORS:
                 self.without_stamp += 1
-        if sink.channel is None:
-            self._tally.undecodable(sink.topic, str(sink.decode))
-            return None
         return RawMessage(time_ns, self.input, position, sink.channel, sequence, log_ns, publish_ns, body)
 
     def _stamped(self, payload: Mapping[str, Any], log_ns: int) -> int:

@@ -2,18 +2,23 @@
 
 from dataclasses import dataclass
 
+#: Encoding of channels that hold the frames of a telemetry log as they were: no schema, log time is the entry's stamp.
+MAVLINK_FRAMES = "mavlink"
+
 
 @dataclass(frozen=True, slots=True)
 class RawChannel:
     """What an MCAP file says of a channel.
 
     Attributes:
+        number: Tells it from others of the same topic in its file.
         topic: Its name.
         encoding: Of its messages.
         metadata: Keys and values.
         schema: Name, encoding and data; None when it has none.
     """
 
+    number: int
     topic: str
     encoding: str
     metadata: tuple[tuple[str, str], ...]

@@ -12,7 +12,7 @@ from replay_kit.errors import ReplayKitError
 
 
 def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> None:
-    """Read a result file from end to end, with its checksums, and compare it with what was written.
+    """Read a file from end to end, with its checksums, and compare it with what was written.
 
     The writing library reports a full disk in no return value: what it dropped shows here.
 
@@ -41,9 +41,11 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
                     statistics = record
     except (OSError, McapError, CRCValidationError, KeyError) as error:
         raise ReplayKitError(f"{path}: the result does not read back: {error}; is the disk full?") from error
-    summary = {} if statistics is None else {topics[channel]: count for channel, count in statistics.channel_message_counts.items()}
-    if not dict(read) == summary == dict(messages) or attached != attachments:
+    summary: Counter[str] = Counter()
+    for channel, count in () if statistics is None else statistics.channel_message_counts.items():
+        summary[topics[channel]] += count
+    if not read == summary == Counter(messages) or attached != attachments:
         raise ReplayKitError(
             f"{path}: wrote {sum(messages.values())} messages and {attachments} attachments, but read back {read.total()} and {attached}, "
-            f"and its summary says {sum(summary.values())}; is the disk full?"
+            f"and its summary says {summary.total()}; is the disk full?"
         )
