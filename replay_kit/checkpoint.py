@@ -10,7 +10,7 @@ import io
 import json
 import os
 import pickle
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,9 +105,9 @@ class Checkpoints:
         self._journal = Journal(journal_path(self.path), 0 if resumed is None else resumed.journal_bytes)
         return self._journal
 
-    def write_again(self, writer: ResultWriter, resumed: Resumed) -> None:
-        """Give a writer what the interrupted run's had been given."""
-        writer.write_again(read_journal(journal_path(self.path), resumed.journal_bytes), resumed.writer_memory)
+    def write_again(self, writer: ResultWriter, resumed: Resumed, copy_again: Callable[[], None]) -> None:
+        """Give a writer what the interrupted run's had been given; ``copy_again`` copies the inputs into it."""
+        writer.write_again(read_journal(journal_path(self.path), resumed.journal_bytes), resumed.writer_memory, copy_again)
 
     def keep_when_due(self, run: Run, measurement: MeasurementState, messages: int) -> None:
         """Make a checkpoint when it is time and nothing waits.

@@ -22,6 +22,7 @@ from replay_kit.cli_experiment import experiment
 from replay_kit.cli_options import (
     ClockOption,
     ConfigOption,
+    IncludeInputsOption,
     JsonOption,
     LeadOption,
     LevelsOption,
@@ -179,6 +180,7 @@ def replay(
     checkpoint: Annotated[
         Path | None, typer.Option("--checkpoint", metavar="FILE", help="Go on from here when the run was killed; deleted at the end.")
     ] = None,
+    include_inputs: IncludeInputsOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be used, and the memory and time expected.")] = False,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
@@ -195,6 +197,7 @@ def replay(
         truth_radius_km=radius(truth_radius),
         checkpoint=checkpoint,
         overwrite=overwrite,
+        include_inputs=include_inputs,
     )
     check_outputs(job, also_read=[config], also_written=[json_file])
     times = {"reference_time": reference_time, "place": True if place_ensemble else None}

@@ -20,6 +20,7 @@ from replay_kit.types import Place
 
 JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - is standard output.")]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist. An input is never replaced.")]
+IncludeInputsOption = Annotated[bool, typer.Option("--include-inputs", help="Copy the logs' messages into the result, untouched.")]
 ConfigOption = Annotated[Path | None, typer.Option("--config", metavar="TOML", help="Settings of the run; options given here win.")]
 ClockOption = Annotated[Literal["log", "publish", "header"] | None, typer.Option("--clock", help="Which stamp orders the replay.")]
 RegionOption = Annotated[str | None, typer.Option("--region", metavar="W,S,E,N", help="Part of the ensemble used [degrees].")]

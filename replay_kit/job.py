@@ -7,12 +7,14 @@ from typing import Protocol
 
 import numpy as np
 
-from replay_kit.config import RunConfig
+from replay_kit.config import LogConfig, RunConfig
 from replay_kit.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.flow import FlowEstimate
 from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
+from replay_kit.logs.copying import RawLog
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
+from replay_kit.results import ResultWriter
 from replay_kit.types import Ensemble, LogReader, Place, Plan, VehicleState
 
 
@@ -47,6 +49,7 @@ class ReplayJob:
         truth_radius_km: Score only grid points this near to a profile used; None scores all.
         checkpoint: File from which a killed run goes on; made as the run goes, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
+        include_inputs: Whether the logs' messages are copied into the result.
     """
 
     logs: tuple[Path, ...]
@@ -59,6 +62,7 @@ class ReplayJob:
     truth_radius_km: float | None = None
     checkpoint: Path | None = None
     overwrite: bool = False
+    include_inputs: bool = False
 
 
 def check_paths(inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool) -> None:
@@ -126,6 +130,13 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
         LogError: One is missing or not a log.
     """
     return [open_log(path, position, config.logs, wanted=MAVLINK_NAMES) for position, path in enumerate(logs)]
+
+
+def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
+    """Copy the logs' messages into the result as they are, when the job wants them there: frames of a telemetry log as frames."""
+    if job.include_inputs:
+        logs = [RawLog(path, number, config) for number, path in enumerate(job.logs)]
+        writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames() else log.messages()))
 
 
 def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:

@@ -17,7 +17,7 @@ from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import write_grid
 from replay_kit.forecast import read_ensemble
-from replay_kit.job import Planner, ReplayJob, check_outputs, look_ahead, open_readers, open_truth
+from replay_kit.job import Planner, ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
 from replay_kit.logs import merge
 from replay_kit.measurements import MeasurementState, finish, initial_state, interpret
 from replay_kit.provenance import prior_notes, run_metadata, run_settings_toml
@@ -140,10 +140,11 @@ def _begin(
             writer.start(prior_flow.grid.projection, time_ns, metadata, run_settings_toml(run.config))
             for note in ensemble.notes:
                 writer.log(time_ns, "warning", note)
+            copy_inputs(writer, run.job, run.config.logs)
 
     if resumed is None or checkpoints is None:
         return _Begin(first, initial_state())
-    checkpoints.write_again(writer, resumed)
+    checkpoints.write_again(writer, resumed, lambda: copy_inputs(writer, run.job, run.config.logs))
     return _Begin(lambda time_ns: None, resumed.measurement, resumed.messages)
 
 
@@ -182,6 +183,7 @@ def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
     goal = job.goal
     return {
         "goal": "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}",
+        "include_inputs": str(job.include_inputs).lower(),
         "truth": "" if job.truth is None else Path(job.truth).name,
         "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
         "modes": str(flow.n_modes),

@@ -111,7 +111,7 @@ def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -
     logs = tuple(found[f"log{i}"] for i in range(len(found) - 1))
     goal = options.get("goal")
     where = Place(*(float(part) for part in goal.split(","))) if goal else None
-    return ReplayJob(logs, found["ensemble"], out, goal=where)
+    return ReplayJob(logs, found["ensemble"], out, goal=where, include_inputs=options.get("include_inputs") == "true")
 
 
 def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Path:

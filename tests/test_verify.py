@@ -129,7 +129,7 @@ def test_other_versions_are_said(run, tmp_path):
 
 def test_inputs_are_known_by_their_content(run, tmp_path):
     shutil.copy(run / "out.mcap", tmp_path / "out.mcap")
-    with pytest.raises(LogError, match=r"ensemble is ensemble\.nc with SHA-256 .*there is none.*--inputs"):
+    with pytest.raises(LogError, match=r"log0 is glider\.mcap with SHA-256 .*there is none.*--inputs"):
         verify(tmp_path / "out.mcap", [], cli.GlidePlanner.of)
     shutil.copy(run / "ensemble.nc", tmp_path / "ensemble.nc")
     (tmp_path / "glider.mcap").write_bytes((run / "glider.mcap").read_bytes() + b"x")

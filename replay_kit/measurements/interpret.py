@@ -131,7 +131,7 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
 def _ping(state: MeasurementState, message: Message, n_messages: int, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     """Take in a whole ping, which gives as many ``Used`` or ``Skipped`` as messages carried it."""
     try:
-        message = replace(message, payload=earth_referenced(message.payload, config))
+        message = message._replace(payload=earth_referenced(message.payload, config))
         refused = why_not_used(message.payload)
     except MeasurementError as error:
         return state, [Skipped(message.topic, str(error))] * n_messages

@@ -9,17 +9,22 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
 import foxglove
-from foxglove.mcap import MCAPCompression, MCAPWriteOptions
+from mcap.writer import CompressionType, Writer
 
 from replay_kit import __version__
 from replay_kit.errors import ConfigError, ReplayKitError
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import save_bytes
+from replay_kit.logs.atomic import sync
+from replay_kit.logs.raw import RawChannel, RawMessage
+from replay_kit.logs.raw_channels import OutChannels
 from replay_kit.results import messages
 from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.journal import Journal
@@ -30,6 +35,12 @@ from replay_kit.types import Array, Innovation, Plan, Projection, VehicleState
 
 ESTIMATE_NAME = "estimate.nc"
 CONFIG_NAME = "config.toml"
+
+#: The input number of the channels that are ours.
+_OURS = -1
+#: Topics that are the result's own: an input's messages on such a topic go below ``/input``.
+_OWN_TOPICS = ("/tf", "/vehicle/fix", "/flow/", "/plan/", "/log")
+_OWN_SCHEMA = ("protobuf", DESCRIPTOR_SET)
 
 
 class _Encodable(Protocol):
@@ -62,14 +73,15 @@ class ResultWriter:
         self.part = self.path.with_name(self.path.name + ".part")
         self._overwrite = overwrite
         self._check_target()
-        self._context = foxglove.Context()
-        # One thread: several would cut the compressed frames at places that differ from run to run.
-        options = MCAPWriteOptions(compression=MCAPCompression.Zstd, compression_threads=0, profile="replay-kit")
         try:
-            self._writer = foxglove.open_mcap(self.part, allow_overwrite=True, context=self._context, writer_options=options)
-        except (OSError, RuntimeError) as error:
-            raise ConfigError(f"{self.path}: cannot write there: {error}") from error
-        self._channels: dict[str, foxglove.Channel] = {}
+            self._file = open(self.part, "wb")  # noqa: SIM115 - closed by close, abandon or discard
+        except OSError as error:
+            raise ConfigError(f"{self.path}: cannot write there: {error.strerror}; choose another place") from error
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True)
+        # without the library's version, which says nothing about the content
+        self._writer.start(profile="replay-kit", library="replay-kit")
+        self._out = OutChannels(self._writer)
+        self._channels: dict[str, int] = {}
         self._counts: Counter[str] = Counter()
         self._attachments = 0
         self._accepted = 0
@@ -147,6 +159,7 @@ class ResultWriter:
         for value in slices:
             self._log(f"/flow/grid/{value.depth:g}m", grid_message(time_ns, value), time_ns)
             self._log(f"/flow/arrows/{value.depth:g}m", arrows_message(time_ns, value, self._arrow_scale or 0.0), time_ns)
+        self.checkpoint()
 
     def plan(self, plan: Plan, projection: Projection) -> None:
         """Write a plan to ``/plan/path``, ``/plan/geojson`` and ``/plan/controls``.
@@ -176,26 +189,55 @@ class ResultWriter:
         """What the writer knows beside the file: accepted innovations, and the length of arrows."""
         return self._accepted, self._arrow_scale
 
-    def write_again(self, entries: Iterable[tuple[dict[str, Any], bytes]], memory: tuple[int, float | None]) -> None:
+    def write_again(
+        self, entries: Iterable[tuple[dict[str, Any], bytes]], memory: tuple[int, float | None], copy_again: Callable[[], None]
+    ) -> None:
         """Write what an interrupted run had written.
 
         Args:
             entries: Of its journal; they are not told to this writer's.
             memory: Its ``memory``.
+            copy_again: Copies the inputs, which no journal repeats.
         """
         journal, self._journal = self._journal, None
-        schemas: dict[str, foxglove.Schema] = {}
+        schemas: dict[str, tuple[str, str, bytes]] = {}
         for head, data in entries:
             if head["kind"] == "schema":
-                schemas[head["topic"]] = foxglove.Schema(name=head["name"], encoding=head["encoding"], data=data)
+                schemas[head["topic"]] = (head["name"], head["encoding"], data)
             elif head["kind"] == "message":
-                self._write(head["topic"], schemas[head["topic"]], data, head["time_ns"])
+                self._write(head["topic"], partial(schemas.__getitem__, head["topic"]), data, head["time_ns"])
             elif head["kind"] == "attachment":
                 self._attach(head["time_ns"], head["name"], head["media_type"], data)
+            elif head["kind"] == "copies":
+                copy_again()
+            elif head["kind"] == "checkpoint":
+                self.checkpoint()
             else:
                 self._metadata(head["name"], head["values"])
         self._accepted, self._arrow_scale = memory
         self._journal = journal
+
+    def copy(self, source: Iterator[RawMessage]) -> None:
+        """Write an input's messages as they are; those on a topic of the result's own go to ``/input`` and their topic.
+
+        Args:
+            source: The messages of all logs.
+        """
+        self._tell({"kind": "copies"}, b"")
+        renamed: dict[RawChannel, RawChannel] = {}
+        with self._storing("copy the inputs"):
+            for message in source:
+                channel = renamed.get(message.channel) or renamed.setdefault(message.channel, _beside_ours(message.channel))
+                number = self._out.number(message.input, channel)
+                self._writer.add_message(number, message.log_ns, message.data, message.publish_ns, message.sequence)
+                self._counts[channel.topic] += 1
+
+    def checkpoint(self) -> None:
+        """Put everything written so far on the disk as whole chunks, from which ``convert`` has it back after a power cut."""
+        with self._storing("write"):
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            os.fsync(self._file.fileno())
+        self._tell({"kind": "checkpoint"}, b"")
 
     def finish(self, flow: FlowEstimate) -> None:
         """Attach the last estimate without loss, with its covariance, as ``estimate.nc``; then close.
@@ -220,7 +262,7 @@ class ResultWriter:
         check_written(self.part, self._counts, self._attachments)
         self._check_target()
         os.replace(self.part, self.path)
-        _sync(self.path.parent)
+        sync(self.path.parent)
 
     def abandon(self) -> None:
         """Stop: what was written so far stays as ``.part``; on a closed result this does nothing."""
@@ -237,25 +279,31 @@ class ResultWriter:
 
     def _end(self) -> None:
         self._open = False
-        for channel in self._channels.values():
-            channel.close()
-        with self._storing("complete the result"):
-            self._writer.close()
-            _sync(self.part)
+        try:
+            with self._storing("complete the result"):
+                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._file.flush()
+                os.fsync(self._file.fileno())
+        finally:
+            # what a full disk did not take is tried again by the file's closing
+            with suppress(OSError):
+                self._file.close()
 
     def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
-        self._write(topic, message.get_schema(), message.encode(), time_ns)
+        self._write(topic, lambda: _definition(message.get_schema()), message.encode(), time_ns)
 
     def _log_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:
-        schema = foxglove.Schema(name=f"replay_kit.{name}", encoding="protobuf", data=DESCRIPTOR_SET)
-        self._write(topic, schema, data, time_ns)
+        self._write(topic, lambda: (f"replay_kit.{name}", *_OWN_SCHEMA), data, time_ns)
 
-    def _write(self, topic: str, schema: foxglove.Schema, data: bytes, time_ns: int) -> None:
+    def _write(self, topic: str, schema: Callable[[], tuple[str, str, bytes]], data: bytes, time_ns: int) -> None:
         assert self._open, "a closed result takes no messages"
-        if topic not in self._channels:
-            self._channels[topic] = foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=self._context)
-            self._tell({"kind": "schema", "topic": topic, "name": schema.name, "encoding": schema.encoding}, schema.data)
-        self._channels[topic].log(data, log_time=time_ns)
+        with self._storing("write"):
+            number = self._channels.get(topic)
+            if number is None:
+                name, encoding, definition = schema()
+                number = self._channels[topic] = self._out.number(_OURS, RawChannel(0, topic, "protobuf", (), (name, encoding, definition)))
+                self._tell({"kind": "schema", "topic": topic, "name": name, "encoding": encoding}, definition)
+            self._writer.add_message(number, time_ns, data, time_ns, self._counts[topic])
         self._tell({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
         self._digest.update(f"{topic}\0{time_ns}\0{len(data)}\0".encode() + data)
         self._counts[topic] += 1
@@ -263,13 +311,13 @@ class ResultWriter:
 
     def _attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         with self._storing(f"attach {name}"):
-            self._writer.attach(log_time=time_ns, create_time=time_ns, name=name, media_type=media_type, data=data)
+            self._writer.add_attachment(create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data)
         self._tell({"kind": "attachment", "time_ns": time_ns, "name": name, "media_type": media_type}, data)
         self._attachments += 1
 
     def _metadata(self, name: str, values: Mapping[str, str]) -> None:
         with self._storing(f"write the metadata {name}"):
-            self._writer.write_metadata(name, dict(values))
+            self._writer.add_metadata(name, dict(values))
         self._tell({"kind": "metadata", "name": name, "values": dict(values)}, b"")
 
     def _tell(self, head: dict[str, Any], data: bytes) -> None:
@@ -278,10 +326,9 @@ class ResultWriter:
 
     @contextmanager
     def _storing(self, what: str) -> Iterator[None]:
-        # The writing library's own errors are bare RuntimeErrors.
         try:
             yield
-        except (OSError, RuntimeError) as error:
+        except OSError as error:
             raise ReplayKitError(f"{self.part}: cannot {what}: {error}; is the disk full?") from error
 
     def _check_target(self) -> None:
@@ -293,10 +340,12 @@ class ResultWriter:
             raise ConfigError(f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere")
 
 
-def _sync(path: Path) -> None:
-    """Force a file or folder to the disk, so that a rename never outlives its content after a power cut."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _beside_ours(channel: RawChannel) -> RawChannel:
+    """Return an input's channel under a name that is none of the result's."""
+    if not channel.topic.startswith(_OWN_TOPICS):
+        return channel
+    return replace(channel, topic=f"/input{channel.topic}")
+
+
+def _definition(schema: foxglove.Schema) -> tuple[str, str, bytes]:
+    return schema.name, schema.encoding, schema.data

@@ -1,0 +1,80 @@
+"""Inputs copied beside the results, and what an interrupted run leaves."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from replay_kit.config import LogConfig
+from replay_kit.convert import convert
+from replay_kit.flow import FlowEstimate
+from replay_kit.job import ReplayJob, copy_inputs
+from replay_kit.logs import open_log
+from replay_kit.results import ResultWriter
+from replay_kit.types import Innovation, VehicleState
+from tests.fuzz.damage import sound_messages
+from tests.logs.log_samples import json_mcap, tlog
+from tests.results.result_samples import CONFIG, DEPTHS, METADATA
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
+
+
+@pytest.mark.parametrize("name", ["glider.mcap", "survey.mcap"])
+def test_the_inputs_messages_are_copied_untouched(state: VehicleState, tmp_path: Path, name: str) -> None:
+    out = tmp_path / "out.mcap"
+    with ResultWriter(out) as writer:
+        writer.fix(state)
+        copy_inputs(writer, ReplayJob((SAMPLES / name,), Path("e.nc"), include_inputs=True), LogConfig())
+    copied = Counter(message.said for message in sound_messages(out.read_bytes()) if message.said[1] != state.time_ns)
+    given = Counter(message.said for message in sound_messages((SAMPLES / name).read_bytes()))
+    # a fix of the log goes beside the result's own fixes
+    assert copied == Counter({(topic.replace("/vehicle/fix", "/input/vehicle/fix"), *rest): n for (topic, *rest), n in given.items()})
+    assert copied.total() > 400
+
+
+def test_without_being_asked_nothing_is_copied(state: VehicleState, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.fix(state)
+        copy_inputs(writer, ReplayJob((SAMPLES / "glider.mcap",), Path("e.nc")), LogConfig())
+    assert len(sound_messages((tmp_path / "out.mcap").read_bytes())) == 1
+
+
+def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(json_mcap([5, 3, 8]))
+    (tmp_path / "b.tlog").write_bytes(b"".join(tlog(3)))
+    logs = (tmp_path / "a.mcap", tmp_path / "b.tlog", tmp_path / "a.mcap")
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        copy_inputs(writer, ReplayJob(logs, Path("e.nc"), include_inputs=True), LogConfig())
+    data = (tmp_path / "out.mcap").read_bytes()
+    said = [message.said for message in sound_messages(data)]
+    assert [(topic, time, publish, sequence) for topic, time, publish, sequence, _ in said if topic in ("/a", "/b")] == [
+        ("/a", 5, 12, 0),
+        ("/b", 3, 10, 1),
+        ("/a", 8, 15, 2),
+    ] * 2
+    frames = [payload for topic, *_, payload in said if topic == "mavlink/frames/1"]
+    assert frames == [entry[8:] for entry in tlog(3)]
+    reader = open_log(tmp_path / "out.mcap")
+    assert len(list(reader.messages())) == 6
+
+
+def test_convert_has_back_what_was_written_before_a_power_cut(
+    flow: FlowEstimate, state: VehicleState, innovation: Innovation, tmp_path: Path
+) -> None:
+    writer = ResultWriter(tmp_path / "out.mcap")
+    writer.start(flow.grid.projection, state.time_ns, METADATA, CONFIG)
+    for _ in range(20):
+        writer.fix(state)
+        writer.innovation(innovation)
+    writer.grids(state.time_ns, flow, DEPTHS)
+    # after the last checkpoint: in the writer's memory only, and lost
+    writer.fix(state)
+    (tmp_path / "left.mcap.part").write_bytes(writer.part.read_bytes())
+    writer.discard()
+    summary = convert([tmp_path / "left.mcap.part"], tmp_path / "mended.mcap", False, LogConfig())
+    assert summary.messages["/vehicle/fix"] == summary.messages["/flow/innovation"] == 20
+    assert len([topic for topic in summary.messages if topic.startswith("/flow/grid/")]) == len(DEPTHS)
+    assert [loss.messages for _, loss in summary.losses] == [0]
+    reader = open_log(tmp_path / "mended.mcap")
+    list(reader.messages())
+    assert reader.report().losses == ()
