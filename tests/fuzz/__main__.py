@@ -4,29 +4,9 @@ import argparse
 import resource
 import sys
 import time
-import zlib
-from pathlib import Path
 
-import numpy as np
-
-from tests.fuzz.damage import check_cuts, check_flips, places
-
-ROOT = Path(__file__).resolve().parents[2]
 #: More memory than this means that something was allocated on a damaged file's word.
-MOST_MB = 300.0
-
-
-def logs() -> list[Path]:
-    """Return the MCAP logs of this machine: the samples, and the shared ones where they are."""
-    return sorted([*(ROOT / "sample_logs").glob("*.mcap"), *(ROOT.parent / "shared" / "data" / "logs").rglob("*.mcap")])
-
-
-def damage(file: Path, count: int) -> list[str]:
-    """Return what is wrong with reading a log that is cut, and has a bit flipped, at that many places each."""
-    data = file.read_bytes()
-    rng = np.random.default_rng(zlib.crc32(file.name.encode()))
-    flips = [(place, int(rng.integers(8))) for place in places(len(data), count, seed=2)]
-    return check_cuts(data, places(len(data), count, seed=1)) + check_flips(data, flips)
+_MOST_MB = 300.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -38,9 +18,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=int, default=600, help="how long atheris runs")
     options = parser.parse_args(arguments)
     if options.kind == "atheris":
+        # imported here, as it must be what first imports the parsers
         from tests.fuzz.guided import run
 
         return run(options.name, options.seconds)
+    from tests.fuzz.damage import damage, logs
+
     begin, bad = time.perf_counter(), 0
     for file in logs():
         wrong = damage(file, options.places)
@@ -48,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
         print("".join(f"{file}: {words}\n" for words in wrong), end="")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     print(f"{len(logs())} logs, {options.places} cuts and flips each, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad} bad")
-    return bad + (peak > MOST_MB)
+    return bad + (peak > _MOST_MB)
 
 
 if __name__ == "__main__":

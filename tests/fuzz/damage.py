@@ -6,6 +6,7 @@ nothing with the reader under test.
 
 import struct
 import tempfile
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -43,6 +44,22 @@ class Sound:
     end: int
     unit_end: int
     checked: bool
+
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def logs() -> list[Path]:
+    """Return the MCAP logs of this machine: the samples, and the shared ones where they are."""
+    return sorted([*(ROOT / "sample_logs").glob("*.mcap"), *(ROOT.parent / "shared" / "data" / "logs").rglob("*.mcap")])
+
+
+def damage(file: Path, count: int) -> list[str]:
+    """Return what is wrong with reading a log that is cut, and has a bit flipped, at that many places each."""
+    data = file.read_bytes()
+    rng = np.random.default_rng(zlib.crc32(file.name.encode()))
+    flips = [(place, int(rng.integers(8))) for place in places(len(data), count, seed=2)]
+    return check_cuts(data, places(len(data), count, seed=1)) + check_flips(data, flips)
 
 
 def sound_messages(data: bytes) -> list[Sound]:

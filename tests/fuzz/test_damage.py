@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.fuzz.__main__ import damage, logs
+from tests.fuzz.damage import damage, logs
 
 FILES = logs()
 
