@@ -4,7 +4,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-_FORMATS = ("logs_mcap", "logs_mavlink")
+_FORMATS = ("logs_mcap", "logs_replay", "logs_mavlink")
 
 
 def rows(tiny: bool) -> list[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,15 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
+from replay_kit.config import EstimatorConfig
+from replay_kit.estimator import build_estimator
 from replay_kit.logs import merge, open_log
+from replay_kit.results import ResultWriter
+from replay_kit.types import Source, VehicleState
+from tests.benchmarks import scene
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
+from tests.benchmarks.results_peer import JsonResults
 
 Row = dict[str, Any]
 _SECOND = 1_000_000_000
@@ -119,7 +126,54 @@ def reading_rows(folder: Path, tiny: bool) -> list[Row]:
     ]
 
 
+def writing_row(folder: Path, tiny: bool) -> Row:
+    """An hour of pings at 1 Hz: fixes, innovations, estimates of 300 modes a level, and six times slices with arrows."""
+    pings = 20 if tiny else 3600
+    size, modes = (scene.TINY, 4) if tiny else (scene.Size(), 300)
+    estimator = build_estimator(scene.ensemble(size)[0], EstimatorConfig(modes=modes))
+    state = estimator.initial()
+    observation = scene.scattered(scene.ensemble(size)[1], 1, size)[0]
+    state, innovation = estimator.step(state, observation)
+    flow, levels, mean = estimator.flow(state), estimator.basis.grid.levels, state.mean
+    fix = VehicleState(_START, 152.0, -40.0, 10.0, False, Source(0, "/fix", 1, _START))
+    depths = tuple(float(levels[k]) for k in sorted({0, levels.size // 2, levels.size - 1}))
+
+    def write(writer: ResultWriter | JsonResults) -> None:
+        for n in range(pings):
+            time_ns = _START + n * _SECOND
+            writer.fix(replace(fix, time_ns=time_ns))
+            writer.innovation(replace(innovation, time_ns=time_ns))
+            # no two alike: a compressor would make light of it
+            writer.estimate(time_ns, mean * (1.0 + 1e-3 * n), levels)
+            if n % 600 == 0:
+                writer.grids(time_ns, flow, depths)
+        writer.close()
+
+    ours_s, _ = seconds(lambda: write(ResultWriter(folder / "ours.mcap", overwrite=True)))
+    peer_s, _ = seconds(lambda: write(JsonResults(folder / "peer.mcap")))
+    counts = [_counts(folder / name) for name in ("ours.mcap", "peer.mcap")]
+    return row(
+        f"MCAP results of {pings} pings written, synced and read back",
+        ours_s,
+        "mcap.Writer, json.dumps; neither synced nor read back",
+        peer_s,
+        3.0,
+        {"messages_differ": float(counts[0] != counts[1])},
+        weights=mean.size,
+        megabytes=(folder / "ours.mcap").stat().st_size / 1e6,
+        peer_megabytes=(folder / "peer.mcap").stat().st_size / 1e6,
+        peak_mb=None,
+    )
+
+
+def _counts(path: Path) -> dict[str, int]:
+    reader = open_log(path)
+    for _ in reader.messages():
+        pass
+    return dict(reader.report().read)
+
+
 def rows(tiny: bool) -> list[Row]:
     """All rows; temporary files go when they end."""
     with tempfile.TemporaryDirectory() as folder:
-        return reading_rows(Path(folder), tiny)
+        return [*reading_rows(Path(folder), tiny), writing_row(Path(folder), tiny)]

@@ -111,3 +111,23 @@ def test_one_stamp_far_in_the_future_does_not_silence_the_log() -> None:
 def test_nothing_to_merge() -> None:
     assert list(merge([], 1.0)) == []
     assert list(merge(recorded([[], []]), 1.0)) == []
+
+
+def test_what_comes_once_counts_before_the_start() -> None:
+    class Topics(Recorded):
+        def messages(self) -> Iterator[Message]:
+            for position, topic in enumerate(
+                ("/tf_static", "/adcp", "/vehicle/config", "mavlink/1/1/PARAM_VALUE", "/adcp", "/tf_static", "/adcp")
+            ):
+                yield Message(position * SECOND, topic, "", {}, self.input, position)
+
+    given = [(message.position, message.topic) for message in merge([Topics([], 0)], 0.0, start_ns=4 * SECOND, end_ns=5 * SECOND)]
+    assert given == [(0, "/tf_static"), (2, "/vehicle/config"), (3, "mavlink/1/1/PARAM_VALUE"), (4, "/adcp"), (5, "/tf_static")]
+
+
+@quick
+@given(times=logs, window=st.integers(0, 5))
+def test_a_copy_keeps_late_messages(times: list[list[int]], window: int) -> None:
+    merged = merge(recorded(times), float(window), keep_late=True)
+    assert sorted(map(key, merged)) == sorted((time * SECOND, k, n) for k, row in enumerate(times) for n, time in enumerate(row))
+    assert merged.late == {}

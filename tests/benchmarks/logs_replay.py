@@ -1,0 +1,110 @@
+"""Whole replays: the memory that a large log takes, and the share of each stage in an hour of pings at 1 Hz."""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from replay_kit.config import RunConfig, load_config
+from replay_kit.forecast import read_truth
+from replay_kit.job import ReplayJob
+from replay_kit.logs import open_log
+from replay_kit.logs.mcap_log_writer import write_mcap_log
+from replay_kit.replay import replay
+from replay_kit.twin import make_twin, write_ensemble
+from replay_kit.types import Message
+from tests.benchmarks.estimator import row
+from tests.benchmarks.measure import alone, seconds
+
+Row = dict[str, Any]
+_ROOT = Path(__file__).resolve().parents[2]
+_SAMPLES = _ROOT / "sample_logs"
+# bytes of each
+_PICTURE, _ATTITUDE = 60_000, 100
+_SECOND = 1_000_000_000
+_SMALL = {"forecast": {"levels": (5.0, 150.0, 500.0)}, "estimator": {"modes": 20}}
+
+
+def memory_row(folder: Path, tiny: bool) -> Row:
+    """A log of 1 GB (pings, many small messages, large ones) against one of the same pings alone: peak memory of the process."""
+    megabytes = 12 if tiny else 1000
+    pings = folder / "pings.mcap"
+    write_mcap_log(pings, list(open_log(_SAMPLES / "survey.mcap").messages())[:60])
+    large = folder / "large.mcap"
+    write_mcap_log(large, _padded(pings, megabytes * 1_000_000))
+    before, ours = (_replayed(path, _SAMPLES / "ensemble.nc", folder, _SMALL) for path in (pings, large))
+    grown = ours["peak_mb"] - before["peak_mb"]
+    return row(
+        f"replay of a log of {large.stat().st_size / 1e6:.0f} MB: memory above that of its pings alone, {grown:.0f} MB of 200 allowed",
+        ours["seconds"],
+        "none",
+        None,
+        None,
+        {"messages_differ": float(ours["profiles"] != before["profiles"])},
+        peak_mb=grown,
+        peak_asked_mb=200.0,
+        whole_peak_mb=ours["peak_mb"],
+    )
+
+
+def _padded(path: Path, size: int) -> Iterator[Message]:
+    """Yield a log's messages with others between them, of no use to the estimator, that make up a size [bytes]."""
+    messages = list(open_log(path).messages())
+    each = size // len(messages)
+    for message in messages:
+        yield message
+        large = int(0.8 * each) // _PICTURE
+        for n in range(large):
+            yield message._replace(
+                topic="/camera", schema="foxglove.CompressedImage", payload={"n": n, "data": f"{n:06d}" * (_PICTURE // 6)}
+            )
+        for n in range(int(0.2 * each) // 150):
+            yield message._replace(topic="/attitude", schema="Attitude", payload={"n": n, "roll": 0.1, "pitch": 0.2, "yaw": 0.3})
+
+
+def _replayed(log: Path, ensemble: Path, folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
+    """Replay in a process of its own; return what its memory grew by [MB], its time, the profiles used and the time of each stage."""
+    config = load_config(None, settings)
+
+    def work() -> dict[str, Any]:
+        took, (summary, _) = seconds(lambda: replay(ReplayJob((log,), ensemble, folder / "out.mcap", overwrite=True), config))
+        return {"seconds": took, "profiles": summary.profiles_used, "stages": dict(summary.seconds)}
+
+    return alone(work)
+
+
+def stages_row(folder: Path, tiny: bool) -> Row:
+    """An hour of pings at 1 Hz, not the day of 24, with 300 modes a level: what each stage takes, beside reading alone."""
+    pings, modes, members = (12, 4, 4) if tiny else (3600, 300, 95)
+    ensemble, truth = folder / "ensemble.nc", folder / "truth.nc"
+    write_ensemble(ensemble, truth, n_members=members, seed=0, overwrite=True)
+    make_twin(read_truth(str(truth), RunConfig().forecast), "vessel", pings, 0.09, 0, folder / "slow.mcap", True)
+    log = folder / "fast.mcap"
+    write_mcap_log(log, _hurried(folder / "slow.mcap", pings))
+    reading_s, count = seconds(lambda: sum(1 for _ in open_log(log).messages()))
+    ours = _replayed(log, ensemble, folder, {"estimator": {"modes": modes}})
+    stages = {f"share_{name}": took / ours["seconds"] for name, took in ours["stages"].items()}
+    return row(
+        f"whole replay of {pings} pings at 1 Hz, {modes} modes asked a level; {count} messages read alone in {reading_s:.2f} s",
+        ours["seconds"],
+        "none",
+        None,
+        None,
+        {"messages_differ": float(ours["profiles"] != pings)},
+        **stages,
+        peak_mb=ours["peak_mb"],
+    )
+
+
+def _hurried(path: Path, pings: int) -> Iterator[Message]:
+    """Yield a log's messages as if its pings had come once a second."""
+    messages = list(open_log(path).messages())
+    first, last = messages[0].time_ns, max(message.time_ns for message in messages)
+    for message in messages:
+        yield message._replace(time_ns=first + (message.time_ns - first) * pings * _SECOND // max(last - first, 1))
+
+
+def rows(tiny: bool) -> list[Row]:
+    """All rows; temporary files go when they end."""
+    with tempfile.TemporaryDirectory() as folder:
+        return [memory_row(Path(folder), tiny), stages_row(Path(folder), tiny)]
