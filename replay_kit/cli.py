@@ -31,6 +31,7 @@ from replay_kit.cli_options import (
     NoiseOption,
     OverwriteOption,
     RegionOption,
+    RemapOption,
     bar,
     console_beside,
     forecast_part,
@@ -38,9 +39,10 @@ from replay_kit.cli_options import (
     place,
     progress,
     radius,
+    remapped,
     write_json,
 )
-from replay_kit.config import PlannerConfig, RunConfig, load_config
+from replay_kit.config import PlannerConfig, load_config
 from replay_kit.convert import convert as convert_logs
 from replay_kit.convert import convert_json, print_converted
 from replay_kit.errors import ReplayKitError
@@ -180,6 +182,7 @@ def replay(
     checkpoint: Annotated[
         Path | None, typer.Option("--checkpoint", metavar="FILE", help="Go on from here when the run was killed; deleted at the end.")
     ] = None,
+    remap: RemapOption = None,
     include_inputs: IncludeInputsOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be used, and the memory and time expected.")] = False,
     json_file: JsonOption = None,
@@ -204,7 +207,7 @@ def replay(
     settings = load_config(
         config,
         {
-            "logs": {"clock": clock, "start": start, "end": end},
+            "logs": {"clock": clock, "start": start, "end": end, "remap": remapped(remap)},
             "forecast": {**forecast_part(region, levels, level_step, lead), **times},
             "estimator": {"name": estimator, "preset": preset, "modes": modes},
         },
@@ -262,13 +265,15 @@ def info(
 def convert(
     inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Logs: Seaglider NetCDF, .tlog, MCAP; several are merged by time.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap|OUT.tlog", help="One log; its ending chooses the format.")],
+    remap: RemapOption = None,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Convert logs to one MCAP or telemetry log, losing nothing that it can hold."""
     check_paths(inputs, [out, json_file], overwrite)
+    settings = load_config(None, {"logs": {"remap": remapped(remap)}})
     with progress("converting") as advance:
-        summary = convert_logs(inputs, out, overwrite, RunConfig().logs, advance)
+        summary = convert_logs(inputs, out, overwrite, settings.logs, advance)
     print_converted(summary, console_beside(json_file))
     write_json(json_file, convert_json(summary))
     raise typer.Exit(4 if summary.losses else 0)

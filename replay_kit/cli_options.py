@@ -21,6 +21,7 @@ from replay_kit.types import Place
 JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - is standard output.")]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist. An input is never replaced.")]
 IncludeInputsOption = Annotated[bool, typer.Option("--include-inputs", help="Copy the logs' messages into the result, untouched.")]
+RemapOption = Annotated[list[str] | None, typer.Option("--remap", metavar="OLD=NEW", help="Call a topic by another name; may be repeated.")]
 ConfigOption = Annotated[Path | None, typer.Option("--config", metavar="TOML", help="Settings of the run; options given here win.")]
 ClockOption = Annotated[Literal["log", "publish", "header"] | None, typer.Option("--clock", help="Which stamp orders the replay.")]
 RegionOption = Annotated[str | None, typer.Option("--region", metavar="W,S,E,N", help="Part of the ensemble used [degrees].")]
@@ -52,6 +53,18 @@ def numbers(text: str | None, option: str, count: int | None = None) -> tuple[fl
     if not values or not all(map(math.isfinite, values)) or (count is not None and len(values) != count):
         raise ConfigError(f"{option}: expected {count or 'some'} numbers with commas between them, got '{text}'")
     return values
+
+
+def remapped(pairs: list[str] | None) -> dict[str, str] | None:
+    """Return the topics of options ``OLD=NEW``, old to new; None when none was given.
+
+    Raises:
+        ConfigError: One is no such pair, or an old name comes twice.
+    """
+    names = [pair.partition("=") for pair in pairs or ()]
+    if not all(old and new for old, _, new in names) or len({old for old, _, _ in names}) < len(names):
+        raise ConfigError(f"--remap: expected OLD=NEW, each old topic once, got {' '.join(pairs or ())}")
+    return {old: new for old, _, new in names} or None
 
 
 def place(text: str | None, option: str) -> Place | None:

@@ -63,6 +63,7 @@ class LogConfig(_Section):
     start: _Time | None = Field(default=None, description="first time used, ISO 8601 UTC")
     end: _Time | None = Field(default=None, description="last time used, ISO 8601 UTC")
     reorder_window: float = Field(default=1.0, ge=0.0, description="s; messages later than this are counted as late and left out")
+    remap: dict[str, str] = Field(default_factory=dict, description="topics to call by another name, old = new")
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

@@ -3,6 +3,7 @@
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from mcap.opcode import Opcode
@@ -11,7 +12,7 @@ from mcap.records import Attachment, Header, Metadata
 from replay_kit.config import LogConfig
 from replay_kit.logs.mcap_reader import McapReader
 from replay_kit.logs.mcap_records import HEAD_SIZE, MAGIC, MAX_SIZE, RECORD_ERRORS, Record, file_records, parse
-from replay_kit.logs.opening import open_log
+from replay_kit.logs.opening import open_kept
 from replay_kit.logs.raw import MAVLINK_FRAMES, RawChannel, RawMessage
 from replay_kit.logs.to_json import JsonChannels
 from replay_kit.types import LogReport
@@ -40,11 +41,20 @@ class RawLog:
         """
         self.path = Path(path)
         self._input = input
-        self._reader = open_log(path, input, config)
+        self._reader = open_kept(path, input, config)
         self._beside = beside
+        self._names = config.remap
+        self._renamed: dict[RawChannel, RawChannel] = {}
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield the messages, in the file's order."""
+        """Yield the messages, in the file's order, on topics called by the names that ``logs.remap`` gives them."""
+        for message in self._as_kept():
+            if message.channel.topic in self._names:
+                channel = self._renamed.get(message.channel) or replace(message.channel, topic=self._names[message.channel.topic])
+                message.channel = self._renamed[message.channel] = channel
+            yield message
+
+    def _as_kept(self) -> Iterator[RawMessage]:
         if isinstance(self._reader, McapReader):
             yield from self._reader.raw_messages(self._record if self._beside else None)
             return

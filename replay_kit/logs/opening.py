@@ -1,10 +1,13 @@
 """Choice of the reader by a file's first bytes, never by its name."""
 
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from replay_kit.config import LogConfig
 from replay_kit.errors import LogError
-from replay_kit.types import LogReader
+from replay_kit.types import LogReader, LogReport, Message
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 _NETCDF_MAGICS = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
@@ -18,8 +21,47 @@ _FOREIGN = (
 )
 
 
+class _Renamed:
+    """A log whose topics are called by other names."""
+
+    def __init__(self, reader: LogReader, names: Mapping[str, str]) -> None:
+        self.path = reader.path
+        self.format = reader.format
+        self._reader = reader
+        self._names = names
+
+    def messages(self) -> Iterator[Message]:
+        for message in self._reader.messages():
+            name = self._names.get(message.topic)
+            yield message if name is None else message._replace(topic=name)
+
+    def report(self) -> LogReport:
+        report = self._reader.report()
+        read: Counter[str] = Counter()
+        for topic, count in report.read.items():
+            read[self._names.get(topic, topic)] += count
+        undecodable = {self._names.get(topic, topic): why for topic, why in report.undecodable.items()}
+        return replace(report, read=dict(read), undecodable=undecodable)
+
+
 def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogReader:
-    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink telemetry log, a Seaglider's NetCDF, or a raw ADCP file.
+    """Return the reader of a log, as ``open_kept``, its topics called by the names that ``logs.remap`` gives them.
+
+    Args:
+        path: The log.
+        input: Position of the log among the run's inputs.
+        config: How logs are read; the defaults when None.
+        wanted: MAVLink message names to decode; others are counted only. None decodes all. Of no effect on other formats.
+
+    Raises:
+        LogError: The file is missing, no file, empty, unreadable, or none of the known logs.
+    """
+    reader = open_kept(path, input, config, wanted)
+    return _Renamed(reader, config.remap) if config is not None and config.remap else reader
+
+
+def open_kept(path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogReader:
+    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink telemetry log, Seaglider NetCDF or raw ADCP file.
 
     Args:
         path: The log.

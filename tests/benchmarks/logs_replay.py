@@ -27,7 +27,7 @@ _SMALL = {"forecast": {"levels": (5.0, 150.0, 500.0)}, "estimator": {"modes": 20
 
 def memory_row(folder: Path, tiny: bool) -> Row:
     """A log of 1 GB (pings, many small messages, large ones) against one of the same pings alone: peak memory of the process."""
-    megabytes = 12 if tiny else 1000
+    megabytes = 12 if tiny else 1100
     pings = folder / "pings.mcap"
     write_mcap_log(pings, list(open_log(_SAMPLES / "survey.mcap").messages())[:60])
     large = folder / "large.mcap"
@@ -75,9 +75,11 @@ def _replayed(log: Path, ensemble: Path, folder: Path, settings: dict[str, Any])
 
 def stages_row(folder: Path, tiny: bool) -> Row:
     """An hour of pings at 1 Hz, not the day of 24, with 300 modes a level: what each stage takes, beside reading alone."""
-    pings, modes, members = (12, 4, 4) if tiny else (3600, 300, 95)
-    ensemble, truth = folder / "ensemble.nc", folder / "truth.nc"
-    write_ensemble(ensemble, truth, n_members=members, seed=0, overwrite=True)
+    pings, modes = (12, 4) if tiny else (3600, 300)
+    where = _SAMPLES if tiny else folder
+    ensemble, truth = where / "ensemble.nc", where / "truth.nc"
+    if not tiny:
+        write_ensemble(ensemble, truth, n_members=95)
     make_twin(read_truth(str(truth), RunConfig().forecast), "vessel", pings, 0.09, 0, folder / "slow.mcap", True)
     log = folder / "fast.mcap"
     write_mcap_log(log, _hurried(folder / "slow.mcap", pings))
