@@ -25,10 +25,10 @@ class Tally:
         """Whether any damage was met so far."""
         return bool(self._losses)
 
-    def undecodable(self, topic: str, reason: str) -> None:
-        """Count one message that no decoder could read; the topic's first reason is kept."""
+    def undecodable(self, topic: str, reason: str, messages: int = 1) -> None:
+        """Count messages that no decoder could read; the topic's first reason is kept."""
         count, first = self._undecodable.get(topic, (0, reason))
-        self._undecodable[topic] = (count + 1, first)
+        self._undecodable[topic] = (count + messages, first)
 
     def lose(self, what: str, offset: int, size: int, messages: int | None = None, span: tuple[int, int] | None = None) -> None:
         """Record damage.

@@ -3,7 +3,6 @@
 import contextlib
 import io
 import warnings
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +86,7 @@ def test_bottom_track_and_gps_agree_on_the_river(tmp_path, name, size, agree):
     # every fifth ping is enough for a median
     messages = [m for k, m in enumerate(whole) if m.topic != "/adcp" or k % 5 == 0]
     blind = [
-        replace(m, payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}})
+        m._replace(payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}})
         if m.payload.get("bottom_track")
         else m
         for m in messages

@@ -1,0 +1,63 @@
+"""The checksum of MAVLink frames, many at a time.
+
+CRC-16/MCRF4XX, which MAVLink calls X.25: polynomial 0x1021 with its bits reversed, begun with 0xFFFF, over the frame after its marker
+and one byte more that stands for the message's definition (https://mavlink.io/en/guide/serialization.html#checksum).
+"""
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from replay_kit.logs.chain import Indices
+
+_REVERSED = 0x8408
+#: Stretches are worked on together when their lengths differ by less than so many words.
+_WORDS = 16
+PADDING = 2 * _WORDS
+
+
+def checksums(data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return the checksum of stretches of bytes, each with one byte more, shape (n,).
+
+    Args:
+        data: The bytes, and ``PADDING`` more after the last stretch, whatever they are.
+        start: Where each stretch begins, shape (n,).
+        end: Where it ends.
+        extra: The byte that follows each.
+    """
+    words = (end - start) // 2
+    longest_first = np.argsort(words.astype(np.uint16), kind="stable")[::-1]
+    words, first = words[longest_first], start[longest_first]
+    register = np.full(start.size, 0xFFFF, dtype=np.uint16)
+    edges = np.flatnonzero(np.diff(-(-words // _WORDS), prepend=-1, append=-1))
+    for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        most = int(words[low])
+        if most == 0:
+            continue
+        # one row a word, one column a stretch; those that have no such word come last
+        rows = np.ascontiguousarray(sliding_window_view(data, 2 * most)[first[low:high]].view("<u2").T)
+        having = high - np.searchsorted(words[low:high][::-1], np.arange(most), side="right")
+        for row, stop in zip(rows, having.tolist(), strict=True):
+            register[low:stop] = _TWO_BYTES.take(register[low:stop] ^ row[: stop - low])
+    crc = np.empty_like(register)
+    crc[longest_first] = register
+    odd = np.flatnonzero((end - start) % 2)
+    crc[odd] = _with_byte(crc[odd], data[end[odd] - 1])
+    return _with_byte(crc, extra)
+
+
+def _with_byte(register: NDArray[np.uint16], byte: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.uint16]:
+    return (register >> np.uint16(8)) ^ _ONE_BYTE.take((register ^ byte) & 0xFF)
+
+
+def _after_bits(bits: int) -> NDArray[np.uint16]:
+    """Return what becomes of each register, shape (2**bits,), when that many bits are shifted out."""
+    register = np.arange(1 << bits, dtype=np.uint16)
+    for _ in range(bits):
+        register = (register >> np.uint16(1)) ^ (register & np.uint16(1)) * np.uint16(_REVERSED)
+    return register
+
+
+# The register is as wide as a word: with the word added to it, what it is sixteen bits later depends on nothing else.
+_ONE_BYTE = _after_bits(8)
+_TWO_BYTES = _after_bits(16)
