@@ -132,6 +132,7 @@ def convert_json(summary: ConvertSummary) -> dict[str, Any]:
     return {
         "messages": dict(summary.messages),
         "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in summary.undecodable.items()},
+        "notes": [{"file": report.path, "what": note} for report in summary.reports for note in report.notes],
         "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
     }
 
@@ -144,5 +145,8 @@ def print_converted(summary: ConvertSummary, console: Console) -> None:
     console.print(table)
     for path, loss in summary.losses:
         console.print(f"LOST: {path}: {loss_words(loss)}", soft_wrap=True)
+    for report in summary.reports:
+        for note in report.notes:
+            console.print(f"Note: {report.path}: {note}", soft_wrap=True)
     for topic, (count, why) in summary.undecodable.items():
         console.print(f"Cannot be decoded: {count} x {topic}: {why}", soft_wrap=True)

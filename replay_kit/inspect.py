@@ -157,6 +157,7 @@ def info_json(info: LogInfo) -> dict[str, Any]:
         ],
         "not_used": info.not_used,
         "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in info.report.undecodable.items()},
+        "notes": info.report.notes,
         "losses": [loss_json(loss) for loss in info.report.losses],
         "unchecked": dict(info.report.unchecked),
     }
@@ -186,5 +187,7 @@ def print_info(log: LogInfo, console: Console) -> None:
         console.print(f"Cannot be decoded: {count} x {topic_name}: {why}", soft_wrap=True)
     if log.report.unchecked:
         console.print(f"No checksum covers, so that damage would pass unseen: {unchecked_words(log.report)}", soft_wrap=True)
+    for note in log.report.notes:
+        console.print(f"Note: {note}", soft_wrap=True)
     for loss in log.report.losses:
         console.print(f"LOST: {loss_words(loss)}", soft_wrap=True)

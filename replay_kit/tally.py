@@ -134,11 +134,16 @@ class Tally:
             for report in reports
             if report.without_stamp
         ]
-        return unstamped + [
-            f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
-            for report in reports
-            for topic, (count, why) in sorted(report.undecodable.items())
-        ]
+        clocks = [f"{report.path}: {note}" for report in reports for note in report.notes]
+        return (
+            unstamped
+            + clocks
+            + [
+                f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
+                for report in reports
+                for topic, (count, why) in sorted(report.undecodable.items())
+            ]
+        )
 
     def summary(
         self,

@@ -77,12 +77,13 @@ class LogReport:
 
     Attributes:
         path: The log.
-        format: ``mcap``, ``tlog``, ``seaglider``, ``pd0`` or ``ad2cp``.
+        format: ``mcap``, ``tlog``, ``dataflash``, ``seaglider``, ``pd0`` or ``ad2cp``.
         read: Messages met, by topic, decoded or not.
         undecodable: Topic to (count, reason) for what no decoder could read.
         losses: Damage met; empty for a sound file.
         without_stamp: Messages ordered by their log time although the clock is ``header``, because they carry no stamp.
         unchecked: What no checksum covers, so that damage in it would pass unseen: kind to count.
+        notes: What a user should know of its clocks, in words.
     """
 
     path: str
@@ -92,6 +93,7 @@ class LogReport:
     losses: tuple[Loss, ...]
     without_stamp: int = 0
     unchecked: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 class LogReader(Protocol):

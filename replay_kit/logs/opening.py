@@ -11,11 +11,11 @@ from replay_kit.types import LogReader, LogReport, Message
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 _NETCDF_MAGICS = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
+_DATAFLASH_MAGIC = b"\xa3\x95"
 _HEAD = 1 << 16
 
 #: Logs that are recognised only to say what to do with them.
 _FOREIGN = (
-    (b"\xa3\x95", "an ArduPilot DataFlash log; give the telemetry log (.tlog) of the same run"),
     (b"#ROSBAG", "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap"),
     (b"SQLite format 3", "an SQLite file, perhaps a ROS 2 bag; convert it with: ros2 bag convert, storage mcap"),
 )
@@ -61,13 +61,14 @@ def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted
 
 
 def open_kept(path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogReader:
-    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink telemetry log, Seaglider NetCDF or raw ADCP file.
+    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink, DataFlash, Seaglider NetCDF or raw ADCP.
 
     Args:
         path: The log.
         input: Position of the log among the run's inputs.
         config: How logs are read; the defaults when None.
-        wanted: MAVLink message names to decode; others are counted only. None decodes all. Of no effect on other formats.
+        wanted: MAVLink message names, and schemas of DataFlash records, to decode; others are counted only. None decodes all. Of no
+            effect on other formats.
 
     Raises:
         LogError: The file is missing, no file, empty, unreadable, or none of the known logs.
@@ -91,13 +92,22 @@ def open_kept(path: Path, input: int = 0, config: LogConfig | None = None, wante
         from replay_kit.logs.raw_adcp import RawAdcpReader
 
         return RawAdcpReader(path, input, config)
-    from replay_kit.logs.mavlink import TlogReader, is_tlog
+    # a telemetry log may carry pieces of the other, downloaded; it never begins like one
+    if not head.startswith(_DATAFLASH_MAGIC):
+        from replay_kit.logs.mavlink import TlogReader, is_tlog
 
-    if is_tlog(head):
-        return TlogReader(path, input, config, wanted)
+        if is_tlog(head):
+            return TlogReader(path, input, config, wanted)
+    from replay_kit.logs.dataflash_records import is_dataflash
+
+    if is_dataflash(head):
+        from replay_kit.logs.dataflash import DataflashReader
+
+        return DataflashReader(path, input, config, wanted)
     known = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
-        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a Seaglider NetCDF file or a raw ADCP file (PD0, AD2CP); "
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a Seaglider NetCDF file "
+        "or a raw ADCP file (PD0, AD2CP); "
         + (f"this is {known}" if known else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats")
     )
 

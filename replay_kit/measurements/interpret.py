@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic
-from replay_kit.measurements import mavlink_ping, vehicle
+from replay_kit.measurements import mavlink_ping, mavlink_vehicle, vehicle
 from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
 from replay_kit.measurements.earth import earth_referenced
 from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
@@ -22,13 +22,12 @@ from replay_kit.types import Message, Observation, Projection, Source, VehicleSt
 
 PING_SCHEMA = "replay_kit.AdcpPing"
 # What a MAVLink reader needs to decode for this module.
-MAVLINK_NAMES = frozenset({"GLOBAL_POSITION_INT", mavlink_ping.SCHEMA})
+MAVLINK_NAMES = mavlink_vehicle.NAMES | {mavlink_ping.SCHEMA}
 _POSITION_SCHEMAS = MappingProxyType(
     {
         "foxglove.LocationFix": vehicle.location_fix,
         "sensor_msgs/msg/NavSatFix": vehicle.nav_sat_fix,
         "sensor_msgs/NavSatFix": vehicle.nav_sat_fix,
-        "GLOBAL_POSITION_INT": vehicle.global_position_int,
     }
 )
 _PRESSURE_SCHEMAS = ("sensor_msgs/msg/FluidPressure", "sensor_msgs/FluidPressure")
@@ -53,6 +52,7 @@ class MeasurementState:
         odometry_origin: Odometry's east and north [m] at its first message after a measured fix, with that fix.
         waiting: Pings that wait for a position, in the order of their times.
         frames: Frames of MAVLink pings that are not complete yet.
+        fixes: What the GPS of each MAVLink system last said.
     """
 
     fix: VehicleState | None = None
@@ -62,6 +62,7 @@ class MeasurementState:
     odometry_origin: tuple[VehicleState, float, float] | None = None
     waiting: tuple[WaitingPing, ...] = ()
     frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
+    fixes: tuple[mavlink_vehicle.LastFix, ...] = ()
 
 
 def initial_state() -> MeasurementState:
@@ -115,6 +116,8 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return _ping(state, message, 1, config)
     if mavlink_ping.is_ping_frame(message):
         return _ping_frame(state, message, config)
+    if message.schema in mavlink_vehicle.NAMES:
+        return _mavlink_vehicle(state, message, config)
     if message.schema in _POSITION_SCHEMAS:
         position = _POSITION_SCHEMAS[message.schema](message.payload)
         return (state, [Skipped(message.topic, position)]) if isinstance(position, str) else _position(state, message, position, config)
@@ -169,6 +172,16 @@ def _ping_frame(state: MeasurementState, message: Message, config: MeasurementCo
         oldest = pings.pop(next(iter(pings)))
         events = [Skipped(frame.topic, _INCOMPLETE) for frame in oldest.values()]
     return replace(state, frames=tuple(pings.items())), events
+
+
+def _mavlink_vehicle(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
+    said, fixes = mavlink_vehicle.read(state.fixes, message)
+    state = replace(state, fixes=fixes)
+    if isinstance(said, str):
+        return state, [Skipped(message.topic, said)]
+    if isinstance(said, vehicle.Position):
+        return _position(state, message, said, config)
+    return state if said is None else _at_depth(state, said, config), [Used(message.topic)]
 
 
 def _position(
