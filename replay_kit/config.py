@@ -60,6 +60,7 @@ class LogConfig(_Section):
     """``[logs]``: how logs are read."""
 
     clock: Literal["log", "publish", "header"] = Field(default="log", description="which stamp orders the replay")
+    system: int | None = Field(default=None, ge=0, le=255, description="MAVLink system to read; a log with positions of several needs it")
     start: _Time | None = Field(default=None, description="first time used, ISO 8601 UTC")
     end: _Time | None = Field(default=None, description="last time used, ISO 8601 UTC")
     reorder_window: float = Field(default=1.0, ge=0.0, description="s; messages later than this are counted as late and left out")

@@ -1,7 +1,9 @@
 """Streaming reader of MAVLink telemetry logs: entries found and checked a block at a time, wanted ones decoded one by one."""
 
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,10 +12,15 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.config import LogConfig
 from replay_kit.errors import LogError
+from replay_kit.logs.clock import ClockFit
+from replay_kit.logs.mavlink_clock import StartClock, SystemTimes, header_time
 from replay_kit.logs.mavlink_fields import Unpack, unpacker
 from replay_kit.logs.mavlink_frames import Frames, read_frames, scan
 from replay_kit.logs.tally import Tally
 from replay_kit.types import LogReport, Message
+
+_POSITION = "GLOBAL_POSITION_INT"
+_first = attrgetter("position")
 
 
 class _Kind(NamedTuple):
@@ -47,14 +54,24 @@ class TlogReader:
         Args:
             path: The log.
             input: Position of the log among the run's inputs.
-            config: Taken for the sake of one signature; a telemetry log has one clock, the recorder's.
+            config: Clock and system. The clock ``publish`` is the recorder's as ``log`` is, ``header`` what a message states: UTC, or the
+                time since its sender's start, which is fitted to UTC, or to the recorder's stamps when there is none in the log.
             wanted: Message names to decode; others are counted only. None decodes all.
         """
-        del config
+        config = config or LogConfig()
         self.path = str(path)
         self._input = input
         self._wanted = wanted
+        self._by_header = config.clock == "header"
+        self._system = config.system
+        self._reset()
+
+    def _reset(self) -> None:
         self._tally = Tally()
+        self._times = SystemTimes()
+        self._clocks: dict[int, list[StartClock]] = {}
+        self._positions_of: set[int] = set()
+        self._without_stamp = 0
         self._kinds: dict[int, _Kind] = {}
 
     def messages(self) -> Iterator[Message]:
@@ -64,22 +81,38 @@ class TlogReader:
         frame in the file, unwanted ones counted.
 
         Raises:
-            LogError: The file cannot be read.
+            LogError: The file cannot be read; or only some messages are wanted, and positions of several systems are among them.
         """
-        self._tally = Tally()
-        position = 0
-        try:
-            with open(self.path, "rb") as file:
-                for frames in read_frames(file, self._tally):
-                    yield from self._decoded(frames, position)
-                    position += frames.start.size
-        except OSError as error:
-            raise LogError(f"{self.path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+        self._reset()
+        if self._by_header:
+            times = SystemTimes()
+            for frames, position in self._read(Tally()):
+                times.add(frames, position)
+            for clock in times.clocks():
+                self._clocks.setdefault(clock.sender, []).append(clock)
+        for frames, position in self._read(self._tally):
+            self._times.add(frames, position)
+            yield from self._decoded(frames, position)
 
     def report(self) -> LogReport:
         """Return what was met so far."""
+        notes = self._times.notes()
+        if len(self._positions_of) > 1:
+            notes = (f"positions of several systems; a replay needs one: {self._choose()}", *notes)
         frames = self._tally.read.total()
-        return replace(self._tally.report(self.path, self.format), unchecked={"stamps of frames": frames} if frames else {})
+        unchecked = {"stamps of frames": frames} if frames else {}
+        return replace(self._tally.report(self.path, self.format), without_stamp=self._without_stamp, notes=notes, unchecked=unchecked)
+
+    def _read(self, tally: Tally) -> Iterator[tuple[Frames, int]]:
+        """Yield the entries block by block, with the position of the first in the file."""
+        position = 0
+        try:
+            with open(self.path, "rb") as file:
+                for frames in read_frames(file, tally):
+                    yield frames, position
+                    position += frames.start.size
+        except OSError as error:
+            raise LogError(f"{self.path}: cannot be read: {error.strerror}; check the file and its permissions") from error
 
     def _decoded(self, frames: Frames, position: int) -> Iterator[Message]:
         """Yield the wanted messages of a block and count all; the first has this position."""
@@ -94,7 +127,20 @@ class TlogReader:
         columns = (wanted + position, kind_of[wanted], frames.stamp_us[wanted] * 1000, begin, begin + frames.length[wanted])
         for at, which, time_ns, start, end in zip(*(column.tolist() for column in columns), strict=True):
             topic, name, unpack = kinds[which]
-            yield Message(time_ns, topic, name, unpack(data[start:end]), self._input, at)
+            payload = unpack(data[start:end])
+            if self._by_header:
+                stated = header_time(payload, self._clock(int(keys[which]) & 0xFFFF, at))
+                self._without_stamp += stated is None
+                time_ns = time_ns if stated is None else stated
+            yield Message(time_ns, topic, name, payload, self._input, at)
+
+    def _clock(self, sender: int, position: int) -> ClockFit | None:
+        """Return the clock of a sender at a position in the file."""
+        clocks = self._clocks.get(sender)
+        return clocks[max(bisect_right(clocks, position, key=_first) - 1, 0)].fit if clocks else None
+
+    def _choose(self) -> str:
+        return f"set system in [logs] of the configuration to one of {', '.join(map(str, sorted(self._positions_of)))}"
 
     def _kind(self, key: int) -> _Kind:
         """Return what is known of the messages of one kind from one sender."""
@@ -103,7 +149,12 @@ class TlogReader:
         if known is None:
             return _Kind(f"mavlink/{system}/{component}/UNKNOWN_{message_id}", "", None)
         name: str = known.msgname
-        unpack = unpacker(message_id) if self._wanted is None or name in self._wanted else None
+        wanted = (self._wanted is None or name in self._wanted) and self._system in (None, system)
+        unpack = unpacker(message_id) if wanted else None
+        if wanted and name == _POSITION:
+            self._positions_of.add(system)
+            if self._wanted is not None and len(self._positions_of) > 1:
+                raise LogError(f"{self.path}: expected positions of one MAVLink system, it holds those of several; {self._choose()}")
         return _Kind(f"mavlink/{system}/{component}/{name}", name, unpack)
 
 
