@@ -27,12 +27,14 @@ class Records:
 
     Attributes:
         data: The bytes they lie in.
+        offset: Where these begin in the file.
         start: Where each begins in them, shape (n,), increasing.
         type: Number of its kind, shape (n,).
         formats: By that number.
     """
 
     data: NDArray[np.uint8]
+    offset: int
     start: Indices
     type: NDArray[np.uint8]
     formats: dict[int, Format]
@@ -77,7 +79,7 @@ def read_records(file: BinaryIO, tally: Tally) -> Iterator[Records]:
             for gap in np.flatnonzero(start > ends[:-1]).tolist():
                 tally.lose("bad bytes, or records of an unknown type, skipped", int(ends[gap]) + offset, int(start[gap] - ends[gap]))
             sound_end, used = int(ends[-1]) + offset, max(used, int(ends[-1]))
-            yield Records(view, start, view[start + 2], formats)
+            yield Records(view, offset, start, view[start + 2], formats)
         used = max(used, searched)
         data, offset = data[used:], offset + used
     if offset > sound_end:

@@ -17,14 +17,13 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {"estimator": es
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     """Run the named benchmarks, all without a name, and return what was measured."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
-    parser.add_argument(
-        "names", nargs="*", choices=[*BENCHMARKS, "scaling", []], metavar="NAME", help="estimator, logs, scaling; default all"
-    )
+    known = [*BENCHMARKS, "scaling"]
+    parser.add_argument("names", nargs="*", choices=[*known, []], metavar="NAME", help=f"{', '.join(known)}; default all")
     parser.add_argument("--json", type=Path, help="file of the results; the figure is written beside it")
     parser.add_argument("--tiny", action="store_true", help="once, at a tiny size: do they still work?")
     parser.add_argument("--threads", type=int, default=1, help="BLAS threads")
     options = parser.parse_args(arguments)
-    names = options.names or [*BENCHMARKS, "scaling"]
+    names = options.names or known
     with threadpool_limits(options.threads):
         result = {"limits": limits(options.tiny), "threads": options.threads, "rows": [], "scaling": []} | environment()
         for name in names:
