@@ -1,7 +1,7 @@
 """Records of a DataFlash log, found a block at a time.
 
 A record is the bytes a3 95, its type, and what the FMT record of that type says. There is no checksum: after bad bytes a record counts only
-when another begins where it ends.
+when another begins where it ends, or the log does.
 """
 
 from collections.abc import Iterator
@@ -41,6 +41,8 @@ class Records:
 
     def kinds(self) -> Iterator[tuple[Format, Indices]]:
         """Yield each kind that is met, with the places among the records where it is."""
+        if not self.type.size:
+            return
         order = np.argsort(self.type, kind="stable")
         found, first = np.unique(self.type[order], return_index=True)
         for number, places in zip(found.tolist(), np.split(order, first[1:]), strict=True):
@@ -126,8 +128,10 @@ def _records(
     inside = np.flatnonzero(end < view.size)
     after = end[inside]
     followed[inside] = (view[after] == MAGIC[0]) & ((after + 1 == view.size) | (view[np.minimum(after + 1, view.size - 1)] == MAGIC[1]))
-    alone = np.flatnonzero(~followed)
-    followed[alone] = np.isin(start[alone], end) | (start[alone] == sound_end)
+    # what nothing follows counts when it follows something itself and no sound record begins in it: then the next one is damaged, not it
+    alone, sound = np.flatnonzero(~followed), start[followed]
+    holds = np.searchsorted(sound, end[alone]) > np.searchsorted(sound, start[alone])
+    followed[alone] = (np.isin(start[alone], end) | (start[alone] == sound_end)) & ~holds
     start, end = start[followed], end[followed]
     met = chain(start, end)
     return start[met], end[met]

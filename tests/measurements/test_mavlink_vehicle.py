@@ -1,0 +1,86 @@
+"""Positions and depths of ArduPilot's logs: what is measured, what is computed, what is neither."""
+
+from typing import Any
+
+import pytest
+
+from replay_kit.config import MeasurementConfig
+from replay_kit.measurements import Skipped, Used, initial_state, interpret
+from replay_kit.types import Message, VehicleState
+
+SECOND = 1_000_000_000
+
+
+def said(*messages: tuple[int, str, dict[str, Any]]) -> list[Any]:
+    """What the messages (second, schema or system/schema, payload) mean, without the plain ``Used``."""
+    state, found = initial_state(), []
+    for n, (second, schema, payload) in enumerate(messages):
+        system, _, name = schema.rpartition("/")
+        message = Message(second * SECOND, f"mavlink/{system or 1}/1/{name}", name, payload, 0, n)
+        state, events = interpret(state, message, MeasurementConfig())
+        assert sum(isinstance(event, Used | Skipped) for event in events) == 1
+        found += [event for event in events if not isinstance(event, Used)]
+    return [*found, state.depth]
+
+
+def gps(fix_type: int) -> dict[str, Any]:
+    return {"fix_type": fix_type, "lat": 473000000, "lon": -1246305732}
+
+
+FILTER = {"lat": 473000000, "lon": -1246305732, "relative_alt": -2500}
+
+
+def test_a_position_without_a_gps_in_the_log_is_taken_at_its_word() -> None:
+    fix, depth = said((0, "GLOBAL_POSITION_INT", FILTER))
+    assert isinstance(fix, VehicleState)
+    assert (fix.dead_reckoned, fix.latitude, depth) == (False, pytest.approx(47.3), 2.5)
+
+
+def test_a_position_is_computed_when_the_last_fix_is_old() -> None:
+    fixes = said(
+        (0, "GPS_RAW_INT", gps(3)),
+        (5, "GLOBAL_POSITION_INT", FILTER),
+        (6, "GLOBAL_POSITION_INT", FILTER),
+        (7, "GPS_RAW_INT", gps(4)),
+        (7, "GLOBAL_POSITION_INT", FILTER),
+        (8, "2/GLOBAL_POSITION_INT", FILTER),
+    )
+    assert [fix.dead_reckoned for fix in fixes[:-1]] == [False, True, False, False]
+
+
+def test_fixes_that_are_none() -> None:
+    events = said(
+        (0, "GPS_RAW_INT", gps(2)), (1, "GLOBAL_POSITION_INT", FILTER), (2, "GLOBAL_POSITION_INT", {**FILTER, "lat": 0, "lon": 0})
+    )
+    assert events[0] == Skipped("mavlink/1/1/GPS_RAW_INT", "no fix (fix_type < 3)")
+    assert events[1].dead_reckoned
+    assert events[2] == Skipped("mavlink/1/1/GLOBAL_POSITION_INT", "position is 0, 0 (no fix)")
+
+
+def test_dataflash_records() -> None:
+    place = {"Lat": 47.3, "Lng": -124.63}
+    first, filtered, depth = said(
+        (0, "dataflash.CTUN", {"Alt": -3.25, "BAlt": -9.0}),
+        (0, "dataflash.GPS", {**place, "Status": 3, "I": 0}),
+        (1, "dataflash.POS", place),
+    )
+    assert (first.latitude, first.longitude, first.depth, first.dead_reckoned) == (47.3, -124.63, 3.25, False)
+    assert (filtered.depth, filtered.dead_reckoned) == (3.25, True)
+    assert depth == 3.25
+
+
+@pytest.mark.parametrize(
+    ("schema", "payload", "reason"),
+    [
+        ("dataflash.GPS", {"Lat": 47.3, "Lng": -124.6, "Status": 2}, "no fix (Status < 3)"),
+        ("dataflash.GPS", {"Lat": 47.3, "Lng": -124.6, "Status": 4, "I": 1}, "not the first GPS receiver"),
+        ("dataflash.GPS", {"Lat": 0.0, "Lng": 0.0, "Status": 3}, "position is 0, 0 (no fix)"),
+        ("dataflash.POS", {"Lat": "x"}, "position is not a number"),
+        ("dataflash.CTUN", {"Alt": float("nan")}, "depth is not a number"),
+        ("GPS_RAW_INT", {}, "no fix (fix_type < 3)"),
+        ("dataflash.BARO", {"Alt": -9.2, "I": 0}, "not a kind of message the estimator uses"),
+    ],
+)
+def test_what_is_not_used(schema: str, payload: dict[str, Any], reason: str) -> None:
+    (event, _) = said((0, schema, payload))
+    assert event.reason == reason
