@@ -17,7 +17,7 @@ from replay_kit.logs.dataflash_formats import FMT, FMT_TYPE, HEAD, Format, read_
 from replay_kit.logs.tally import Tally
 
 MAGIC = b"\xa3\x95"
-BLOCK = 2 << 20
+BLOCK = 1 << 20
 _LONGEST = 255
 
 

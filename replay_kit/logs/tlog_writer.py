@@ -81,7 +81,8 @@ def _ping_frames(message: Message, boot_ms: int) -> Iterator[Any]:
         )
     std = payload.get("velocity_std")
     arrays = {"ADCP_CFG": _configuration(payload)}
-    for component, name in enumerate(("ADCP_E", "ADCP_N", "ADCP_U")):
+    # a ping without the vertical component has no frame for it
+    for component, name in enumerate(("ADCP_E", "ADCP_N", "ADCP_U")[: len(payload["velocity"][0])]):
         arrays[name] = [_number(cell[component]) for cell in payload["velocity"]]
     arrays["ADCP_STD"] = [_number(value) for value in std] if isinstance(std, list) else [_number(std)] * n_cells
     array_id = int(payload.get("ping", 0)) % 65536
