@@ -16,7 +16,9 @@ _TYPES: dict[str, tuple[int, str, str]] = {
     "IMU": (136, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "MSG": (137, "QZ", "TimeUS,Message"),
     "ISBD": (138, "QHa", "TimeUS,N,x"),
-    "MIX": (139, "nNbBhHiIqQdgeEcCM", "A,B,C,D,E,F,G,H,J,K,L,M,N,O,P,Q,R"),
+    "FILE": (140, "NIBZ", "FileName,Offset,Length,Data"),
+    "MODE": (141, "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
+    "MIX": (139, "nNbBhHiIqQdgeEcC", "A,B,C,D,E,F,G,H,J,K,L,M,N,O,P,Q"),
 }
 
 

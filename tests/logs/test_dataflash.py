@@ -49,8 +49,11 @@ def assert_as_pymavlink(path: Path) -> None:
 
 
 def test_as_pymavlink_reads_it(tmp_path: Path) -> None:
-    mix = record(form("MIX"), b"abcd", b"e" * 16, -1, 255, -2, 65535, -3, 2**32 - 1, -(2**63), 10**9, 1.5, 0.1, -7, 8, -9, 10, 19)
-    (tmp_path / "log").write_bytes(b"".join(dataflash(5)) + mix)
+    mix = record(form("MIX"), b"abcd", b"e" * 16, -1, 255, -2, 65535, -3, 2**32 - 1, -(2**63), 10**9, 1.5, 0.1, -7, 8, -9, 10)
+    piece = record(form("FILE"), b"param.txt", 128, 3, b"a\x00\xff")
+    mode = record(form("MODE"), 300_000_000, 19, 19, 1)
+    (tmp_path / "log").write_bytes(b"".join(dataflash(5)) + mix + piece + mode)
+    assert {"dataflash.MIX", "dataflash.FILE", "dataflash.MODE"} < {m.schema for m in open_log(tmp_path / "log").messages()}
     assert_as_pymavlink(tmp_path / "log")
 
 
@@ -150,7 +153,7 @@ def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path: Path, part: float) -> Non
     parts = dataflash(4)
     whole = b"".join(parts)
     everything, _ = read(tmp_path, whole)
-    ends = np.cumsum([89] * 13 + [len(p) for p in (parts[0][13 * 89 :], *parts[1:])])
+    ends = np.cumsum([len(p) for p in parts])
     cut = len(parts[0]) + int(part * (len(whole) - len(parts[0])))
     messages, report = read(tmp_path, whole[:cut])
     used = int(max(end for end in ends if end <= cut))

@@ -1,12 +1,18 @@
 """Positions and depths of ArduPilot's logs: what is measured, what is computed, what is neither."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from replay_kit.config import MeasurementConfig
-from replay_kit.measurements import Skipped, Used, initial_state, interpret
+from replay_kit.logs import merge, open_log
+from replay_kit.logs.mcap_log_writer import write_mcap_log
+from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, initial_state, interpret, observations
 from replay_kit.types import Message, VehicleState
+from tests.logs.dataflash_samples import dataflash
+from tests.measurements.messages import ping
 
 SECOND = 1_000_000_000
 
@@ -67,6 +73,17 @@ def test_dataflash_records() -> None:
     assert (first.latitude, first.longitude, first.depth, first.dead_reckoned) == (47.3, -124.63, 3.25, False)
     assert (filtered.depth, filtered.dead_reckoned) == (3.25, True)
     assert depth == 3.25
+
+
+def test_a_dataflash_log_places_the_pings_of_another_log(tmp_path: Path) -> None:
+    (tmp_path / "log.BIN").write_bytes(b"".join(dataflash(20)))
+    start_ns = next(open_log(tmp_path / "log.BIN", wanted=MAVLINK_NAMES).messages()).time_ns
+    write_mcap_log(tmp_path / "adcp.mcap", [replace(ping(pressure=None), time_ns=start_ns + 10 * SECOND + SECOND // 2)])
+    logs = [open_log(tmp_path / name, n, wanted=MAVLINK_NAMES) for n, name in enumerate(("log.BIN", "adcp.mcap"))]
+    (observation,) = observations(merge(logs, 1.0))
+    assert (observation.latitude, observation.longitude) == pytest.approx((47.5, -124.6305732), abs=1e-5)
+    # the depth that CTUN last said, and the distance to the first cell
+    assert observation.depth[0] == 12.0 + 16.0
 
 
 @pytest.mark.parametrize(
