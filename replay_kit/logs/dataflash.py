@@ -76,7 +76,10 @@ class DataflashReader:
             boot_us = stamps.of(records)
             for form, places in records.kinds():
                 self._tally.read[f"{_PREFIX}/{form.name}"] += places.size
-                if self._wanted is None or f"{_PREFIX}.{form.name}" in self._wanted:
+                if not form.known:
+                    why = f"its format {form.letters} of {form.length} bytes does not fit the columns {','.join(form.columns)}"
+                    self._tally.undecodable(f"{_PREFIX}/{form.name}", why, places.size)
+                elif self._wanted is None or f"{_PREFIX}.{form.name}" in self._wanted:
                     columns = [values.tolist() for values in scaled(records.structured(form, places), form).values()]
                     for place, row in zip(places.tolist(), zip(*columns, strict=True) if columns else [()] * places.size, strict=True):
                         payloads[place] = form.name, dict(zip(form.columns, row, strict=True))
@@ -111,7 +114,7 @@ class DataflashReader:
         """
         parts: dict[str, list[Columns]] = defaultdict(list)
         for records in self._read(Tally()):
-            for form, places in records.kinds():
+            for form, places in records.decodable():
                 if names is None or form.name in names:
                     parts[form.name].append(scaled(records.structured(form, places), form))
         for name, pieces in parts.items():
@@ -122,7 +125,7 @@ class DataflashReader:
     def units(self, name: str) -> dict[str, str]:
         """Return the unit of each column of a kind of record, as the log names it; empty where it names none."""
         forms = {form.name: form for records in self._read(Tally()) for form in records.formats.values()}
-        if name not in forms:
+        if name not in forms or not forms[name].known:
             return {}
         of_log = self.tables(frozenset({"UNIT", "MULT", "FMTU"}))
         labels = {chr(key): label for key, label in _pairs(of_log.get("UNIT"), "Id", "Label")}
@@ -142,7 +145,7 @@ class DataflashReader:
         """Return the clock fitted to the GPS time of the whole log, the log's first stamp [microseconds], and what to say of both."""
         boot, utc, first_us = [], [], None
         for records in self._read(Tally()):
-            for form, places in records.kinds():
+            for form, places in records.decodable():
                 if form.name == "GPS" and all(key in form.columns and form.dtype[key].kind in "iu" for key in _GPS_TIME):
                     gps = records.structured(form, places)
                     timed = (gps["Status"] >= _FIX_3D) & (gps["GWk"] > 0) & (gps["GWk"] < _MAX_WEEK) & (gps["TimeUS"] <= _MAX_BOOT_US)
@@ -192,7 +195,7 @@ class _Stamps:
 def _stated(records: Records) -> tuple[NDArray[np.int64], int]:
     """Return the stamp of each record [microseconds], -1 where it states none, and how many state an impossible one."""
     stated, impossible = np.full(records.start.size, -1, dtype=np.int64), 0
-    for form, places in records.kinds():
+    for form, places in records.decodable():
         for name, letters, factor in (("TimeUS", "Q", 1), ("TimeMS", "I", 1000)):
             if (name, letters) in zip(form.columns, form.letters, strict=True):
                 values = records.structured(form, places)[name]

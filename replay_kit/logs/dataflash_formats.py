@@ -62,6 +62,12 @@ class Format:
     columns: tuple[str, ...]
 
     @property
+    def known(self) -> bool:
+        """Whether the letters are known, and agree with the columns and the length: otherwise the records can only be stepped over."""
+        fits = len(self.letters) == len(self.columns) == len(set(self.columns)) and set(self.letters) <= _DTYPES.keys()
+        return fits and self.length == HEAD + self.dtype.itemsize
+
+    @property
     def dtype(self) -> np.dtype[Any]:
         """The record after its head as a structured type; a FILE's pieces are bytes, not text."""
         kinds = [np.dtype("V64" if letter == "Z" and self.name == "FILE" else _DTYPES[letter]) for letter in self.letters]
@@ -84,10 +90,9 @@ def read_format(body: bytes) -> Format | None:
     except UnicodeDecodeError:
         return None
     names = tuple(columns.split(",")) if columns else ()
-    if not name.isidentifier() or len(names) != len(letters) or len(set(names)) != len(names) or not set(letters) <= _DTYPES.keys():
-        return None
     found = Format(int(record["type"]), name, int(record["length"]), letters, names)
-    return found if all(names) and found.length == HEAD + found.dtype.itemsize else None
+    plausible = found.length >= HEAD and all(part.isidentifier() for part in (name, *names)) and (letters.isalnum() or not letters)
+    return found if plausible else None
 
 
 def scaled(records: NDArray[Any], form: Format) -> dict[str, NDArray[Any]]:

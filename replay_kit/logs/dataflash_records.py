@@ -48,6 +48,10 @@ class Records:
         for number, places in zip(found.tolist(), np.split(order, first[1:]), strict=True):
             yield self.formats[number], places
 
+    def decodable(self) -> Iterator[tuple[Format, Indices]]:
+        """Yield those kinds whose declaration is understood."""
+        return (kind for kind in self.kinds() if kind[0].known)
+
     def structured(self, form: Format, places: Indices) -> NDArray[Any]:
         """Return some records of one kind as a structured array."""
         body = form.length - HEAD

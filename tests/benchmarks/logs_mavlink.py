@@ -47,7 +47,7 @@ def repeated_dataflash(data: bytes, copies: int) -> bytes:
     """A DataFlash log many times over, each copy stamped a second after the end of the one before."""
     stamps = []
     for records in read_records(BytesIO(data), Tally()):
-        for form, which in records.kinds():
+        for form, which in records.decodable():
             if "TimeUS" in form.columns:
                 values = records.structured(form, which)["TimeUS"]
                 stamps.append((records.offset + records.start[which] + HEAD + form.dtype.fields["TimeUS"][1], values))

@@ -14,6 +14,7 @@ from replay_kit.convert import convert
 from replay_kit.errors import LogError
 from replay_kit.logs import dataflash_records, open_log
 from replay_kit.logs.dataflash import DataflashReader
+from replay_kit.logs.dataflash_formats import Format
 from replay_kit.types import LogReport, Message
 from tests.logs.dataflash_samples import dataflash, declaration, declarations, form, gps, record
 from tests.logs.log_samples import SHARED
@@ -124,6 +125,19 @@ def test_a_kind_declared_anew(tmp_path: Path) -> None:
     ]
     with pytest.raises(LogError, match="declared twice"):
         DataflashReader(tmp_path / "log").columns("CTUN")
+
+
+@pytest.mark.parametrize(("letters", "columns"), [("Qw", "TimeUS,X"), ("Qf", "TimeUS"), ("Qh", "TimeUS,X"), ("QI", "X,X")])
+def test_a_kind_whose_declaration_is_not_understood_is_stepped_over(tmp_path: Path, letters: str, columns: str) -> None:
+    odd = Format(200, "ODD", 3 + 12, letters, tuple(columns.split(",")))
+    parts = dataflash(3)
+    unknown = b"\xa3\x95\xc8" + bytes(12)
+    messages, report = read(tmp_path, b"".join([parts[0], declaration(odd), *parts[1:4], unknown, *parts[4:], unknown]))
+    assert len(messages) == len(read(tmp_path, b"".join(parts))[0]) + 1
+    assert report.losses == ()
+    assert report.read["dataflash/ODD"] == report.undecodable["dataflash/ODD"][0] == 2
+    assert "ODD" not in DataflashReader(tmp_path / "log").tables()
+    assert DataflashReader(tmp_path / "log").units("ODD") == {}
 
 
 def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
