@@ -72,17 +72,8 @@ class DataflashReader:
         self._tally = Tally()
         position = 0
         for records in self._read(self._tally):
-            payloads: list[tuple[str, dict[str, Any]] | None] = [None] * records.start.size
+            payloads = self._payloads(records)
             boot_us = stamps.of(records)
-            for form, places in records.kinds():
-                self._tally.read[f"{_PREFIX}/{form.name}"] += places.size
-                if not form.known:
-                    why = f"its format {form.letters} of {form.length} bytes does not fit the columns {','.join(form.columns)}"
-                    self._tally.undecodable(f"{_PREFIX}/{form.name}", why, places.size)
-                elif self._wanted is None or f"{_PREFIX}.{form.name}" in self._wanted:
-                    columns = [values.tolist() for values in scaled(records.structured(form, places), form).values()]
-                    for place, row in zip(places.tolist(), zip(*columns, strict=True) if columns else [()] * places.size, strict=True):
-                        payloads[place] = form.name, dict(zip(form.columns, row, strict=True))
             times = boot_us * 1000 if clock is None else clock.utc(boot_us * 1000)
             for at, (time_ns, payload) in enumerate(zip(times.tolist(), payloads, strict=True), position):
                 if payload is not None:
@@ -133,6 +124,22 @@ class DataflashReader:
         unit_ids, factor_ids = (dict(_pairs(of_log.get("FMTU"), "FmtType", key)) for key in ("UnitIds", "MultIds"))
         number = forms[name].type
         return unit_names(forms[name], unit_ids.get(number, ""), factor_ids.get(number, ""), labels, factors)
+
+    def _payloads(self, records: Records) -> list[tuple[str, dict[str, Any]] | None]:
+        """Return (kind, fields) of each record, None of those that are not wanted, and count all."""
+        payloads: list[tuple[str, dict[str, Any]] | None] = [None] * records.start.size
+        for form, places in records.kinds():
+            topic = f"{_PREFIX}/{form.name}"
+            self._tally.read[topic] += places.size
+            if not form.known:
+                why = f"its format {form.letters} of {form.length} bytes does not fit the columns {','.join(form.columns)}"
+                self._tally.undecodable(topic, why, places.size)
+            elif self._wanted is None or f"{_PREFIX}.{form.name}" in self._wanted:
+                columns = [values.tolist() for values in scaled(records.structured(form, places), form).values()]
+                rows = zip(*columns, strict=True) if columns else [()] * places.size
+                for place, row in zip(places.tolist(), rows, strict=True):
+                    payloads[place] = form.name, dict(zip(form.columns, row, strict=True))
+        return payloads
 
     def _read(self, tally: Tally) -> Iterator[Records]:
         try:

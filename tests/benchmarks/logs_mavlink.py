@@ -158,16 +158,19 @@ def rows(tiny: bool) -> list[Row]:
     """All rows, each in a process of its own; tiny ones in this one."""
     real = SHARED / "ardusub"
     use = real.is_dir() and not tiny
+    telemetry = (real / "small.tlog").read_bytes() if use else small_tlog()
+    binary = (real / "small.BIN").read_bytes() if use else b"".join(dataflash(20))
+    run = (lambda job: {"peak_mb": None} | job()) if tiny else alone
+    repeats = 1 if tiny else 2
+    # so many times a reader takes seconds; the synthetic logs are shorter
+    all_times, some_times, binary_times = (2, 2, 2) if tiny else (10, 30, 40) if use else (2000, 6000, 2000)
     with tempfile.TemporaryDirectory() as folder:
-        telemetry, binary = Path(folder) / "log.tlog", Path(folder) / "log.BIN"
-        one = (real / "small.tlog").read_bytes() if use else small_tlog()
-        telemetry.write_bytes(repeated_tlog(one, 2 if tiny else 10 if use else 2000))
-        one = (real / "small.BIN").read_bytes() if use else b"".join(dataflash(20))
-        binary.write_bytes(repeated_dataflash(one, 2 if tiny else 20 if use else 1000))
-        run = (lambda job: {"peak_mb": None} | job()) if tiny else alone
-        repeats = 1 if tiny else 3
+        whole, part, columns = (Path(folder) / name for name in ("all.tlog", "some.tlog", "log.BIN"))
+        whole.write_bytes(repeated_tlog(telemetry, all_times))
+        part.write_bytes(repeated_tlog(telemetry, some_times))
+        columns.write_bytes(repeated_dataflash(binary, binary_times))
         return [
-            run(lambda: tlog_row(telemetry, None, 2.5, repeats)),
-            run(lambda: tlog_row(telemetry, MAVLINK_NAMES, 5.0, repeats)),
-            run(lambda: dataflash_row(binary, repeats)),
+            run(lambda: tlog_row(whole, None, 2.5, repeats)),
+            run(lambda: tlog_row(part, MAVLINK_NAMES, 5.0, repeats)),
+            run(lambda: dataflash_row(columns, repeats)),
         ]
