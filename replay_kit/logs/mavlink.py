@@ -99,6 +99,9 @@ class TlogReader:
         notes = self._times.notes()
         if len(self._positions_of) > 1:
             notes = (f"positions of several systems; a replay needs one: {self._choose()}", *notes)
+        met = sorted({key >> 8 & 0xFF for key in self._kinds})
+        if self._system is not None and met and self._system not in met:
+            notes = (f"no messages of system {self._system}, which [logs] asks for; it holds those of {', '.join(map(str, met))}", *notes)
         frames = self._tally.read.total()
         unchecked = {"stamps of frames": frames} if frames else {}
         return replace(self._tally.report(self.path, self.format), without_stamp=self._without_stamp, notes=notes, unchecked=unchecked)
