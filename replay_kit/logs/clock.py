@@ -16,6 +16,8 @@ _FOR_SLOPE = 400
 #: Farther from the fit than this many robust standard deviations, and than the least step that stamps have [ns], a pair is an outlier.
 _OUTLIER_STD = 5.0
 _OUTLIER_NS = 1_000_000
+#: What no single stamp of a log is ahead of, or behind, both its neighbours [microseconds].
+_SPIKE_US = 10_000_000
 _GPS_EPOCH_NS = 315_964_800_000_000_000
 _WEEK_MS = 604_800_000
 #: First day of UTC on which GPS time is ahead by one second more (IERS, Bulletin C); none is announced after the last.
@@ -90,6 +92,26 @@ def _median_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     first, second = np.triu_indices(x.size, 1)
     apart = x[second] != x[first]
     return float(np.median((y[second] - y[first])[apart] / (x[second] - x[first])[apart]))
+
+
+def without_spikes(stamp_us: Times, before_us: int | None) -> tuple[Times, int]:
+    """Return stamps without those that are alone far from both neighbours, which take the next one's, and how many they were.
+
+    A stamp has no checksum. One flipped bit can put it years ahead, and all that follows would come too late to be put in order. The last
+    one has no next and stays, as does one in many thousand, where a reader's blocks meet.
+
+    Args:
+        stamp_us: Stamps that follow one another, shape (n,) [microseconds].
+        before_us: The stamp before them; None when there is none.
+    """
+    if stamp_us.size < 3:
+        return stamp_us, 0
+    before = stamp_us[:-1] - np.concatenate([[stamp_us[2] if before_us is None else before_us], stamp_us[:-2]])
+    after = stamp_us[:-1] - stamp_us[1:]
+    spikes = np.flatnonzero((np.minimum(np.abs(before), np.abs(after)) > _SPIKE_US) & (np.sign(before) == np.sign(after)))
+    steady = stamp_us.copy()
+    steady[spikes] = stamp_us[spikes + 1]
+    return steady, int(spikes.size)
 
 
 def gps_to_utc(week: NDArray[np.int64], week_ms: NDArray[np.int64]) -> Times:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config import LogConfig
 from replay_kit.errors import LogError
-from replay_kit.logs.clock import ClockFit, fit_clock, gps_to_utc, leap_seconds
+from replay_kit.logs.clock import ClockFit, fit_clock, gps_to_utc, leap_seconds, without_spikes
 from replay_kit.logs.dataflash_formats import scaled, unit_names
 from replay_kit.logs.dataflash_records import Records, read_records
 from replay_kit.logs.tally import Tally
@@ -178,11 +178,14 @@ class _Stamps:
         self._backward = 0
         self._most_us = 0
         self._impossible = 0
+        self._spikes = 0
 
     def of(self, records: Records) -> NDArray[np.int64]:
         """Return the stamp of each of the next records [microseconds]; one without a stamp has that of the record before."""
         stated, impossible = _stated(records)
         known = np.flatnonzero(stated >= 0)
+        stated[known], spikes = without_spikes(stated[known], self._last)
+        self._spikes += spikes
         steps = np.diff(stated[known], prepend=self._last)
         self._impossible += impossible
         self._backward += int(np.count_nonzero(steps < 0))
@@ -196,7 +199,9 @@ class _Stamps:
         """Return what a user should know."""
         backward = f"{self._backward} stamps go back, by {self._most_us / 1000:.3f} ms at most"
         impossible = f"{self._impossible} records with an impossible stamp have the time of the record before"
-        return (*[backward] * bool(self._backward), *[impossible] * bool(self._impossible))
+        spikes = f"{self._spikes} stamps far from those before and after were replaced by the one after"
+        counts = (self._backward, self._impossible, self._spikes)
+        return tuple(note for note, count in zip((backward, impossible, spikes), counts, strict=True) if count)
 
 
 def _stated(records: Records) -> tuple[NDArray[np.int64], int]:

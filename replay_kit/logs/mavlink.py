@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.config import LogConfig
 from replay_kit.errors import LogError
-from replay_kit.logs.clock import ClockFit
+from replay_kit.logs.clock import ClockFit, without_spikes
 from replay_kit.logs.mavlink_clock import StartClock, SystemTimes, header_time
 from replay_kit.logs.mavlink_fields import Unpack, unpacker
 from replay_kit.logs.mavlink_frames import Frames, read_frames, scan
@@ -72,6 +72,7 @@ class TlogReader:
         self._clocks: dict[int, list[StartClock]] = {}
         self._positions_of: set[int] = set()
         self._without_stamp = 0
+        self._spikes = 0
         self._kinds: dict[int, _Kind] = {}
 
     def messages(self) -> Iterator[Message]:
@@ -86,17 +87,20 @@ class TlogReader:
         self._reset()
         if self._by_header:
             times = SystemTimes()
-            for frames, position in self._read(Tally()):
+            for frames, position, _ in self._read(Tally()):
                 times.add(frames, position)
             for clock in times.clocks():
                 self._clocks.setdefault(clock.sender, []).append(clock)
-        for frames, position in self._read(self._tally):
+        for frames, position, spikes in self._read(self._tally):
+            self._spikes += spikes
             self._times.add(frames, position)
             yield from self._decoded(frames, position)
 
     def report(self) -> LogReport:
         """Return what was met so far."""
         notes = self._times.notes()
+        if self._spikes:
+            notes = (f"{self._spikes} stamps far from those before and after were replaced by the one after", *notes)
         if len(self._positions_of) > 1:
             notes = (f"positions of several systems; a replay needs one: {self._choose()}", *notes)
         met = sorted({key >> 8 & 0xFF for key in self._kinds})
@@ -106,14 +110,16 @@ class TlogReader:
         unchecked = {"stamps of frames": frames} if frames else {}
         return replace(self._tally.report(self.path, self.format), without_stamp=self._without_stamp, notes=notes, unchecked=unchecked)
 
-    def _read(self, tally: Tally) -> Iterator[tuple[Frames, int]]:
-        """Yield the entries block by block, with the position of the first in the file."""
-        position = 0
+    def _read(self, tally: Tally) -> Iterator[tuple[Frames, int, int]]:
+        """Yield the entries block by block, the position of the first in the file, and how many stamps were far from their neighbours."""
+        position, last_us = 0, None
         try:
             with open(self.path, "rb") as file:
                 for frames in read_frames(file, tally):
-                    yield frames, position
+                    stamp_us, spikes = without_spikes(frames.stamp_us, last_us)
+                    yield replace(frames, stamp_us=stamp_us) if spikes else frames, position, spikes
                     position += frames.start.size
+                    last_us = int(stamp_us[-1]) if stamp_us.size else last_us
         except OSError as error:
             raise LogError(f"{self.path}: cannot be read: {error.strerror}; check the file and its permissions") from error
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.logs.clock import fit_clock, gps_to_utc, leap_seconds
+from replay_kit.logs.clock import fit_clock, gps_to_utc, leap_seconds, without_spikes
 from tests.reference.clock import slow_fit
 
 UTC = 1_700_000_000_000_000_000
@@ -84,3 +84,22 @@ def test_gps_time(week: int, week_ms: int, utc: str) -> None:
 
 def test_leap_seconds_now() -> None:
     assert leap_seconds(np.array([ns("2026-01-01"), ns("1981-06-30")])).tolist() == [18, 0]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "before", "expected"),
+    [
+        ([0, 1, 2, 3], None, [0, 1, 2, 3]),
+        ([0, 1, 2**40, 3], 0, [0, 1, 3, 3]),
+        ([2**40, 1, 2, 3], None, [1, 1, 2, 3]),
+        ([5, 2**40, 2**40 + 1, 2**40 + 2], 4, [5, 2**40, 2**40 + 1, 2**40 + 2]),
+        ([2**40, 2**40 + 1, 3, 2**40 + 2], 2**40, [2**40, 2**40 + 1, 2**40 + 2, 2**40 + 2]),
+        ([0, 9_000_000, 1], 0, [0, 9_000_000, 1]),
+        ([0, 60_000_000, 120_000_000, 180_000_000], 0, [0, 60_000_000, 120_000_000, 180_000_000]),
+        ([0, 2**40], 0, [0, 2**40]),
+    ],
+)
+def test_a_stamp_alone_far_from_its_neighbours(stamps: list[int], before: int | None, expected: list[int]) -> None:
+    steady, spikes = without_spikes(np.array(stamps), before)
+    assert steady.tolist() == expected
+    assert spikes == sum(a != b for a, b in zip(stamps, expected, strict=True))

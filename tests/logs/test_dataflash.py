@@ -161,6 +161,15 @@ def test_an_impossible_stamp_takes_the_time_before(tmp_path: Path) -> None:
     )
 
 
+def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path: Path) -> None:
+    parts = dataflash(5)
+    sound = [m.time_ns for m in read(tmp_path, b"".join(parts))[0]]
+    parts[15] = parts[15][:8] + b"\x01" + parts[15][9:]
+    messages, report = read(tmp_path, b"".join(parts))
+    assert [m.time_ns for m in messages][-16:] == [sound[-15], *sound[-15:]]
+    assert report.notes[-1].startswith("1 stamps far from those before and after")
+
+
 @broken
 @given(part=st.floats(0.0, 1.0))
 def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path: Path, part: float) -> None:
@@ -209,7 +218,7 @@ def test_noise_is_no_message_or_an_error_of_ours(tmp_path: Path, data: bytes) ->
 @pytest.mark.parametrize("block", [50, 300, 4096])
 def test_any_size_of_block_finds_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int) -> None:
     parts = dataflash(12)
-    data = b"".join([*parts[:30], b"\xa3\x95\x85" + bytes(300), *parts[30:], b"\xa3"])
+    data = b"".join([*parts[:30], b"\xa3\x95\xc8" + bytes(300), *parts[30:], b"\xa3"])
     messages, report = read(tmp_path, data)
     monkeypatch.setattr(dataflash_records, "BLOCK", block)
     again, report_again = read(tmp_path, data)

@@ -109,6 +109,15 @@ def test_a_stamp_that_holds_frame_markers(tmp_path: Path) -> None:
     assert report.losses == ()
 
 
+@pytest.mark.parametrize("at", [0, 3])
+def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path: Path, at: int) -> None:
+    entries = tlog(6)
+    entries[at] = bytes((0, entries[at][1] ^ 0x10)) + entries[at][2:]
+    messages, report = read(tmp_path, b"".join(entries))
+    assert [m.time_ns // 1000 - START for m in messages] == [10**6 * (k + (k == at)) for k in range(6)]
+    assert report.notes == ("1 stamps far from those before and after were replaced by the one after",)
+
+
 def test_bad_bytes_longer_than_a_block(tmp_path: Path) -> None:
     entries = tlog(4)
     noise = bytes((1, 2, 3, 4, 0xFE)) * 500_000
