@@ -87,6 +87,9 @@ class MeasurementConfig(_Section):
     position_max_age: float = Field(default=600.0, gt=0.0, description="s; a ping farther than this from any fix is not used")
     surface_depth: float = Field(default=3.0, gt=0.0, description="m; shallower than this the vehicle is at the surface")
     velocity_std: float = Field(default=0.09, gt=0.0, description="m/s; error of a bin whose message states none")
+    reference: Literal["earth", "platform"] | None = Field(
+        default=None, description="what profiles are relative to whose message does not say so; without it they are not used"
+    )
     max_speed: float = Field(default=5.0, gt=0.0, description="m/s; a bin with a faster component is not used")
 
 
