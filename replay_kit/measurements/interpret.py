@@ -16,6 +16,7 @@ from replay_kit.measurements import mavlink_ping
 from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
 from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
 from replay_kit.measurements.kinds import statement
+from replay_kit.measurements.mapped import mapped
 from replay_kit.measurements.profile_kinds import Ping
 from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure, checked
 from replay_kit.measurements.waiting import WaitingPing, add, observe, split
@@ -104,7 +105,8 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     if mavlink_ping.is_ping_frame(message):
         return _ping_frame(state, message, config)
-    stated = statement(message)
+    entry = next((entry for entry in config.map if entry.topic == message.topic), None)
+    stated = statement(message) if entry is None else mapped(message.payload, entry)
     if isinstance(stated, Ping):
         return _ping(state, replace(message, schema=PING_SCHEMA, payload=_with_reference(stated.payload, config)), 1, config)
     if isinstance(stated, Position):

@@ -12,7 +12,7 @@ from typing import Any
 from replay_kit.measurements.adcp import COORDINATE_SYSTEMS, number, whole_number
 
 _NUCLEUS_BEAMS = 3
-_MM = 1e-3
+_MM_PER_M = 1000.0
 _INT16_MISSING = -32768
 _UINT16_WHOLE_METRES = (
     "cell_depth is 0: this message holds whole metres only, so that the size of cells below 1 m is lost; "
@@ -84,7 +84,7 @@ def _nucleus(payload: Mapping[str, Any]) -> Ping | str:
     n, flat = whole_number(payload.get("number_of_cells")), list(payload["velocity_data"])
     if n is None or n * _NUCLEUS_BEAMS != len(flat):
         return "velocity_data does not hold three beams for each of number_of_cells"
-    values = [None if value == _INT16_MISSING else number(value) * _MM for value in flat]
+    values = [None if value == _INT16_MISSING else number(value) / _MM_PER_M for value in flat]
     cell_size = number(payload.get("cell_size"))
     return Ping(
         {
