@@ -26,14 +26,19 @@ class _Map(BaseModel):
     depth_absolute: bool = Field(default=False, description="whether a pressure includes the atmosphere's 1013.25 hPa")
 
 
-class PositionMap(_Map):
+class _PlaceMap(_Map):
+    longitude: Path | None = None
+    latitude: Path | None = None
+    angle_unit: AngleUnit = "deg"
+    dead_reckoned: bool = Field(default=False, description="whether the position was computed, not measured")
+
+
+class PositionMap(_PlaceMap):
     """A topic with positions."""
 
     kind: Literal["position"]
     longitude: Path
     latitude: Path
-    angle_unit: AngleUnit = "deg"
-    dead_reckoned: bool = Field(default=False, description="computed, not measured")
 
 
 class DepthMap(_Map):
@@ -43,8 +48,8 @@ class DepthMap(_Map):
     depth: Path
 
 
-class ProfileMap(_Map):
-    """A topic with profiles of the current; ``depth`` is the instrument's."""
+class ProfileMap(_PlaceMap):
+    """A topic with profiles of the current, and with the vehicle's position if the same message holds it; ``depth`` is the instrument's."""
 
     kind: Literal["profile"]
     reference: Literal["earth", "platform"] = Field(description="what the velocities are relative to; there is no default guess")
@@ -67,6 +72,8 @@ class ProfileMap(_Map):
     def _whole(self) -> Self:
         if (self.velocity is None) == (self.east is None) or (self.east is None) != (self.north is None):
             raise ValueError("give velocity, or east and north")
+        if (self.longitude is None) != (self.latitude is None):
+            raise ValueError("give longitude and latitude, or neither")
         if self.east is not None and self.frame not in ("enu", "ned"):
             raise ValueError(f"east and north are not in a frame '{self.frame}'; give velocity")
         given = [value is not None for value in (self.depths, self.distances, self.cell_size)]

@@ -14,7 +14,7 @@ from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic
 from replay_kit.measurements import mavlink_ping
 from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
-from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
+from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, Used, malformed
 from replay_kit.measurements.kinds import statement
 from replay_kit.measurements.mapped import mapped
 from replay_kit.measurements.profile_kinds import Ping
@@ -108,14 +108,20 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
     entry = next((entry for entry in config.map if entry.topic == message.topic), None)
     stated = statement(message) if entry is None else mapped(message.payload, entry)
     if isinstance(stated, Ping):
-        return _ping(state, replace(message, schema=PING_SCHEMA, payload=_with_reference(stated.payload, config)), 1, config)
+        events: list[Event] = []
+        if stated.position is not None:
+            # the message counts once, as the ping that it is
+            state, (_, *events) = _position(state, message, stated.position, config)
+        whole = replace(message, schema=PING_SCHEMA, payload=_with_reference(stated.payload, config))
+        state, more = _ping(state, whole, 1, config)
+        return state, [*events, *more]
     if isinstance(stated, Position):
         return _position(state, message, stated, config)
     if isinstance(stated, Pose):
         return _pose(state, message, stated, config)
     if isinstance(stated, Depth | Pressure):
         return _depth(state, message, stated, config)
-    return state, [Skipped(message.topic, stated or "not a kind of message the estimator uses")]
+    return state, [Skipped(message.topic, stated or NOT_A_KIND)]
 
 
 def _with_reference(payload: Mapping[str, Any], config: MeasurementConfig) -> Mapping[str, Any]:

@@ -72,7 +72,8 @@ def _contents(value: Any) -> str:
     return "nothing" if value is None else f"one {type(value).__name__}, no fields"
 
 
-def _position(payload: Mapping[str, Any], entry: PositionMap) -> Position | str:
+def _position(payload: Mapping[str, Any], entry: PositionMap | ProfileMap) -> Position | str:
+    assert entry.longitude is not None and entry.latitude is not None, "asked only of mappings that have them"  # noqa: PT018
     degrees = _DEGREES[entry.angle_unit]
     longitude, latitude = (degrees(number(look_up(payload, path))) for path in (entry.longitude, entry.latitude))
     depth = math.nan
@@ -98,6 +99,7 @@ def _profile(payload: Mapping[str, Any], entry: ProfileMap) -> Ping | str:
     cells = _cells(payload, entry)
     if isinstance(cells, str):
         return cells
+    position = None if entry.longitude is None else _position(payload, entry)
     return Ping(
         {
             "coordinate_system": _COORDINATES.get(entry.frame, entry.frame),
@@ -107,7 +109,9 @@ def _profile(payload: Mapping[str, Any], entry: ProfileMap) -> Ping | str:
             "velocity": cells,
             "velocity_std": entry.velocity_std,
             **_geometry(payload, entry),
-        }
+        },
+        # a message without a fix still has its profile, which other positions may place
+        None if isinstance(position, str) else position,
     )
 
 

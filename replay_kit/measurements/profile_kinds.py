@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from replay_kit.measurements.adcp import COORDINATE_SYSTEMS, number, whole_number
+from replay_kit.measurements.vehicle import Position
 
 _NUCLEUS_BEAMS = 3
 _MM_PER_M = 1000.0
@@ -30,9 +31,11 @@ class Ping:
 
     Attributes:
         payload: Fields of a ``replay_kit.AdcpPing``.
+        position: Where the vehicle was, when the same message says so.
     """
 
     payload: Mapping[str, Any]
+    position: Position | None = None
 
 
 def adcp_ping(payload: Mapping[str, Any]) -> Ping:

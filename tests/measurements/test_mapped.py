@@ -162,6 +162,16 @@ def test_profiles_that_are_none(payload, fields, words):
     assert words in only(Skipped, events)[0].reason
 
 
+@pytest.mark.parametrize(("longitude", "where"), [(10.5, 10.5), (0.0, 152.0)])
+def test_a_profile_with_a_position_in_the_same_message(longitude, where):
+    payload = {"v": [[0.1, 0.2]], "lon": longitude, "lat": longitude and -30.0}
+    events = profile(payload, velocity="v", longitude="lon", latitude="lat")
+    (observation,) = only(Observation, events)
+    assert observation.longitude == where
+    assert len(only(VehicleState, events)) == 1 + (longitude != 0.0)
+    assert len(only(Used, events)) == 2
+
+
 def test_a_mapping_goes_before_a_known_kind():
     config = MeasurementConfig.model_validate({"map": [{**POSITION, "topic": "/gps"}]})
     events = run([Message(0, "/gps", "sensor_msgs/NavSatFix", {"lon": 1.0, "lat": 2.0, "status": -1}, 0, 0)], config)
@@ -211,6 +221,7 @@ def test_mappings_in_toml(tmp_path):
         (PROFILE, "give velocity, or east and north"),
         ({**PROFILE, "velocity": "v", "east": "e", "north": "n"}, "give velocity, or east and north"),
         ({**PROFILE, "east": "e", "north": "n", "frame": "beam"}, "not in a frame 'beam'"),
+        ({**PROFILE, "velocity": "v", "latitude": "y"}, "longitude and latitude, or neither"),
         ({**PROFILE, "velocity": "v", "distances": "d"}, "give one of depths"),
         ({**PROFILE, "velocity": "v", "depths": "d", "cell_size": None, "first_cell": None, "depth": "z"}, "leave out depth"),
         ({key: value for key, value in PROFILE.items() if key != "reference"} | {"velocity": "v"}, "reference"),

@@ -1,0 +1,39 @@
+"""The command that looks into logs."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from replay_kit.cli_options import ClockOption, ConfigOption, JsonOption, OverwriteOption, console_beside, write_json, write_text
+from replay_kit.config import load_config
+from replay_kit.errors import ConfigError
+from replay_kit.inspect import info_json, inspect_log, print_info
+from replay_kit.job import check_paths
+from replay_kit.measurements import suggestions
+
+
+def info(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs to look into.")],
+    config: ConfigOption = None,
+    clock: ClockOption = None,
+    suggest: Annotated[
+        Path | None,
+        typer.Option("--suggest", metavar="FILE.toml", help="Write a first mapping of the topics that no known kind covers; - prints it."),
+    ] = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Say what is in a log and what it can be used for."""
+    if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
+        raise ConfigError("--suggest and --json: only one of them can have standard output; give the other a file")
+    check_paths([*logs, config], [suggest, json_file], overwrite)
+    settings = load_config(config, {"logs": {"clock": clock}})
+    found = [inspect_log(path, settings) for path in logs]
+    console = console_beside(json_file, suggest)
+    for log in found:
+        print_info(log, console)
+    if suggest is not None:
+        write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.not_known.items()}))
+    write_json(json_file, {"logs": [info_json(log) for log in found]})
+    raise typer.Exit(4 if any(log.report.losses for log in found) else 0)
