@@ -3,7 +3,6 @@
 The field names and units of a ping are in ``replay_kit/README.md``. Flags and reasons are set here; nothing is deleted.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from reprlib import repr as shorten
@@ -74,11 +73,7 @@ def why_not_used(payload: Mapping[str, Any]) -> tuple[str, Reason] | None:
         MeasurementError: ``reference`` or ``coordinate_system`` is missing or not one of the known words.
     """
     coordinate_system = _word(payload, "coordinate_system", COORDINATE_SYSTEMS)
-    if payload.get("reference") is None and coordinate_system == "earth":
-        raise MeasurementError(
-            "ping: expected reference to be one of earth, platform, got None; state it in the message, or with measurements.reference"
-        )
-    if payload.get("reference") is not None and _word(payload, "reference", REFERENCES) == "platform":
+    if _word(payload, "reference", REFERENCES) == "platform":
         return "velocity relative to the platform, whose own motion is not known", Reason.PLATFORM_REFERENCE
     if coordinate_system != "earth":
         return f"velocity in {coordinate_system} coordinates; earth coordinates are needed", Reason.NOT_EARTH_COORDINATES
@@ -88,8 +83,7 @@ def why_not_used(payload: Mapping[str, Any]) -> tuple[str, Reason] | None:
 def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: float, config: MeasurementConfig) -> Profile:
     """Return the profile that an earth-coordinates ping holds.
 
-    Velocities to which the declination was not applied are along magnetic axes and are turned to true ones. The transducer is at the
-    depth of the ping's pressure, or at the vehicle's where the ping has none, plus
+    The transducer is at the depth of the ping's pressure, or at the vehicle's where the ping has none, plus
     ``transducer_depth``.
 
     Args:
@@ -101,18 +95,10 @@ def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: flo
     Raises:
         MeasurementError: A field is missing, of the wrong shape or not a number.
     """
-    velocity, declination = _velocity(payload), number(payload.get("magnetic_declination"))
-    if number(payload.get("declination_applied")) == 0.0 and np.isfinite(declination):
-        velocity = turned_clockwise(velocity, declination)
+    velocity = _velocity(payload)
     depth = _depth(payload, velocity.shape[0], vehicle_depth, latitude)
     flags, reasons = _checks(depth, velocity, config.max_speed)
     return Profile(depth, velocity, _error_std(payload, depth.size, config.velocity_std), "earth", flags, reasons)
-
-
-def turned_clockwise(velocity: Array, degrees: float) -> Array:
-    """Return vectors, shape (n, 2), turned clockwise: from magnetic to true axes by the declination [degrees east]."""
-    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.asarray(velocity @ np.array([[cosine, -sine], [sine, cosine]]))
 
 
 def _checks(depth: Array, velocity: Array, max_speed: float) -> tuple[NDArray[np.int8], NDArray[np.int32]]:

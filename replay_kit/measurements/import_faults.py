@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.measurements.adcp import number, turned_clockwise
+from replay_kit.measurements.adcp import number
 from replay_kit.measurements.kinds import statement
 from replay_kit.measurements.mavlink_ping import declination_in
 from replay_kit.measurements.profile_kinds import Ping
@@ -130,6 +130,12 @@ def _declination(turns: float) -> Callable[[Sounding], Observation]:
         return replace(sounding.observation, velocity=turned_clockwise(sounding.observation.velocity, turns * declination))
 
     return undo
+
+
+def turned_clockwise(velocity: Array, degrees: float) -> Array:
+    """Return vectors, shape (n, 2), turned clockwise: from magnetic to true axes by the declination [degrees east]."""
+    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.asarray(velocity @ np.array([[cosine, -sine], [sine, cosine]]))
 
 
 def _rescaler(factor: float, with_errors: bool) -> Callable[[Sounding], Observation]:

@@ -28,6 +28,10 @@ MAVLINK_NAMES = frozenset({"GLOBAL_POSITION_INT", mavlink_ping.SCHEMA})
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
 _INCOMPLETE = "part of an incomplete ping"
+_NO_REFERENCE = (
+    "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
+    "when the message has no place for it"
+)
 _MAX_DIVE = 2**32 - 1
 # 146 years: a position may be as old as the configuration likes, and ages stay int64
 _FOREVER_NS = 2.0**62
@@ -112,7 +116,10 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         if stated.position is not None:
             # the message counts once, as the ping that it is
             state, (_, *events) = _position(state, message, stated.position, config)
-        whole = replace(message, schema=PING_SCHEMA, payload=_with_reference(stated.payload, config))
+        payload = _with_reference(stated.payload, config)
+        if payload.get("reference") is None:
+            return state, [*events, Skipped(message.topic, _NO_REFERENCE)]
+        whole = replace(message, schema=PING_SCHEMA, payload=payload)
         state, more = _ping(state, whole, 1, config)
         return state, [*events, *more]
     if isinstance(stated, Position):

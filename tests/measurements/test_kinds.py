@@ -37,12 +37,15 @@ def test_ds_adcp_in_earth_coordinates(tmp_path, schema):
     assert "relative to the platform" in skipped(message, MeasurementConfig(reference="platform"))
 
 
-@pytest.mark.parametrize(
-    ("mode", "words"), [(0, "in beam coordinates"), (1, "in instrument coordinates"), (2, "in ship"), (9, "none of 0")]
-)
-def test_ds_adcp_in_other_coordinates_is_said(tmp_path, mode, words):
+@pytest.mark.parametrize(("mode", "system"), [(0, "beam"), (1, "instrument"), (2, "ship")])
+def test_ds_adcp_in_other_coordinates_is_said(tmp_path, mode, system):
     (message,) = read_mcap(tmp_path, ros2_mcap("ds_sensor_msgs/msg/Adcp", msg.DS_ADCP_2, [ds_adcp(mode)]))
-    assert words in skipped(message)
+    assert statement(message).payload["coordinate_system"] == system
+    assert f"in {system} coordinates" in skipped(message, EARTH)
+
+
+def test_ds_adcp_in_no_coordinates():
+    assert "none of 0" in skipped(Message(0, "/x", "ds_sensor_msgs/Adcp", ds_adcp(9), 0, 0))
 
 
 def test_ds_adcp_along_its_beams():
