@@ -14,6 +14,7 @@ from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic
 from replay_kit.measurements import mavlink_ping
 from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
+from replay_kit.measurements.attitude import Attitude, with_attitude
 from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, Used, malformed
 from replay_kit.measurements.kinds import statement
 from replay_kit.measurements.mapped import mapped
@@ -32,6 +33,7 @@ _NO_REFERENCE = (
     "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
     "when the message has no place for it"
 )
+_ATTITUDE = "attitude: kept for pings that do not state theirs"
 _MAX_DIVE = 2**32 - 1
 # 146 years: a position may be as old as the configuration likes, and ages stay int64
 _FOREVER_NS = 2.0**62
@@ -48,6 +50,7 @@ class MeasurementState:
         submerged: Whether the vehicle is in a dive.
         origins: By topic of poses, its first pose since the last measured fix, and the position known then.
         waiting: Pings that wait for a position, in the order of their times.
+        attitude: Last attitude of a message that is no ping, and its time [ns, UTC].
         frames: Frames of MAVLink pings that are not complete yet.
     """
 
@@ -57,6 +60,7 @@ class MeasurementState:
     submerged: bool = False
     origins: Mapping[str, tuple[VehicleState, Pose]] = field(default_factory=dict)
     waiting: tuple[WaitingPing, ...] = ()
+    attitude: tuple[int, Attitude] | None = None
     frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
 
 
@@ -117,6 +121,8 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
             # the message counts once, as the ping that it is
             state, (_, *events) = _position(state, message, stated.position, config)
         payload = _with_reference(stated.payload, config)
+        if state.attitude is not None:
+            payload = with_attitude(payload, state.attitude[1], message.time_ns - state.attitude[0])
         if payload.get("reference") is None:
             return state, [*events, Skipped(message.topic, _NO_REFERENCE)]
         whole = replace(message, schema=PING_SCHEMA, payload=payload)
@@ -126,6 +132,8 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return _position(state, message, stated, config)
     if isinstance(stated, Pose):
         return _pose(state, message, stated, config)
+    if isinstance(stated, Attitude):
+        return replace(state, attitude=(message.time_ns, stated)), [Skipped(message.topic, _ATTITUDE)]
     if isinstance(stated, Depth | Pressure):
         return _depth(state, message, stated, config)
     return state, [Skipped(message.topic, stated or NOT_A_KIND)]
@@ -196,6 +204,8 @@ def _position(
 
 def _pose(state: MeasurementState, message: Message, pose: Pose, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     """Place a pose relative to the position known when its topic's first pose since the last measured fix came."""
+    if pose.attitude is not None:
+        state = replace(state, attitude=(message.time_ns, pose.attitude))
     if message.topic not in state.origins:
         if state.fix is None:
             return _at_depth(state, pose.depth, config), [Used(message.topic)]

@@ -11,12 +11,13 @@ from types import MappingProxyType
 from typing import Any
 
 from replay_kit.measurements import motion, profile_kinds, vehicle
+from replay_kit.measurements.attitude import Attitude
 from replay_kit.measurements.profile_kinds import Ping
 from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure
 from replay_kit.types import Message
 
 #: What a message states, or in words why it cannot be used.
-Statement = Position | Depth | Pressure | Pose | Ping | str
+Statement = Position | Depth | Pressure | Pose | Attitude | Ping | str
 Reader = Callable[[Mapping[str, Any]], Statement]
 
 _READERS: Mapping[str, Reader] = MappingProxyType(

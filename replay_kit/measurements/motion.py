@@ -1,19 +1,20 @@
-"""Messages of the vehicle's motion and attitude: what they are, and why the estimator does not use them."""
+"""Messages of the vehicle's motion and attitude, which give no position: what they are, and why some are not used."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from replay_kit.measurements.adcp import number, whole_number
+from replay_kit.measurements.attitude import Attitude, of_quaternion
 
 _BOTTOM, _WATER = 1, 2
 
 
-def imu(payload: Mapping[str, Any]) -> str:
-    """Return why a ``sensor_msgs/Imu`` is not used; a first covariance of -1 says that it has no orientation (ROS REP-145)."""
+def imu(payload: Mapping[str, Any]) -> Attitude | str:
+    """Return the attitude of a ``sensor_msgs/Imu``, or why it has none; a first covariance of -1 says so (ROS REP-145)."""
     covariance = payload.get("orientation_covariance")
     if isinstance(covariance, list | tuple) and covariance and number(covariance[0]) == -1.0:
         return "attitude: it states no orientation"
-    return "attitude: needed only for profiles that are not in earth coordinates, which are not used yet"
+    return of_quaternion(payload.get("orientation")) or "attitude: its orientation is no unit quaternion"
 
 
 def dvl(payload: Mapping[str, Any]) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from replay_kit.measurements.adcp import number
+from replay_kit.measurements.attitude import Attitude, of_quaternion
 
 _ATMOSPHERE_PA = 101_325.0
 _PA_PER_DBAR = 10_000.0
@@ -62,11 +63,13 @@ class Pose:
         east: [m].
         north: [m].
         depth: [m], positive down.
+        attitude: Of the vehicle; None when it is not stated.
     """
 
     east: float
     north: float
     depth: float
+    attitude: Attitude | None = None
 
 
 def location_fix(payload: Mapping[str, Any]) -> Position | str:
@@ -122,7 +125,9 @@ def _pose(payload: Mapping[str, Any], pose: Any, where: str) -> Pose | str:
     # REP-105 gives the name to the frame whose origin is the Earth's centre
     if frame == "earth":
         return "position in the frame 'earth', whose axes are not east, north and up"
-    return Pose(y, x, z) if frame.endswith("ned") else Pose(x, y, -z)
+    ned = frame.endswith("ned")
+    attitude = of_quaternion(pose.get("orientation"), ned)
+    return Pose(y, x, z, attitude) if ned else Pose(x, y, -z, attitude)
 
 
 def checked(longitude: Any, latitude: Any, depth: float, dead_reckoned: bool) -> Position | str:

@@ -133,7 +133,7 @@ def test_a_dvl_is_said_to_be_one(tmp_path, mode, words):
     assert words in skipped(message)
 
 
-@pytest.mark.parametrize(("covariance", "words"), [([-1.0] + [0.0] * 8, "states no orientation"), ([0.0] * 9, "not used yet")])
+@pytest.mark.parametrize(("covariance", "words"), [([-1.0] + [0.0] * 8, "states no orientation"), ([0.0] * 9, "do not state theirs")])
 def test_an_attitude_is_said_to_be_one(tmp_path, covariance, words):
     payload = {"orientation": {"w": 1.0}, "orientation_covariance": covariance}
     payload |= {"angular_velocity_covariance": [0.0] * 9, "linear_acceleration_covariance": [0.0] * 9}
