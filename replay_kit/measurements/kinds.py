@@ -1,7 +1,8 @@
 """The kinds of message that say something: one table from the schema's name to the function that reads the payload.
 
 ROS 1, ROS 2 and other spellings of a name count as one: ``sensor_msgs/NavSatFix``, ``sensor_msgs/msg/NavSatFix``,
-``sensor_msgs::msg::NavSatFix``, ``sensor_msgs.NavSatFix``. A ``CurrentProfile`` is known in any package, since each driver has its own.
+``sensor_msgs::msg::dds_::NavSatFix_``, ``sensor_msgs.NavSatFix``. A ``CurrentProfile`` is known in any package, since each driver has
+its own.
 """
 
 import re
@@ -10,7 +11,7 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
-from replay_kit.measurements import motion, profile_kinds, vehicle
+from replay_kit.measurements import imc, motion, profile_kinds, vehicle
 from replay_kit.measurements.attitude import Attitude
 from replay_kit.measurements.profile_kinds import Ping
 from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure
@@ -38,6 +39,7 @@ _READERS: Mapping[str, Reader] = MappingProxyType(
     }
 )
 _ANY_PACKAGE: Mapping[str, Reader] = MappingProxyType({"CurrentProfile": profile_kinds.current_profile})
+_IMC: Mapping[str, Reader] = MappingProxyType({**_ANY_PACKAGE, "GpsFix": imc.gps_fix, "EstimatedState": imc.estimated_state})
 _SEPARATORS = re.compile(r"::|[/.]")
 # a pose on such a topic is where something should go, not where the vehicle is
 _WISH = re.compile(r"goal|target|setpoint|waypoint|command|cmd|desired", re.IGNORECASE)
@@ -53,8 +55,11 @@ def statement(message: Message) -> Statement | None:
         ValueError, TypeError, LookupError, AttributeError, OverflowError: The payload is not what the schema's name promises.
     """
     name = canonical(message.schema)
-    # IMC in JSON names its messages inside
-    reader = _READERS.get(name) or _ANY_PACKAGE.get(name.rpartition(".")[2] or str(message.payload.get("abbrev")))
+    package, _, kind = name.rpartition(".")
+    reader = _READERS.get(name) or _ANY_PACKAGE.get(kind)
+    if reader is None and (package.lower() == "imc" or not name):
+        # IMC in JSON names its messages inside, when nothing outside does
+        reader = _IMC.get(kind or str(message.payload.get("abbrev")))
     if reader is not None:
         wish = name in _POSES and _WISH.search(message.topic)
         return "by its topic's name a place to go to, not where the vehicle is" if wish else reader(message.payload)
@@ -69,4 +74,7 @@ def statement(message: Message) -> Statement | None:
 def canonical(schema: str) -> str:
     """Return a schema's name as ``package.Type``, whatever the spelling."""
     parts = [part for part in _SEPARATORS.split(schema) if part]
-    return ".".join(part for part in parts if part != "msg") if len(parts) > 1 else schema
+    if len(parts) < 2:
+        return schema
+    # DDS writes package::msg::dds_::Type_
+    return ".".join(part.rstrip("_") for part in parts if part not in ("msg", "dds_"))

@@ -183,7 +183,8 @@ def test_frames_that_are_not_east_north_up():
 
 
 @pytest.mark.parametrize(
-    "schema", ["sensor_msgs/NavSatFix", "sensor_msgs/msg/NavSatFix", "sensor_msgs::msg::NavSatFix", "sensor_msgs.NavSatFix"]
+    "schema",
+    ["sensor_msgs/NavSatFix", "sensor_msgs/msg/NavSatFix", "sensor_msgs::msg::dds_::NavSatFix_", "sensor_msgs.NavSatFix"],
 )
 def test_every_spelling_of_a_name(schema):
     assert canonical(schema) == "sensor_msgs.NavSatFix"
@@ -192,3 +193,30 @@ def test_every_spelling_of_a_name(schema):
 def test_names_that_are_no_package_and_type():
     assert [canonical(name) for name in ("GLOBAL_POSITION_INT", "", "msg", "/")] == ["GLOBAL_POSITION_INT", "", "msg", "/"]
     assert statement(Message(0, "/x", "", {"a": 1}, 0, 0)) is None
+
+
+PLACE = {"lat": math.radians(-40.0), "lon": math.radians(152.0)}
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "expected"),
+    [
+        ("GpsFix", {"validity": 0x0007, "type": "STANDALONE"}, (152.0, -40.0, math.nan, False)),
+        ("GpsFix", {"type": 2}, (152.0, -40.0, math.nan, True)),
+        ("EstimatedState", {"x": 0.0, "y": 0.0, "depth": 30.0}, (152.0, -40.0, 30.0, True)),
+        ("EstimatedState", {"x": -1000.0, "depth": -1.0}, (152.0, -40.009, math.nan, True)),
+    ],
+)
+@pytest.mark.parametrize("named", [True, False])
+def test_imc_positions(kind, fields, expected, named):
+    message = Message(0, "/imc", f"IMC.{kind}" if named else "", {"abbrev": kind, **PLACE, **fields}, 0, 0)
+    found = statement(message)
+    values = (found.longitude, found.latitude, found.depth, found.dead_reckoned)
+    assert values == pytest.approx(expected, abs=2e-5, nan_ok=True)
+
+
+def test_imc_positions_that_are_none():
+    assert "VALID_POS" in skipped(Message(0, "/imc", "imc/GpsFix", {**PLACE, "validity": 3}, 0, 0))
+    assert "0, 0" in skipped(Message(0, "/imc", "imc/EstimatedState", {"lat": 0.0, "lon": 0.0}, 0, 0))
+    assert "not a number" in skipped(Message(0, "/imc", "imc/EstimatedState", {**PLACE, "x": None}, 0, 0))
+    assert statement(Message(0, "/x", "vendor.GpsFix", PLACE, 0, 0)) is None

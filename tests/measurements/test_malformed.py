@@ -26,6 +26,8 @@ SCHEMAS = {
     "ds_sensor_msgs/msg/Adcp": ds_adcp(),
     "interfaces/msg/CurrentProfile": NUCLEUS,
     "imc.CurrentProfile": imc(8, [[0.1, 0.2, 0.3]]),
+    "imc.GpsFix": {"lat": -0.7, "lon": 2.6, "validity": 4, "type": 0},
+    "imc.EstimatedState": {"lat": -0.7, "lon": 2.6, "x": 1.0, "y": 2.0, "depth": 3.0},
     "geometry_msgs/msg/PoseStamped": pose(1.0, 1.0, -1.0),
     "marine_acoustic_msgs/msg/Dvl": {"velocity_mode": 1},
     "sensor_msgs/msg/Imu": {"orientation_covariance": [0.0] * 9},
