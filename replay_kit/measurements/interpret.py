@@ -14,7 +14,7 @@ from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic
 from replay_kit.measurements import mavlink_ping
 from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
-from replay_kit.measurements.attitude import Attitude, with_attitude
+from replay_kit.measurements.attitude import Orientation, with_attitude
 from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, Used, malformed
 from replay_kit.measurements.kinds import statement
 from replay_kit.measurements.mapped import mapped
@@ -50,7 +50,7 @@ class MeasurementState:
         submerged: Whether the vehicle is in a dive.
         origins: By topic of poses, its first pose since the last measured fix, and the position known then.
         waiting: Pings that wait for a position, in the order of their times.
-        attitude: Last attitude of a message that is no ping, and its time [ns, UTC].
+        orientation: Last one of a message that is no ping, after its time [ns, UTC].
         frames: Frames of MAVLink pings that are not complete yet.
     """
 
@@ -60,7 +60,7 @@ class MeasurementState:
     submerged: bool = False
     origins: Mapping[str, tuple[VehicleState, Pose]] = field(default_factory=dict)
     waiting: tuple[WaitingPing, ...] = ()
-    attitude: tuple[int, Attitude] | None = None
+    orientation: tuple[int, Orientation] | None = None
     frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
 
 
@@ -113,7 +113,7 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     if mavlink_ping.is_ping_frame(message):
         return _ping_frame(state, message, config)
-    entry = next((entry for entry in config.map if entry.topic == message.topic), None)
+    entry = next((entry for entry in config.map if entry.topic == message.topic), None) if config.map else None
     stated = statement(message) if entry is None else mapped(message.payload, entry)
     if isinstance(stated, Ping):
         events: list[Event] = []
@@ -121,8 +121,8 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
             # the message counts once, as the ping that it is
             state, (_, *events) = _position(state, message, stated.position, config)
         payload = _with_reference(stated.payload, config)
-        if state.attitude is not None:
-            payload = with_attitude(payload, state.attitude[1], message.time_ns - state.attitude[0])
+        if state.orientation is not None:
+            payload = with_attitude(payload, state.orientation[1], message.time_ns - state.orientation[0])
         if payload.get("reference") is None:
             return state, [*events, Skipped(message.topic, _NO_REFERENCE)]
         whole = replace(message, schema=PING_SCHEMA, payload=payload)
@@ -132,8 +132,8 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return _position(state, message, stated, config)
     if isinstance(stated, Pose):
         return _pose(state, message, stated, config)
-    if isinstance(stated, Attitude):
-        return replace(state, attitude=(message.time_ns, stated)), [Skipped(message.topic, _ATTITUDE)]
+    if isinstance(stated, Orientation):
+        return replace(state, orientation=(message.time_ns, stated)), [Skipped(message.topic, _ATTITUDE)]
     if isinstance(stated, Depth | Pressure):
         return _depth(state, message, stated, config)
     return state, [Skipped(message.topic, stated or NOT_A_KIND)]
@@ -204,8 +204,7 @@ def _position(
 
 def _pose(state: MeasurementState, message: Message, pose: Pose, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     """Place a pose relative to the position known when its topic's first pose since the last measured fix came."""
-    if pose.attitude is not None:
-        state = replace(state, attitude=(message.time_ns, pose.attitude))
+    state = replace(state, orientation=(message.time_ns, pose.orientation))
     if message.topic not in state.origins:
         if state.fix is None:
             return _at_depth(state, pose.depth, config), [Used(message.topic)]

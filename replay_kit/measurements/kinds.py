@@ -12,13 +12,13 @@ from types import MappingProxyType
 from typing import Any
 
 from replay_kit.measurements import imc, motion, profile_kinds, vehicle
-from replay_kit.measurements.attitude import Attitude
+from replay_kit.measurements.attitude import Orientation
 from replay_kit.measurements.profile_kinds import Ping
 from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure
 from replay_kit.types import Message
 
 #: What a message states, or in words why it cannot be used.
-Statement = Position | Depth | Pressure | Pose | Attitude | Ping | str
+Statement = Position | Depth | Pressure | Pose | Orientation | Ping | str
 Reader = Callable[[Mapping[str, Any]], Statement]
 
 _READERS: Mapping[str, Reader] = MappingProxyType(
@@ -54,23 +54,28 @@ def statement(message: Message) -> Statement | None:
     Raises:
         ValueError, TypeError, LookupError, AttributeError, OverflowError: The payload is not what the schema's name promises.
     """
-    name = canonical(message.schema)
-    package, _, kind = name.rpartition(".")
-    reader = _READERS.get(name) or _ANY_PACKAGE.get(kind)
-    if reader is None and (package.lower() == "imc" or not name):
+    reader = _reader(message.schema, message.topic)
+    if reader is None and not message.schema:
         # IMC in JSON names its messages inside, when nothing outside does
-        reader = _IMC.get(kind or str(message.payload.get("abbrev")))
-    if reader is not None:
-        wish = name in _POSES and _WISH.search(message.topic)
-        return "by its topic's name a place to go to, not where the vehicle is" if wish else reader(message.payload)
-    if message.topic == _BLUEOS_COPY:
-        return "repeats the messages that have topics of their own"
-    if _BLUEOS_FIELD.fullmatch(message.topic):
-        return "one field of a message that has a topic of its own"
-    return None
+        reader = _IMC.get(str(message.payload.get("abbrev")))
+    return reader(message.payload) if callable(reader) else reader
 
 
 @lru_cache(maxsize=4096)
+def _reader(schema: str, topic: str) -> Reader | str | None:
+    """Return what reads a topic's messages, or why they cannot be used; None for a kind that is not known."""
+    name = canonical(schema)
+    package, _, kind = name.rpartition(".")
+    reader = _READERS.get(name) or _ANY_PACKAGE.get(kind) or (_IMC.get(kind) if package.lower() == "imc" else None)
+    if name in _POSES and _WISH.search(topic):
+        return "by its topic's name a place to go to, not where the vehicle is"
+    if reader is None and topic == _BLUEOS_COPY:
+        return "repeats the messages that have topics of their own"
+    if reader is None and _BLUEOS_FIELD.fullmatch(topic):
+        return "one field of a message that has a topic of its own"
+    return reader
+
+
 def canonical(schema: str) -> str:
     """Return a schema's name as ``package.Type``, whatever the spelling."""
     parts = [part for part in _SEPARATORS.split(schema) if part]

@@ -4,17 +4,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from replay_kit.measurements.adcp import number, whole_number
-from replay_kit.measurements.attitude import Attitude, of_quaternion
+from replay_kit.measurements.attitude import Orientation
 
 _BOTTOM, _WATER = 1, 2
 
 
-def imu(payload: Mapping[str, Any]) -> Attitude | str:
-    """Return the attitude of a ``sensor_msgs/Imu``, or why it has none; a first covariance of -1 says so (ROS REP-145)."""
+def imu(payload: Mapping[str, Any]) -> Orientation | str:
+    """Return the orientation of a ``sensor_msgs/Imu``, or why it has none; a first covariance of -1 says so (ROS REP-145)."""
     covariance = payload.get("orientation_covariance")
     if isinstance(covariance, list | tuple) and covariance and number(covariance[0]) == -1.0:
         return "attitude: it states no orientation"
-    return of_quaternion(payload.get("orientation")) or "attitude: its orientation is no unit quaternion"
+    return Orientation(payload.get("orientation"))
 
 
 def dvl(payload: Mapping[str, Any]) -> str:

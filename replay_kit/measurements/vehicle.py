@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from replay_kit.measurements.adcp import number
-from replay_kit.measurements.attitude import Attitude, of_quaternion
+from replay_kit.measurements.attitude import Orientation
 
 _ATMOSPHERE_PA = 101_325.0
 _PA_PER_DBAR = 10_000.0
@@ -63,13 +63,13 @@ class Pose:
         east: [m].
         north: [m].
         depth: [m], positive down.
-        attitude: Of the vehicle; None when it is not stated.
+        orientation: Of the vehicle.
     """
 
     east: float
     north: float
     depth: float
-    attitude: Attitude | None = None
+    orientation: Orientation
 
 
 def location_fix(payload: Mapping[str, Any]) -> Position | str:
@@ -126,8 +126,8 @@ def _pose(payload: Mapping[str, Any], pose: Any, where: str) -> Pose | str:
     if frame == "earth":
         return "position in the frame 'earth', whose axes are not east, north and up"
     ned = frame.endswith("ned")
-    attitude = of_quaternion(pose.get("orientation"), ned)
-    return Pose(y, x, z, attitude) if ned else Pose(x, y, -z, attitude)
+    orientation = Orientation(pose.get("orientation"), ned)
+    return Pose(y, x, z, orientation) if ned else Pose(x, y, -z, orientation)
 
 
 def checked(longitude: Any, latitude: Any, depth: float, dead_reckoned: bool) -> Position | str:

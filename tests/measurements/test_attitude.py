@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from replay_kit.measurements import initial_state, interpret
-from replay_kit.measurements.attitude import Attitude, of_quaternion, with_attitude
+from replay_kit.measurements.attitude import Attitude, Orientation, attitude_of, with_attitude
 from replay_kit.types import Message
 from tests.measurements.foreign import pose
-from tests.measurements.messages import CONFIG, fix
+from tests.measurements.messages import CONFIG, fix, ping
 
 angles = st.tuples(st.floats(-179.0, 179.0), st.floats(-80.0, 80.0), st.floats(-170.0, 170.0))
 
@@ -34,7 +34,7 @@ def axes(attitude):
 @given(angles)
 def test_nose_and_starboard_point_where_the_quaternion_turns_them(ypr):
     rotation = Rotation.from_euler("ZYX", ypr, degrees=True)
-    nose, starboard = axes(of_quaternion(quaternion(rotation, 1.03)))
+    nose, starboard = axes(attitude_of(Orientation(quaternion(rotation, 1.03))))
     np.testing.assert_allclose(nose, rotation.apply([1.0, 0.0, 0.0]), atol=1e-9)
     np.testing.assert_allclose(starboard, rotation.apply([0.0, -1.0, 0.0]), atol=1e-9)
 
@@ -43,29 +43,42 @@ def test_nose_and_starboard_point_where_the_quaternion_turns_them(ypr):
 def test_north_east_down(ypr):
     rotation = Rotation.from_euler("ZYX", ypr, degrees=True)
     to_enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    nose, starboard = axes(of_quaternion(quaternion(rotation), ned=True))
+    nose, starboard = axes(attitude_of(Orientation(quaternion(rotation), ned=True)))
     np.testing.assert_allclose(nose, to_enu @ rotation.apply([1.0, 0.0, 0.0]), atol=1e-9)
     np.testing.assert_allclose(starboard, to_enu @ rotation.apply([0.0, 1.0, 0.0]), atol=1e-9)
 
 
 @pytest.mark.parametrize("bad", [None, [], {}, {"x": 0, "y": 0, "z": 0, "w": 0}, {"x": math.nan, "y": 0, "z": 0, "w": 1}, {"w": 2.0}])
 def test_what_is_no_attitude(bad):
-    assert of_quaternion(bad) is None
+    assert attitude_of(Orientation(bad)) is None
+    assert with_attitude({}, Orientation(bad), 0) == {}
+
+
+EAST = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+NORTH = {"x": 0.0, "y": 0.0, "z": math.sqrt(0.5), "w": math.sqrt(0.5)}
 
 
 def test_a_ping_takes_a_recent_attitude_only_when_it_states_none():
-    level = Attitude(30.0, 1.0, -2.0)
-    assert with_attitude({"heading": None}, level, 10**9) == {"heading": 30.0, "pitch": 1.0, "roll": -2.0}
-    for payload, attitude, age in (({"heading": 5.0}, level, 0), ({}, None, 0), ({}, level, 2 * 10**9), ({}, level, -1)):
-        assert with_attitude(payload, attitude, age) == payload
+    assert with_attitude({"heading": None}, Orientation(EAST), 10**9) == {"heading": 90.0, "pitch": 0.0, "roll": 0.0}
+    for payload, age in (({"heading": 5.0}, 0), ({}, 2 * 10**9), ({}, -1)):
+        assert with_attitude(payload, Orientation(EAST), age) == payload
 
 
-def test_poses_and_inertial_units_leave_their_attitude():
-    east = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
-    north = {"x": 0.0, "y": 0.0, "z": math.sqrt(0.5), "w": math.sqrt(0.5)}
+def test_a_heading_is_below_360():
+    assert 0.0 <= attitude_of(Orientation(NORTH)).heading < 360.0
+    assert attitude_of(Orientation(NORTH)) == Attitude(pytest.approx(0.0, abs=1e-9), pytest.approx(0.0), pytest.approx(0.0))
+
+
+def test_poses_and_inertial_units_leave_their_orientation():
     state, _ = interpret(initial_state(), fix(0), CONFIG)
-    stamped = pose(0.0, 0.0, 0.0) | {"pose": pose(0.0, 0.0, 0.0)["pose"] | {"orientation": east}}
+    stamped = pose(0.0, 0.0, 0.0) | {"pose": pose(0.0, 0.0, 0.0)["pose"] | {"orientation": EAST}}
     state, _ = interpret(state, Message(1, "/pose", "geometry_msgs/PoseStamped", stamped, 0, 0), CONFIG)
-    assert state.attitude == (1, Attitude(90.0, 0.0, 0.0))
-    state, _ = interpret(state, Message(2, "/imu", "sensor_msgs/Imu", {"orientation": north}, 0, 0), CONFIG)
-    assert state.attitude[1].heading == pytest.approx(0.0, abs=1e-9)
+    assert state.orientation == (1, Orientation(EAST))
+    state, _ = interpret(state, Message(2, "/imu", "sensor_msgs/Imu", {"orientation": NORTH}, 0, 0), CONFIG)
+    assert state.orientation == (2, Orientation(NORTH))
+
+
+def test_a_ping_that_waits_has_the_attitude():
+    state, _ = interpret(initial_state(), Message(0, "/imu", "sensor_msgs/Imu", {"orientation": EAST}, 0, 0), CONFIG)
+    state, _ = interpret(state, ping(0.5), CONFIG)
+    assert state.waiting[0].message.payload["heading"] == 90.0
