@@ -150,7 +150,6 @@ def test_where_the_cells_are(fields, payload, expected):
         ({"v": [0.1, 0.2, 0.3]}, {"velocity": "v", "components": 2}, "how many components"),
         ({"v": 0.1}, {"velocity": "v"}, "no list"),
         ({"e": [1.0], "n": [1.0, 2.0]}, {"east": "e", "north": "n"}, "not lists of one length"),
-        ({"v": [[0.1, 0.2]]}, {"velocity": "v", "frame": "beam"}, "in beam coordinates"),
         ({"v": [[0.1, 0.2]]}, {"velocity": "v", "reference": "platform"}, "relative to the platform"),
         ({"v": []}, {"velocity": "v"}, "n_cells >= 1"),
         ({"v": [[0.1]]}, {"velocity": "v", "frame": "ned"}, "expected cells"),
@@ -160,6 +159,14 @@ def test_profiles_that_are_none(payload, fields, words):
     events = profile(payload, **fields)
     assert not only(Observation, events)
     assert words in only(Skipped, events)[0].reason
+
+
+@pytest.mark.parametrize("frame", ["beam", "instrument", "ship"])
+def test_profiles_in_other_frames_keep_their_components(frame):
+    stated = mapped({"v": [[1.0, 2.0, 3.0, 4.0]]}, entry(**PROFILE | {"frame": frame, "velocity": "v"}))
+    assert stated.payload["coordinate_system"] == frame
+    assert stated.payload["velocity"] == [[1.0, 2.0, 3.0, 4.0]]
+    assert not only(Observation, profile({"v": [[1.0, 2.0, 3.0, 4.0]]}, velocity="v", frame=frame))
 
 
 @pytest.mark.parametrize(("longitude", "where"), [(10.5, 10.5), (0.0, 152.0)])

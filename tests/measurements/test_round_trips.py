@@ -47,6 +47,8 @@ def pings(draw):
         "velocity": [[draw(speed) for _ in range(3)] for _ in range(n_cells)],
         "velocity_std": [draw(st.floats(0.001, 1.0)) for _ in range(n_cells)],
         **{name: draw(maybe) for name in NUMBERS},
+        # a ROS 2 message has no way to leave it open
+        "declination_applied": True,
     }
 
 
