@@ -144,8 +144,11 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
     inside = [sounding for sounding in found if _usable(sounding.observation, estimator).size]
     if len(inside) < _LEAST_PROFILES:
         return ImportCheck(0, (), note=f"fewer than {_LEAST_PROFILES} profiles lie in the ensemble's water")
-    trials = _trials_of_velocities(_spread(inside, _MOST_PROFILES), estimator)
-    trials += _trials_of_depths(_spread(inside, _MOST_FOR_DEPTHS), estimator)
+    chosen = _spread(inside, _MOST_PROFILES)
+    widened = [_widened(sounding, estimator) for sounding in chosen]
+    trials = _trials_of(direction_faults(widened), widened, estimator)
+    trials += _trials_of(_unit_faults(chosen, estimator), chosen, estimator)
+    trials += _trials_of_depths(_spread(widened, _MOST_FOR_DEPTHS), estimator)
     best = max(trials, key=lambda trial: trial.log_ratio)
     # where the ensemble misfits the log even with the likeliest fault undone, all gains count for less in proportion
     gains = {}
@@ -167,16 +170,30 @@ def _blind_spot(chosen: Sequence[Sounding]) -> str:
     return "the log states no magnetic declination, so that a missing or doubled one was not looked for"
 
 
-def _trials_of_velocities(chosen: Sequence[Sounding], estimator: ReducedBasisEstimator) -> list[_Trial]:
-    """Return what undoing each fault of direction gains, and of units where speeds are odd at all."""
+def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
+    """Return a profile whose errors are as large as the estimator takes them, where its bins repeat each other."""
+    observation = sounding.observation
+    good = np.zeros(observation.depth.size, np.int8) + Flag.FAIL
+    good[_usable(observation, estimator)] = Flag.GOOD
+    _, innovation = estimator.step(estimator.initial(), replace(observation, flags=good))
+    factor = math.sqrt(innovation.error_inflation)
+    return replace(sounding, observation=replace(observation, error_std=factor * observation.error_std))
+
+
+def _unit_faults(chosen: Sequence[Sounding], estimator: ReducedBasisEstimator) -> list[Fault]:
+    """Return the faults of units that could explain speeds which are odd at all."""
     as_is = [sounding.observation for sounding in chosen]
-    bins = [_usable(observation, estimator) for observation in as_is]
-    prediction = predict_jointly(estimator, as_is, bins)
+    odd = math.log(_relative_speed(as_is, [_usable(observation, estimator) for observation in as_is], estimator))
+    return [fault for fault in scale_faults() if abs(odd) > math.log(_ODD_SCALE) and fault.log_scale * odd > 0.0]
+
+
+def _trials_of(faults: Sequence[Fault], chosen: Sequence[Sounding], estimator: ReducedBasisEstimator) -> list[_Trial]:
+    """Return what undoing each fault of velocities gains."""
+    if not faults:
+        return []
+    as_is = [sounding.observation for sounding in chosen]
+    prediction = predict_jointly(estimator, as_is, [_usable(observation, estimator) for observation in as_is])
     logged = prediction.of(as_is)
-    faults = direction_faults(chosen)
-    odd = math.log(_relative_speed(as_is, bins, estimator))
-    if abs(odd) > math.log(_ODD_SCALE):
-        faults += [fault for fault in scale_faults() if fault.log_scale * odd > 0.0]
     return [_trial(fault, logged, _undone(fault, chosen, prediction)) for fault in faults]
 
 
