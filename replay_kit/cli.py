@@ -19,6 +19,7 @@ from planners.region import locate, region_of
 from replay_kit import __version__
 from replay_kit.baselines import BASELINES
 from replay_kit.cli_experiment import experiment
+from replay_kit.cli_info import info
 from replay_kit.cli_options import (
     ClockOption,
     ConfigOption,
@@ -49,7 +50,6 @@ from replay_kit.errors import ReplayKitError
 from replay_kit.fit import fit_json, fit_prior, print_fit, write_fit
 from replay_kit.flow import FlowEstimate
 from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.inspect import info_json, inspect_log, print_info
 from replay_kit.job import ReplayJob, check_outputs, check_paths, truth_path
 from replay_kit.rehearse import print_rehearsal, rehearsal_json, rehearse
 from replay_kit.replay import replay as replay_logs
@@ -70,6 +70,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(experiment, name="experiment")
+app.command()(info)
 
 # The root of usage errors: click's own or the copy that newer typer carries, so it is found through a public name.
 _UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
@@ -241,24 +242,6 @@ def verify(
     print_verdict(verdict, console_beside(json_file))
     write_json(json_file, verdict_json(verdict))
     raise typer.Exit(0 if verdict.same else 1)
-
-
-@app.command()
-def info(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs to look into.")],
-    clock: ClockOption = None,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Say what is in a log and what it can be used for."""
-    check_paths(logs, [json_file], overwrite)
-    settings = load_config(None, {"logs": {"clock": clock}})
-    found = [inspect_log(path, settings) for path in logs]
-    console = console_beside(json_file)
-    for log in found:
-        print_info(log, console)
-    write_json(json_file, {"logs": [info_json(log) for log in found]})
-    raise typer.Exit(4 if any(log.report.losses for log in found) else 0)
 
 
 @app.command()

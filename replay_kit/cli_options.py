@@ -110,9 +110,9 @@ def _stamp(path: Path) -> tuple[int, int] | None:
     return status.st_ino, status.st_mtime_ns
 
 
-def console_beside(json_file: Path | None) -> Console:
-    """Return where words go: standard error when the JSON takes standard output; wide in a pipe, so that lines stay whole."""
-    to_stderr = json_file is not None and str(json_file) == "-"
+def console_beside(*answers: Path | None) -> Console:
+    """Return where words go: standard error when an answer takes standard output; wide in a pipe, so that lines stay whole."""
+    to_stderr = any(path is not None and str(path) == "-" for path in answers)
     stream = sys.stderr if to_stderr else sys.stdout
     # no markup: a unit in brackets is no style
     return Console(file=stream, highlight=False, markup=False, width=None if stream.isatty() else 160)
@@ -146,10 +146,14 @@ def bar() -> Iterator[Callable[[int, int, str], None] | None]:
 
 
 def write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
-    """Write an answer: a file appears whole or not at all, a pipe or device is written as it is."""
+    """Write an answer as JSON, as ``write_text`` does."""
+    write_text(path, json.dumps(answer, indent=1, allow_nan=False) + "\n")
+
+
+def write_text(path: Path | None, text: str) -> None:
+    """Write an answer: a file appears whole or not at all, a pipe or device is written as it is, ``-`` is standard output."""
     if path is None:
         return
-    text = json.dumps(answer, indent=1, allow_nan=False) + "\n"
     if str(path) == "-":
         sys.stdout.write(text)
     elif is_stream(path):

@@ -8,10 +8,11 @@ import tomllib
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
+from replay_kit.config_map import TopicMap
 from replay_kit.errors import ConfigError
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -89,6 +90,10 @@ class MeasurementConfig(_Section):
     position_max_age: float = Field(default=600.0, gt=0.0, description="s; a ping farther than this from any fix is not used")
     surface_depth: float = Field(default=3.0, gt=0.0, description="m; shallower than this the vehicle is at the surface")
     velocity_std: float = Field(default=0.09, gt=0.0, description="m/s; error of a bin whose message states none")
+    reference: Literal["earth", "platform"] | None = Field(
+        default=None, description="what profiles are relative to whose message does not say so; without it they are not used"
+    )
+    map: tuple[TopicMap, ...] = Field(default=(), description="how to read topics that no known kind covers; replay-kit info --suggest")
     max_speed: float = Field(default=5.0, gt=0.0, description="m/s; a bin with a faster component is not used")
     magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(
         default=None, description="degrees east; for pings whose heading is magnetic and that state none"
@@ -216,10 +221,24 @@ def _explain(error: ValidationError) -> str:
 
 
 def _known_keys(location: tuple[int | str, ...]) -> list[str]:
+    """Return the keys known at a place: of a section, or of an entry of a list whose kind is stated."""
     model: type[BaseModel] = RunConfig
     for part in location:
-        annotation = model.model_fields[str(part)].annotation
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+        if isinstance(part, int) or part not in model.model_fields:
+            continue
+        found = [kind for kind in _models_in(model.model_fields[part].annotation) if _is_kind(kind, location)]
+        if not found:
             break
-        model = annotation
+        model = found[0]
     return list(model.model_fields)
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models_in(argument)]
+
+
+def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
+    """Return whether a model is what a place in the configuration says: pydantic names an entry's kind in the place."""
+    return "kind" not in model.model_fields or get_args(model.model_fields["kind"].annotation)[0] in location

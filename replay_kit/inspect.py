@@ -1,6 +1,7 @@
 """What is in a log, and what it can be used for."""
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from replay_kit.config import RunConfig
 from replay_kit.geodesy import unwrap_longitude
 from replay_kit.logs import open_log
 from replay_kit.logs.losses import loss_json, loss_words, unchecked_words
-from replay_kit.measurements import Skipped, finish, initial_state, interpret
+from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
 from replay_kit.types import Flag, LogReport, Observation, VehicleState
 
 
@@ -48,6 +49,7 @@ class LogInfo:
         box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
         depths: Shallowest and deepest usable bin [m]; None without bins.
         not_used: Topic to reason to count.
+        not_known: Topic to the schema's name and the last payload, for topics that no known kind and no mapping covers.
     """
 
     report: LogReport
@@ -59,6 +61,7 @@ class LogInfo:
     box: tuple[float, float, float, float] | None
     depths: tuple[float, float] | None
     not_used: dict[str, dict[str, int]]
+    not_known: dict[str, tuple[str, Mapping[str, Any]]]
 
     @property
     def use(self) -> str:
@@ -113,6 +116,7 @@ def inspect_log(path: Path, config: RunConfig) -> LogInfo:
     """
     reader, state, found = open_log(path, 0, config.logs), initial_state(), _Found()
     topics: dict[str, TopicInfo] = defaultdict(TopicInfo)
+    not_known: dict[str, tuple[str, Mapping[str, Any]]] = {}
     for message in reader.messages():
         topic = topics[message.topic]
         topic.schema = message.schema
@@ -121,6 +125,8 @@ def inspect_log(path: Path, config: RunConfig) -> LogInfo:
         state, events = interpret(state, message, config.measurements)
         for event in events:
             found.add(event)
+            if isinstance(event, Skipped) and event.reason == NOT_A_KIND and not message.topic.startswith("mavlink/"):
+                not_known[message.topic] = (message.schema, message.payload)
     for event in finish(state, config.measurements):
         found.add(event)
     report = reader.report()
@@ -136,6 +142,7 @@ def inspect_log(path: Path, config: RunConfig) -> LogInfo:
         box=found.box,
         depths=found.depths,
         not_used={topic: dict(reasons) for topic, reasons in found.not_used.items()},
+        not_known=not_known,
     )
 
 
@@ -181,7 +188,7 @@ def print_info(log: LogInfo, console: Console) -> None:
         console.print(f"Bins: {log.depths[0]:.0f}..{log.depths[1]:.0f} m")
     for topic_name, reasons in log.not_used.items():
         for reason, count in reasons.items():
-            if reason != "not a kind of message the estimator uses":
+            if reason != NOT_A_KIND:
                 console.print(f"Not used: {count} x {topic_name}: {reason}", soft_wrap=True)
     for topic_name, (count, why) in log.report.undecodable.items():
         console.print(f"Cannot be decoded: {count} x {topic_name}: {why}", soft_wrap=True)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from replay_kit.config import RunConfig, load_config
+
 ROOT = Path(__file__).resolve().parents[1]
 READMES = [path for path in sorted(ROOT.rglob("README.md")) if not any(part.startswith(".") for part in path.relative_to(ROOT).parts)]
 BLOCKS = [
@@ -37,7 +39,10 @@ def test_the_set_up_blocks_are_the_lines_that_ci_runs():
 
 @pytest.mark.parametrize(("path", "language", "code"), BLOCKS)
 def test_code_blocks(path, language, code, tmp_path):
-    assert language in ("sh", "python", "json", "text"), f"{path}: say what language a block is in"
+    assert language in ("sh", "python", "json", "text", "toml"), f"{path}: say what language a block is in"
+    if language == "toml":
+        (tmp_path / "run.toml").write_text(code, encoding="utf-8")
+        assert load_config(tmp_path / "run.toml") != RunConfig()
     if language not in ("sh", "python"):
         return
     if "pip install" in code:

@@ -6,18 +6,17 @@ schema gives. Protobuf and ROS 1 times become ``{"sec", "nsec"}``; ROS 2 times k
 
 import contextlib
 import io
-import json
 import re
 import struct
 from collections.abc import Callable
 from typing import Any
 
-import orjson
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
+from replay_kit.logs.decode_json import decode_json
 from replay_kit.logs.decode_protobuf import protobuf_decoder
 from replay_kit.logs.ros2idl import ros2msg_from_idl
 
@@ -36,7 +35,6 @@ _ROS_ENCODINGS = {
     (MessageEncoding.ROS1, SchemaEncoding.ROS1): "ros1",
 }
 _KNOWN = "json, protobuf, cdr with ros2msg or ros2idl, ros1 with ros1msg"
-_BARE_NUMBER = re.compile(r'"(?:[^"\\]|\\.)*"|(-?)\b(inf|infinity|nan)\b', re.IGNORECASE)
 _ROS1_NAME = re.compile(r"[A-Za-z]\w*/[A-Za-z]\w*", re.ASCII)
 _ROS1_LINE = re.compile(r"(?:={80}|MSG: [A-Za-z]\w*/[A-Za-z]\w*|[A-Za-z][\w/]*(?:\[\d*\])? +[A-Za-z]\w*)", re.ASCII)
 _ROS1_CONSTANT = re.compile(r"\w+\s+\w+\s*=", re.ASCII)
@@ -69,21 +67,6 @@ def channel_decoder(message_encoding: str, schema: Schema | None) -> Decoder | s
     return f"{pair} is not known; known: {_KNOWN}"
 
 
-def decode_json(data: bytes) -> dict[str, Any]:
-    """Return a JSON object as a dict; bare NaN, Infinity, inf and their negatives are numbers.
-
-    Raises:
-        ValueError: The bytes are no JSON, or the value is no object.
-    """
-    try:
-        value = orjson.loads(data)
-    except orjson.JSONDecodeError:
-        value = json.loads(_BARE_NUMBER.sub(_standard_number, data.decode("utf-8")))
-    if not isinstance(value, dict):
-        raise ValueError(f"expected a JSON object, got {type(value).__name__}")
-    return value
-
-
 def explain(error: BaseException) -> str:
     """Return one line that says why a payload could not be decoded."""
     return f"payload does not fit the schema: {_words(error)}"
@@ -92,12 +75,6 @@ def explain(error: BaseException) -> str:
 def _words(error: BaseException) -> str:
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text[:200]}" if text else type(error).__name__
-
-
-def _standard_number(match: re.Match[str]) -> str:
-    if match[2] is None:
-        return match[0]
-    return "NaN" if match[2].lower() == "nan" else f"{match[1]}Infinity"
 
 
 def _ros2_decoder(schema: Schema) -> Decoder:

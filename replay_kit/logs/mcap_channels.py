@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
+from mcap.well_known import MessageEncoding
 
 from replay_kit.logs.decode import Decoder, channel_decoder
 from replay_kit.logs.mcap_records import parse
@@ -78,5 +79,12 @@ class Channels:
             schema = self._schemas.get(channel.schema_id) or self._summary().schemas.get(channel.schema_id)
         definition = (schema.name, schema.encoding, schema.data) if schema else None
         raw = RawChannel(channel_id, channel.topic, channel.message_encoding, tuple(channel.metadata.items()), definition)
+        name = schema.name if schema else ""
+        # `mavlink/` first: the dialect takes longer to load than a small log to read
+        if channel.message_encoding == MessageEncoding.JSON and channel.topic.startswith("mavlink/"):
+            from replay_kit.logs.blueos import mavlink_channel
+
+            if (known := mavlink_channel(channel.topic)) is not None:
+                return Sink(channel.topic, known[0] or name, known[1], raw)
         decode = None if raw.encoding == MAVLINK_FRAMES else channel_decoder(channel.message_encoding, schema)
-        return Sink(channel.topic, schema.name if schema else "", decode, raw)
+        return Sink(channel.topic, name, decode, raw)

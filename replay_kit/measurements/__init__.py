@@ -1,6 +1,6 @@
 """Messages to observations: what a log says of the vehicle and of the water."""
 
-from replay_kit.measurements.events import Skipped, Used
+from replay_kit.measurements.events import NOT_A_KIND, Skipped, Used
 from replay_kit.measurements.interpret import (
     MAVLINK_NAMES,
     MeasurementState,
@@ -9,5 +9,17 @@ from replay_kit.measurements.interpret import (
     interpret,
     observations,
 )
+from replay_kit.measurements.suggest import suggestions
 
-__all__ = ["MAVLINK_NAMES", "MeasurementState", "Skipped", "Used", "finish", "initial_state", "interpret", "observations"]
+__all__ = [
+    "MAVLINK_NAMES",
+    "NOT_A_KIND",
+    "MeasurementState",
+    "Skipped",
+    "Used",
+    "finish",
+    "initial_state",
+    "interpret",
+    "observations",
+    "suggestions",
+]

@@ -133,20 +133,32 @@ def _below_bottom(payload: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
 
 def _depth(payload: Mapping[str, Any], n: int, vehicle_depth: float, latitude: float) -> Array:
     """Return the depth of n bins; NaN where it is no number."""
-    cell_size, bin0_distance = number(payload.get("cell_size")), number(payload.get("bin0_distance"))
-    if not (cell_size > 0.0 and np.isfinite(bin0_distance)):
-        raise MeasurementError(
-            "ping: expected cell_size > 0 and a finite bin0_distance [m], "
-            f"got {shorten(payload.get('cell_size'))} and {shorten(payload.get('bin0_distance'))}"
-        )
+    distance = _distance(payload, n)
     sign = -1.0 if known_word(payload, "orientation", ORIENTATIONS) == "up" else 1.0
     pressure, offset = number(payload.get("pressure")), number(payload.get("transducer_depth"))
     top = depth_of_pressure(pressure, latitude) if np.isfinite(pressure) else vehicle_depth
     if not np.isfinite(top):
         raise MeasurementError("ping: no depth has the pressure it states [dbar]")
     with np.errstate(over="ignore", invalid="ignore"):
-        depth = top + (offset if np.isfinite(offset) else 0.0) + sign * (bin0_distance + cell_size * np.arange(n))
+        depth = top + (offset if np.isfinite(offset) else 0.0) + sign * distance
     return np.where(np.isfinite(depth), depth, np.nan)
+
+
+def _distance(payload: Mapping[str, Any], n: int) -> Array:
+    """Return how far the centres of n bins are from the transducer [m]: listed, or evenly spaced."""
+    listed = payload.get("cell_distances")
+    if listed is not None:
+        if not isinstance(listed, list | tuple) or len(listed) != n:
+            raise MeasurementError(f"ping: expected cell_distances to be {n} numbers [m], got {shorten(listed)}")
+        return np.array([number(value) for value in listed])
+    cell_size, bin0_distance = number(payload.get("cell_size")), number(payload.get("bin0_distance"))
+    if not (cell_size > 0.0 and np.isfinite(bin0_distance)):
+        raise MeasurementError(
+            "ping: expected cell_size > 0 and a finite bin0_distance [m], "
+            f"got {shorten(payload.get('cell_size'))} and {shorten(payload.get('bin0_distance'))}"
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(bin0_distance + cell_size * np.arange(n), np.float64)
 
 
 def known_word(payload: Mapping[str, Any], key: str, known: tuple[str, ...]) -> str:

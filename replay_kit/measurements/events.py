@@ -7,6 +7,9 @@ from replay_kit.types import Observation, VehicleState
 # What code that trusts a payload's types raises when they are not what they should be.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
 
+#: The reason of a message of a kind that is not known.
+NOT_A_KIND = "not a kind of message the estimator uses"
+
 
 @dataclass(frozen=True, slots=True)
 class Used:

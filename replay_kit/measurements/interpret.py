@@ -3,9 +3,8 @@
 A ping waits until a position at or after its own time is known, then takes the position interpolated between its neighbours.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,26 +14,27 @@ from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic
 from replay_kit.measurements import mavlink_ping, mavlink_vehicle, vehicle
 from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
+from replay_kit.measurements.attitude import Orientation, with_attitude
 from replay_kit.measurements.earth import earth_referenced
-from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
+from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, Used, malformed
+from replay_kit.measurements.kinds import statement
+from replay_kit.measurements.mapped import mapped
+from replay_kit.measurements.profile_kinds import Ping
+from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure, checked
 from replay_kit.measurements.waiting import WaitingPing, add, observe, split
 from replay_kit.types import Message, Observation, Projection, Source, VehicleState
 
 PING_SCHEMA = "replay_kit.AdcpPing"
 # What a MAVLink reader needs to decode for this module.
 MAVLINK_NAMES = mavlink_vehicle.NAMES | {mavlink_ping.SCHEMA}
-_POSITION_SCHEMAS = MappingProxyType(
-    {
-        "foxglove.LocationFix": vehicle.location_fix,
-        "sensor_msgs/msg/NavSatFix": vehicle.nav_sat_fix,
-        "sensor_msgs/NavSatFix": vehicle.nav_sat_fix,
-    }
-)
-_PRESSURE_SCHEMAS = ("sensor_msgs/msg/FluidPressure", "sensor_msgs/FluidPressure")
-_ODOMETRY_SCHEMAS = ("nav_msgs/msg/Odometry", "nav_msgs/Odometry")
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
 _INCOMPLETE = "part of an incomplete ping"
+_NO_REFERENCE = (
+    "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
+    "when the message has no place for it"
+)
+_ATTITUDE = "attitude: kept for pings that do not state theirs"
 _MAX_DIVE = 2**32 - 1
 # 146 years: a position may be as old as the configuration likes, and ages stay int64
 _FOREVER_NS = 2.0**62
@@ -49,8 +49,9 @@ class MeasurementState:
         depth: Last depth known [m]; NaN before the first.
         dive: Dives begun so far.
         submerged: Whether the vehicle is in a dive.
-        odometry_origin: Odometry's east and north [m] at its first message after a measured fix, with that fix.
+        origins: By topic of poses, its first pose since the last measured fix, and the position known then.
         waiting: Pings that wait for a position, in the order of their times.
+        orientation: Last one of a message that is no ping, after its time [ns, UTC].
         frames: Frames of MAVLink pings that are not complete yet.
         fixes: What the GPS of each MAVLink system last said.
     """
@@ -59,8 +60,9 @@ class MeasurementState:
     depth: float = float("nan")
     dive: int = 0
     submerged: bool = False
-    odometry_origin: tuple[VehicleState, float, float] | None = None
+    origins: Mapping[str, tuple[VehicleState, Pose]] = field(default_factory=dict)
     waiting: tuple[WaitingPing, ...] = ()
+    orientation: tuple[int, Orientation] | None = None
     frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
     fixes: tuple[mavlink_vehicle.LastFix, ...] = ()
 
@@ -112,23 +114,41 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
-    if message.schema == PING_SCHEMA:
-        return _ping(state, message, 1, config)
     if mavlink_ping.is_ping_frame(message):
         return _ping_frame(state, message, config)
     if message.schema in mavlink_vehicle.NAMES:
         return _mavlink_vehicle(state, message, config)
-    if message.schema in _POSITION_SCHEMAS:
-        position = _POSITION_SCHEMAS[message.schema](message.payload)
-        return (state, [Skipped(message.topic, position)]) if isinstance(position, str) else _position(state, message, position, config)
-    if message.schema in _ODOMETRY_SCHEMAS:
-        return _odometry(state, message, config)
-    if message.schema in _PRESSURE_SCHEMAS:
-        depth = vehicle.fluid_pressure(message.payload, state.fix.latitude if state.fix else 0.0)
-        if not np.isfinite(depth):
-            return state, [Skipped(message.topic, "pressure is not a number")]
-        return _at_depth(state, depth, config), [Used(message.topic)]
-    return state, [Skipped(message.topic, "not a kind of message the estimator uses")]
+    entry = next((entry for entry in config.map if entry.topic == message.topic), None) if config.map else None
+    stated = statement(message) if entry is None else mapped(message.payload, entry)
+    if isinstance(stated, Ping):
+        events: list[Event] = []
+        if stated.position is not None:
+            # the message counts once, as the ping that it is
+            state, (_, *events) = _position(state, message, stated.position, config)
+        payload = _with_reference(stated.payload, config)
+        if state.orientation is not None:
+            payload = with_attitude(payload, state.orientation[1], message.time_ns - state.orientation[0])
+        if payload.get("reference") is None:
+            return state, [*events, Skipped(message.topic, _NO_REFERENCE)]
+        whole = message._replace(schema=PING_SCHEMA, payload=payload)
+        state, more = _ping(state, whole, 1, config)
+        return state, [*events, *more]
+    if isinstance(stated, Position):
+        return _position(state, message, stated, config)
+    if isinstance(stated, Pose):
+        return _pose(state, message, stated, config)
+    if isinstance(stated, Orientation):
+        return replace(state, orientation=(message.time_ns, stated)), [Skipped(message.topic, _ATTITUDE)]
+    if isinstance(stated, Depth | Pressure):
+        return _depth(state, message, stated, config)
+    return state, [Skipped(message.topic, stated or NOT_A_KIND)]
+
+
+def _with_reference(payload: Mapping[str, Any], config: MeasurementConfig) -> Mapping[str, Any]:
+    """Return a ping that states what its velocities are relative to, if the message or the configuration says so."""
+    if payload.get("reference") is None and config.reference is not None:
+        return {**payload, "reference": config.reference}
+    return payload
 
 
 def _ping(state: MeasurementState, message: Message, n_messages: int, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -185,34 +205,41 @@ def _mavlink_vehicle(state: MeasurementState, message: Message, config: Measurem
 
 
 def _position(
-    state: MeasurementState, message: Message, position: vehicle.Position, config: MeasurementConfig
+    state: MeasurementState, message: Message, position: Position, config: MeasurementConfig
 ) -> tuple[MeasurementState, list[Event]]:
     if np.isfinite(position.depth):
         state = _at_depth(state, position.depth, config)
     source = Source(message.input, message.topic, message.position, message.time_ns)
     fix = VehicleState(message.time_ns, position.longitude, position.latitude, state.depth, position.dead_reckoned, source)
     if not position.dead_reckoned:
-        state = replace(state, odometry_origin=None)
+        state = replace(state, origins={})
     released, left = split(state.waiting, fix.time_ns + 1)
     events = [event for ping in released for event in observe(ping, state.fix, fix, config)]
     return replace(state, fix=fix, waiting=left), [Used(message.topic), fix, *events]
 
 
-def _odometry(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
-    """Place an odometry pose relative to the last measured fix, where the log has one."""
-    pose = vehicle.odometry(message.payload)
-    if isinstance(pose, str):
-        return state, [Skipped(message.topic, pose)]
-    east, north, depth = pose
-    if state.odometry_origin is None:
+def _pose(state: MeasurementState, message: Message, pose: Pose, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
+    """Place a pose relative to the position known when its topic's first pose since the last measured fix came."""
+    state = replace(state, orientation=(message.time_ns, pose.orientation))
+    if message.topic not in state.origins:
         if state.fix is None:
-            return _at_depth(state, depth, config), [Used(message.topic)]
-        state = replace(state, odometry_origin=(state.fix, east, north))
-    assert state.odometry_origin is not None
-    fix, east0, north0 = state.odometry_origin
-    longitude, latitude = to_geographic(Projection(fix.longitude, fix.latitude), east - east0, north - north0)
-    position = vehicle.checked(longitude, latitude, depth, True)
+            return _at_depth(state, pose.depth, config), [Used(message.topic)]
+        state = replace(state, origins={**state.origins, message.topic: (state.fix, pose)})
+    fix, origin = state.origins[message.topic]
+    longitude, latitude = to_geographic(Projection(fix.longitude, fix.latitude), pose.east - origin.east, pose.north - origin.north)
+    position = checked(longitude, latitude, pose.depth, True)
     return (state, [Skipped(message.topic, position)]) if isinstance(position, str) else _position(state, message, position, config)
+
+
+def _depth(
+    state: MeasurementState, message: Message, stated: Depth | Pressure, config: MeasurementConfig
+) -> tuple[MeasurementState, list[Event]]:
+    latitude = state.fix.latitude if state.fix else 0.0
+    depth = stated.depth if isinstance(stated, Depth) else depth_of_pressure(stated.pressure_dbar, latitude)
+    if not np.isfinite(depth):
+        what = "depth" if isinstance(stated, Depth) else "pressure"
+        return state, [Skipped(message.topic, f"{what} is not a number")]
+    return _at_depth(state, depth, config), [Used(message.topic)]
 
 
 def _at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -> MeasurementState:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from replay_kit.errors import MeasurementError
-from replay_kit.measurements.adcp import whole_number
+from replay_kit.measurements.adcp import number, whole_number
 from replay_kit.types import Message
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
@@ -76,3 +76,10 @@ def assemble(frames: Mapping[str, Message]) -> dict[str, Any]:
 def _configuration(frames: Mapping[str, Message]) -> dict[str, Any]:
     """Return the named values of ``ADCP_CFG``; NaN where the frame is too short for one."""
     return dict(zip(_CONFIGURATION, [*frames["ADCP_CFG"].payload["data"], *[math.nan] * len(_CONFIGURATION)], strict=False))
+
+
+def declination_in(message: Message) -> float:
+    """Return the magnetic declination [degrees east] that a frame states; NaN when it is not the one that does."""
+    if message.payload.get("name") != "ADCP_CFG":
+        return math.nan
+    return number(_configuration({"ADCP_CFG": message})["magnetic_declination"])

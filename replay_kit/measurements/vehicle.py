@@ -1,11 +1,15 @@
-"""Positions and depths of the vehicle from the messages that vehicles write."""
+"""Positions and depths of the vehicle from the messages that vehicles write.
+
+Each function takes a payload and returns what it states, or in words why that cannot be used.
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from replay_kit.measurements.adcp import depth_of_pressure, number
+from replay_kit.measurements.adcp import number
+from replay_kit.measurements.attitude import Orientation
 
 _ATMOSPHERE_PA = 101_325.0
 _PA_PER_DBAR = 10_000.0
@@ -27,6 +31,45 @@ class Position:
     latitude: float
     depth: float
     dead_reckoned: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Depth:
+    """How deep the vehicle is.
+
+    Attributes:
+        depth: [m], positive down.
+    """
+
+    depth: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pressure:
+    """The pressure at the vehicle.
+
+    Attributes:
+        pressure_dbar: Sea pressure, 0 at the surface.
+    """
+
+    pressure_dbar: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A place in a local frame of the log's own.
+
+    Attributes:
+        east: [m].
+        north: [m].
+        depth: [m], positive down.
+        orientation: Of the vehicle.
+    """
+
+    east: float
+    north: float
+    depth: float
+    orientation: Orientation
 
 
 def location_fix(payload: Mapping[str, Any]) -> Position | str:
@@ -53,19 +96,38 @@ def global_position_int(payload: Mapping[str, Any]) -> Position | str:
     return checked(longitude, latitude, -number(payload.get("relative_alt")) * 1e-3, False)
 
 
-def fluid_pressure(payload: Mapping[str, Any], latitude: float) -> float:
-    """Return the depth [m] of a ``sensor_msgs/FluidPressure`` (absolute, Pa); NaN when it has none."""
-    return depth_of_pressure((number(payload.get("fluid_pressure")) - _ATMOSPHERE_PA) / _PA_PER_DBAR, latitude)
+def fluid_pressure(payload: Mapping[str, Any]) -> Pressure:
+    """Return the pressure of a ``sensor_msgs/FluidPressure`` (absolute, Pa)."""
+    return Pressure((number(payload.get("fluid_pressure")) - _ATMOSPHERE_PA) / _PA_PER_DBAR)
 
 
-def odometry(payload: Mapping[str, Any]) -> tuple[float, float, float] | str:
-    """Return east, north and depth [m] in the odometry's own frame (ROS REP-103: x east, y north, z up), or why there are none."""
-    try:
-        position = payload["pose"]["pose"]["position"]
-        values = number(position["x"]), number(position["y"]), -number(position["z"])
-    except (KeyError, TypeError):
-        return "no pose.pose.position in it"
-    return values if all(map(math.isfinite, values)) else "position is not a number"
+def odometry(payload: Mapping[str, Any]) -> Pose | str:
+    """Return the pose of a ``nav_msgs/Odometry`` or ``geometry_msgs/PoseWithCovarianceStamped``, or why there is none."""
+    pose = payload.get("pose")
+    return _pose(payload, pose.get("pose") if isinstance(pose, Mapping) else None, "pose.pose.position")
+
+
+def pose_stamped(payload: Mapping[str, Any]) -> Pose | str:
+    """Return the pose of a ``geometry_msgs/PoseStamped``, or why there is none."""
+    return _pose(payload, payload.get("pose"), "pose.position")
+
+
+def _pose(payload: Mapping[str, Any], pose: Any, where: str) -> Pose | str:
+    """Return a pose in its frame: x east, y north, z up (ROS REP-103), or x north, y east, z down where the frame's name ends so."""
+    position = pose.get("position") if isinstance(pose, Mapping) else None
+    if not isinstance(position, Mapping):
+        return f"no {where} in it"
+    x, y, z = (number(position.get(axis)) for axis in "xyz")
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+        return "position is not a number"
+    header = payload.get("header")
+    frame = str(header.get("frame_id", "")).strip("/").lower() if isinstance(header, Mapping) else ""
+    # REP-105 gives the name to the frame whose origin is the Earth's centre
+    if frame == "earth":
+        return "position in the frame 'earth', whose axes are not east, north and up"
+    ned = frame.endswith("ned")
+    orientation = Orientation(pose.get("orientation"), ned)
+    return Pose(y, x, z, orientation) if ned else Pose(x, y, -z, orientation)
 
 
 def checked(longitude: Any, latitude: Any, depth: float, dead_reckoned: bool) -> Position | str:

@@ -9,8 +9,10 @@ import pytest
 from replay_kit.config import MeasurementConfig
 from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, observations
 from replay_kit.types import Flag, Message, Observation, Reason, VehicleState
+from tests.measurements.foreign import NUCLEUS, ds_adcp, imc, pose
 from tests.measurements.messages import fix, mavlink_frames, only, ping, position_int, run
 
+STATED = MeasurementConfig(reference="earth")
 ODD = [None, True, -1, 0, 3.5, 10**400, 1e308, math.nan, "", "words", b"\xff", [], [None], ["a"], [[]], {}, {"a": 1}, [{}], [[1, 2], 3]]
 SCHEMAS = {
     "foxglove.LocationFix": fix(1, depth=3.0).payload,
@@ -20,6 +22,14 @@ SCHEMAS = {
     "sensor_msgs/msg/FluidPressure": {"fluid_pressure": 2e5},
     "replay_kit.AdcpPing": ping(1).payload,
     "DEBUG_FLOAT_ARRAY": next(mavlink_frames(1)).payload,
+    "ds_sensor_msgs/msg/Adcp": ds_adcp(),
+    "interfaces/msg/CurrentProfile": NUCLEUS,
+    "imc.CurrentProfile": imc(8, [[0.1, 0.2, 0.3]]),
+    "imc.GpsFix": {"lat": -0.7, "lon": 2.6, "validity": 4, "type": 0},
+    "imc.EstimatedState": {"lat": -0.7, "lon": 2.6, "x": 1.0, "y": 2.0, "depth": 3.0},
+    "geometry_msgs/msg/PoseStamped": pose(1.0, 1.0, -1.0),
+    "marine_acoustic_msgs/msg/Dvl": {"velocity_mode": 1},
+    "sensor_msgs/msg/Imu": {"orientation_covariance": [0.0] * 9},
 }
 
 
@@ -38,7 +48,7 @@ def damaged():
 def test_no_damaged_message_ends_a_replay_or_gives_a_good_bin_without_numbers(schema):
     for k, (_, payload) in enumerate(item for item in damaged() if item[0] == schema):
         bad = Message(10**9, "/bad", schema, payload, 0, k)
-        events = run([fix(0), bad, ping(2), fix(3)])
+        events = run([fix(0), bad, ping(2), fix(3)], STATED)
         counted = only(Used, events) + only(Skipped, events)
         assert sorted(event.topic for event in counted) == ["/adcp", "/bad", "/vehicle/fix", "/vehicle/fix"], payload
         for observation in only(Observation, events):

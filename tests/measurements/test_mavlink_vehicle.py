@@ -1,6 +1,5 @@
 """Positions and depths of ArduPilot's logs: what is measured, what is computed, what is neither."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +77,7 @@ def test_dataflash_records() -> None:
 def test_a_dataflash_log_places_the_pings_of_another_log(tmp_path: Path) -> None:
     (tmp_path / "log.BIN").write_bytes(b"".join(dataflash(20)))
     start_ns = next(open_log(tmp_path / "log.BIN", wanted=MAVLINK_NAMES).messages()).time_ns
-    write_mcap_log(tmp_path / "adcp.mcap", [replace(ping(pressure=None), time_ns=start_ns + 10 * SECOND + SECOND // 2)])
+    write_mcap_log(tmp_path / "adcp.mcap", [ping(pressure=None)._replace(time_ns=start_ns + 10 * SECOND + SECOND // 2)])
     logs = [open_log(tmp_path / name, n, wanted=MAVLINK_NAMES) for n, name in enumerate(("log.BIN", "adcp.mcap"))]
     (observation,) = observations(merge(logs, 1.0))
     assert (observation.latitude, observation.longitude) == pytest.approx((47.5, -124.6305732), abs=1e-5)

@@ -108,3 +108,9 @@ def hybrid_covariance(fields, modes, nodes, share, shift, radius, taper):
                 weight = taper(np.hypot(*(nodes[a % n_nodes] - nodes[b % n_nodes])), radius) * (of_function[:, a] @ of_function[:, b])
                 localised[:, a, :, b] += weight * np.outer(function, function)
     return (share * sample + (1 - share) * localised).reshape(n_levels * size, -1)
+
+
+def log_density(value, mean, cov):
+    """Logarithm of a Gaussian density without the constant of 2 pi, by determinant and inverse."""
+    residual = value - mean
+    return -0.5 * (residual @ np.linalg.inv(cov) @ residual + np.linalg.slogdet(cov)[1])

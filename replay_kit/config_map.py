@@ -1,0 +1,87 @@
+"""``[[measurements.map]]``: which fields of a topic hold a profile, a position or a depth, for messages that no known kind covers.
+
+A path is field names with dots between them, list indices among them, and ``*`` for every item of a list:
+``fix.position.0``, ``cells.*.east``.
+"""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+_PATH_PART = r"[^.\s][^.]*"
+Path = Annotated[str, Field(pattern=rf"^{_PATH_PART}(\.{_PATH_PART})*$")]
+AngleUnit = Literal["deg", "rad", "degE7"]
+SpeedUnit = Literal["m/s", "dm/s", "cm/s", "mm/s"]
+LengthUnit = Literal["m", "dm", "cm", "mm"]
+DepthUnit = Literal["m", "dm", "cm", "mm", "dbar", "bar", "Pa", "hPa", "kPa"]
+
+
+class _Map(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    topic: str = Field(min_length=1, description="the messages of this topic are read so, whatever their schema")
+    depth: Path | None = Field(default=None, description="the vehicle's depth, height or pressure")
+    depth_unit: DepthUnit = Field(default="m", description="of depth; a unit of pressure makes it a pressure")
+    depth_positive: Literal["down", "up"] = Field(default="down", description="which way depth grows; of no effect on a pressure")
+    depth_absolute: bool = Field(default=False, description="whether a pressure includes the atmosphere's 1013.25 hPa")
+
+
+class _PlaceMap(_Map):
+    longitude: Path | None = None
+    latitude: Path | None = None
+    angle_unit: AngleUnit = "deg"
+    dead_reckoned: bool = Field(default=False, description="whether the position was computed, not measured")
+
+
+class PositionMap(_PlaceMap):
+    """A topic with positions."""
+
+    kind: Literal["position"]
+    longitude: Path
+    latitude: Path
+
+
+class DepthMap(_Map):
+    """A topic with depths or pressures."""
+
+    kind: Literal["depth"]
+    depth: Path
+
+
+class ProfileMap(_PlaceMap):
+    """A topic with profiles of the current, and with the vehicle's position if the same message holds it; ``depth`` is the instrument's."""
+
+    kind: Literal["profile"]
+    reference: Literal["earth", "platform"] = Field(description="what the velocities are relative to; there is no default guess")
+    frame: Literal["enu", "ned", "ship", "instrument", "beam"] = Field(description="what the components are, in this order")
+    velocity: Path | None = Field(default=None, description="components cell after cell, as lists of lists or flat")
+    components: int | None = Field(default=None, ge=2, description="components a cell, when velocity is flat")
+    east: Path | None = Field(default=None, description="one number a cell; with north instead of velocity")
+    north: Path | None = None
+    speed_unit: SpeedUnit = "m/s"
+    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(default=None, description="m/s, error of each component")
+    missing: tuple[float, ...] = Field(default=(), description="numbers in the message that mean no velocity, such as -32768")
+    depths: Path | None = Field(default=None, description="of the cells' centres below the surface; depth_positive holds for them")
+    distances: Path | None = Field(default=None, description="of the cells' centres from the instrument, instead of depths")
+    cell_size: float | Path | None = Field(default=None, description="a number or a path; with first_cell instead of both")
+    first_cell: float | Path | None = Field(default=None, description="instrument to the centre of the first cell; a number or a path")
+    distance_unit: LengthUnit = Field(default="m", description="of depths, distances, cell_size and first_cell")
+    orientation: Literal["down", "up"] = Field(default="down", description="where the instrument looks")
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.velocity is None) == (self.east is None) or (self.east is None) != (self.north is None):
+            raise ValueError("give velocity, or east and north")
+        if (self.longitude is None) != (self.latitude is None):
+            raise ValueError("give longitude and latitude, or neither")
+        if self.east is not None and self.frame not in ("enu", "ned"):
+            raise ValueError(f"east and north are not in a frame '{self.frame}'; give velocity")
+        given = [value is not None for value in (self.depths, self.distances, self.cell_size)]
+        if sum(given) != 1 or (self.cell_size is None) != (self.first_cell is None):
+            raise ValueError("give one of depths, distances, or cell_size with first_cell")
+        if self.depths is not None and self.depth is not None:
+            raise ValueError("depths are below the surface; leave out depth, or give distances")
+        return self
+
+
+TopicMap = Annotated[PositionMap | DepthMap | ProfileMap, Field(discriminator="kind")]

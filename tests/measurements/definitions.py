@@ -1,0 +1,152 @@
+"""Fields of other packages' messages, as their definitions declare them, for logs made by the tests.
+
+| message | read in |
+|---|---|
+| ds_sensor_msgs/Adcp, WaterCurrentProfile | Field-Robotics-Lab/ds_msgs 0e5b004 |
+| interfaces/CurrentProfile | NortekSupport/nucleus_driver c844daf |
+| marine_acoustic_msgs/Dvl | apl-ocean-engineering/marine_msgs |
+| CurrentProfile, CurrentProfileCell, ADCPBeam | LSTS/imc IMC.xml, messages 1014 to 1016 |
+| sensor_msgs, nav_msgs, geometry_msgs | ROS common interfaces |
+"""
+
+_LINE = "=" * 80
+
+
+def definition(*parts: str) -> str:
+    """Return a definition with those of the types that it uses."""
+    return "\n".join((parts[0], *(f"{_LINE}\nMSG: {part}" for part in parts[1:])))
+
+
+HEADER_2 = "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id"
+HEADER_1 = "std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id"
+VECTOR = "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z"
+POINT = "geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z"
+QUATERNION = "geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w"
+POSE = "geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation"
+
+_ADCP = """std_msgs/Header header
+ds_core_msgs/DsHeader ds_header
+uint8 ADCP_COORD_BEAM=0
+uint8 ADCP_COORD_INSTRUMENT=1
+uint8 ADCP_COORD_SHIP=2
+uint8 ADCP_COORD_EARTH=3
+uint8 coordinate_mode
+uint8 adcp_type
+uint8 cells
+uint16 cell_depth
+float32 bin0_distance
+geometry_msgs/Vector3[4] beam_unit_vec
+ds_sensor_msgs/WaterCurrentProfile[] vel_bin_beams"""
+_WATER_CURRENT_PROFILE = "ds_sensor_msgs/WaterCurrentProfile\ngeometry_msgs/Vector3[] velocity_bin_beam"
+DS_ADCP_2 = definition(
+    _ADCP,
+    HEADER_2,
+    "ds_core_msgs/DsHeader\nbuiltin_interfaces/Time io_time\nuint8[16] source_uuid",
+    VECTOR,
+    _WATER_CURRENT_PROFILE,
+)
+DS_ADCP_1 = definition(_ADCP, HEADER_1, "ds_core_msgs/DsHeader\ntime io_time\nuint8[16] source_uuid", VECTOR, _WATER_CURRENT_PROFILE)
+
+NUCLEUS = """builtin_interfaces/Time system_timestamp
+bool posix_time
+uint32 timestamp
+uint32 microseconds
+uint32 serial_number
+float32 sound_velocity
+float32 temperature
+float32 pressure
+float32 cell_size
+float32 blanking
+uint16 number_of_cells
+uint16 ambiguity_velocity
+int16[] velocity_data
+uint8[] amplitude_data
+uint8[] correlation_data"""
+
+DVL = definition(
+    """uint8 DVL_MODE_BOTTOM=1
+uint8 DVL_MODE_WATER=2
+std_msgs/Header header
+uint8 velocity_mode
+uint8 dvl_type
+geometry_msgs/Vector3 velocity
+float64[9] velocity_covar
+float64 altitude
+float64 course_gnd
+float64 speed_gnd
+uint8 num_good_beams
+float32 sound_speed
+bool beam_ranges_valid
+bool beam_velocities_valid
+geometry_msgs/Vector3[4] beam_unit_vec
+float64[4] range
+float32[4] range_covar
+float32[4] beam_quality
+float32[4] beam_velocity
+float32[4] beam_velocity_covar""",
+    HEADER_2,
+    VECTOR,
+)
+
+NAV_SAT_FIX = definition(
+    """std_msgs/Header header
+sensor_msgs/NavSatStatus status
+float64 latitude
+float64 longitude
+float64 altitude
+float64[9] position_covariance
+uint8 position_covariance_type""",
+    HEADER_2,
+    "sensor_msgs/NavSatStatus\nint8 status\nuint16 service",
+)
+FLUID_PRESSURE = definition("std_msgs/Header header\nfloat64 fluid_pressure\nfloat64 variance", HEADER_2)
+IMU = definition(
+    """std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance""",
+    HEADER_2,
+    QUATERNION,
+    VECTOR,
+)
+ODOMETRY = definition(
+    """std_msgs/Header header
+string child_frame_id
+geometry_msgs/PoseWithCovariance pose
+geometry_msgs/TwistWithCovariance twist""",
+    HEADER_2,
+    "geometry_msgs/PoseWithCovariance\ngeometry_msgs/Pose pose\nfloat64[36] covariance",
+    "geometry_msgs/TwistWithCovariance\ngeometry_msgs/Twist twist\nfloat64[36] covariance",
+    "geometry_msgs/Twist\ngeometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
+    POSE,
+    POINT,
+    QUATERNION,
+    VECTOR,
+)
+POSE_STAMPED = definition("std_msgs/Header header\ngeometry_msgs/Pose pose", HEADER_2, POSE, POINT, QUATERNION)
+
+# our own ping as a ROS 2 message: what may be unknown is NaN, velocity flat
+ADCP_PING = """builtin_interfaces/Time stamp
+string frame_id
+uint64 ping
+string coordinate_system
+string reference
+string orientation
+bool bin_mapped
+uint32 n_cells
+float64 cell_size
+float64 bin0_distance
+float64 transducer_depth
+float64[] velocity
+float64[] velocity_std
+float64 sound_speed
+float64 temperature
+float64 pressure
+float64 heading
+float64 pitch
+float64 roll
+float64 magnetic_declination
+bool declination_applied"""

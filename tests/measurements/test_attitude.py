@@ -1,0 +1,84 @@
+"""Attitudes from quaternions against rotation matrices, and what a ping takes of them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from replay_kit.measurements import initial_state, interpret
+from replay_kit.measurements.attitude import Attitude, Orientation, attitude_of, with_attitude
+from replay_kit.types import Message
+from tests.measurements.foreign import pose
+from tests.measurements.messages import CONFIG, fix, ping
+
+angles = st.tuples(st.floats(-179.0, 179.0), st.floats(-80.0, 80.0), st.floats(-170.0, 170.0))
+
+
+def quaternion(rotation, factor=1.0):
+    return dict(zip("xyzw", (factor * rotation.as_quat()).tolist(), strict=True))
+
+
+def axes(attitude):
+    """Return where nose and starboard side point, east, north, up, from what the angles mean."""
+    heading, pitch, roll = (math.radians(angle) for angle in (attitude.heading, attitude.pitch, attitude.roll))
+    level = np.array([math.sin(heading), math.cos(heading), 0.0])
+    right = np.array([math.cos(heading), -math.sin(heading), 0.0])
+    nose = math.cos(pitch) * level + math.sin(pitch) * np.array([0.0, 0.0, 1.0])
+    top = np.cross(right, nose)
+    return nose, math.cos(roll) * right - math.sin(roll) * top
+
+
+@given(angles)
+def test_nose_and_starboard_point_where_the_quaternion_turns_them(ypr):
+    rotation = Rotation.from_euler("ZYX", ypr, degrees=True)
+    nose, starboard = axes(attitude_of(Orientation(quaternion(rotation, 1.03))))
+    np.testing.assert_allclose(nose, rotation.apply([1.0, 0.0, 0.0]), atol=1e-9)
+    np.testing.assert_allclose(starboard, rotation.apply([0.0, -1.0, 0.0]), atol=1e-9)
+
+
+@given(angles)
+def test_north_east_down(ypr):
+    rotation = Rotation.from_euler("ZYX", ypr, degrees=True)
+    to_enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    nose, starboard = axes(attitude_of(Orientation(quaternion(rotation), ned=True)))
+    np.testing.assert_allclose(nose, to_enu @ rotation.apply([1.0, 0.0, 0.0]), atol=1e-9)
+    np.testing.assert_allclose(starboard, to_enu @ rotation.apply([0.0, 1.0, 0.0]), atol=1e-9)
+
+
+@pytest.mark.parametrize("bad", [None, [], {}, {"x": 0, "y": 0, "z": 0, "w": 0}, {"x": math.nan, "y": 0, "z": 0, "w": 1}, {"w": 2.0}])
+def test_what_is_no_attitude(bad):
+    assert attitude_of(Orientation(bad)) is None
+    assert with_attitude({}, Orientation(bad), 0) == {}
+
+
+EAST = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+NORTH = {"x": 0.0, "y": 0.0, "z": math.sqrt(0.5), "w": math.sqrt(0.5)}
+
+
+def test_a_ping_takes_a_recent_attitude_only_when_it_states_none():
+    assert with_attitude({"heading": None}, Orientation(EAST), 10**9) == {"heading": 90.0, "pitch": 0.0, "roll": 0.0}
+    for payload, age in (({"heading": 5.0}, 0), ({}, 2 * 10**9), ({}, -1)):
+        assert with_attitude(payload, Orientation(EAST), age) == payload
+
+
+def test_a_heading_is_below_360():
+    assert 0.0 <= attitude_of(Orientation(NORTH)).heading < 360.0
+    assert attitude_of(Orientation(NORTH)) == Attitude(pytest.approx(0.0, abs=1e-9), pytest.approx(0.0), pytest.approx(0.0))
+
+
+def test_poses_and_inertial_units_leave_their_orientation():
+    state, _ = interpret(initial_state(), fix(0), CONFIG)
+    stamped = pose(0.0, 0.0, 0.0) | {"pose": pose(0.0, 0.0, 0.0)["pose"] | {"orientation": EAST}}
+    state, _ = interpret(state, Message(1, "/pose", "geometry_msgs/PoseStamped", stamped, 0, 0), CONFIG)
+    assert state.orientation == (1, Orientation(EAST))
+    state, _ = interpret(state, Message(2, "/imu", "sensor_msgs/Imu", {"orientation": NORTH}, 0, 0), CONFIG)
+    assert state.orientation == (2, Orientation(NORTH))
+
+
+def test_a_ping_that_waits_has_the_attitude():
+    state, _ = interpret(initial_state(), Message(0, "/imu", "sensor_msgs/Imu", {"orientation": EAST}, 0, 0), CONFIG)
+    state, _ = interpret(state, ping(0.5), CONFIG)
+    assert state.waiting[0].message.payload["heading"] == 90.0
