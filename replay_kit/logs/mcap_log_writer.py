@@ -17,6 +17,9 @@ from replay_kit.types import Message
 
 _LIBRARY = "replay-kit"
 
+# A flipped bit costs the chunk that it is in.
+_CHUNK = 64 << 10
+
 
 class McapLogWriter:
     """An MCAP log being written; ``open_mcap_log`` makes one.
@@ -34,7 +37,7 @@ class McapLogWriter:
         """
         # Not compressed and without the library's version in the header: the bytes then do not depend on the version of
         # zstd, lz4 or mcap, so that a log that is kept in a repository can be made again and compared.
-        self._writer = Writer(file, compression=CompressionType.NONE, enable_crcs=True, enable_data_crcs=True)
+        self._writer = Writer(file, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_crcs=True, enable_data_crcs=True)
         self._writer.start(profile=profile, library=_LIBRARY)
         self._channels = OutChannels(self._writer)
         self._json = JsonChannels()
