@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from threadpoolctl import threadpool_limits
 
 import planners
 from planners.region import locate, region_of
@@ -20,6 +19,7 @@ from replay_kit import __version__
 from replay_kit.baselines import BASELINES
 from replay_kit.cli_experiment import experiment
 from replay_kit.cli_info import info
+from replay_kit.cli_make import fit, synthesize, twin
 from replay_kit.cli_options import (
     ClockOption,
     ConfigOption,
@@ -29,11 +29,9 @@ from replay_kit.cli_options import (
     LevelsOption,
     LevelStepOption,
     ModesOption,
-    NoiseOption,
     OverwriteOption,
     RegionOption,
     RemapOption,
-    bar,
     console_beside,
     forecast_part,
     part_named,
@@ -47,14 +45,11 @@ from replay_kit.config import PlannerConfig, load_config
 from replay_kit.convert import convert as convert_logs
 from replay_kit.convert import convert_json, print_converted
 from replay_kit.errors import ReplayKitError
-from replay_kit.fit import fit_json, fit_prior, print_fit, write_fit
 from replay_kit.flow import FlowEstimate
-from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.job import ReplayJob, check_outputs, check_paths, truth_path
+from replay_kit.job import ReplayJob, check_outputs, check_paths
 from replay_kit.rehearse import print_rehearsal, rehearsal_json, rehearse
 from replay_kit.replay import replay as replay_logs
 from replay_kit.report import print_summary, to_json
-from replay_kit.twin import make_twin, write_ensemble
 from replay_kit.types import Place, Plan
 from replay_kit.verify import print_verdict, verdict_json
 from replay_kit.verify import verify as verify_result
@@ -70,7 +65,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(experiment, name="experiment")
-app.command()(info)
 
 # The root of usage errors: click's own or the copy that newer typer carries, so it is found through a public name.
 _UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
@@ -262,61 +256,5 @@ def convert(
     raise typer.Exit(4 if summary.losses else 0)
 
 
-@app.command()
-def fit(
-    ensemble: Annotated[Path, typer.Argument(metavar="ENSEMBLE", help="Ensemble forecast.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="TOML", help="Settings for --config.")],
-    left_out: Annotated[int, typer.Option("--left-out", min=1, help="Members left out in turn.")] = 12,
-    lead: LeadOption = None,
-    region: RegionOption = None,
-    levels: LevelsOption = None,
-    level_step: LevelStepOption = None,
-    modes: ModesOption = None,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Fit the prior to an ensemble by leaving members out, and say what was chosen."""
-    check_paths([ensemble], [out, json_file], overwrite)
-    settings = load_config(None, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
-    members = read_ensemble(ensemble, settings.forecast)
-    with threadpool_limits(limits=settings.output.threads), bar() as advance:
-        fitted = fit_prior(members, settings.estimator, left_out, advance)
-    write_fit(fitted, out)
-    print_fit(fitted, console_beside(json_file))
-    write_json(json_file, fit_json(fitted))
-
-
-@app.command()
-def twin(
-    truth: Annotated[str, typer.Option("--truth", metavar="FILE[#member]", help="The truth the vehicle moves in.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="X.mcap|X.tlog", help="The log; its ending chooses the format.")],
-    vehicle: Annotated[
-        Literal["vessel", "glider"], typer.Option("--vehicle", help="Survey at random positions, or a sawtooth glider.")
-    ] = "vessel",
-    pings: Annotated[int, typer.Option("--pings", min=1, help="ADCP pings.")] = 450,
-    noise: NoiseOption = 0.09,
-    seed: Annotated[int, typer.Option("--seed", help="The same seed gives the same bytes.")] = 0,
-    region: RegionOption = None,
-    levels: LevelsOption = None,
-    level_step: LevelStepOption = None,
-    lead: LeadOption = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Make a log by flying a vehicle with a simulated ADCP through a truth."""
-    check_paths([truth_path(truth)], [out], overwrite)
-    settings = load_config(None, {"forecast": forecast_part(region, levels, level_step, lead)})
-    made = make_twin(read_truth(truth, settings.forecast), vehicle, pings, noise, seed, out, overwrite)
-    console_beside(None).print(f"{out}: {made.pings} pings over {made.duration / 3600.0:.1f} h", soft_wrap=True)
-
-
-@app.command()
-def synthesize(
-    ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Where the members go.")],
-    truth: Annotated[Path, typer.Option("--truth", metavar="T.nc", help="Where one more, withheld, goes.")],
-    members: Annotated[int, typer.Option("--members", min=2, help="Members.")] = 40,
-    seed: Annotated[int, typer.Option("--seed", help="The same seed gives the same bytes.")] = 0,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Make a synthetic ensemble (incompressible, eddying, baroclinic) and a truth withheld from it."""
-    check_paths([], [ensemble, truth], overwrite)
-    write_ensemble(ensemble, truth, n_members=members, seed=seed, overwrite=overwrite)
+for command in (info, fit, twin, synthesize):
+    app.command()(command)

@@ -21,6 +21,7 @@ from replay_kit.replay import replay
 from replay_kit.results.journal import Journal, read_journal
 from replay_kit.twin import make_twin
 from replay_kit.types import Place
+from replay_kit.verify import verify
 from tests import synthetic
 
 CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
@@ -37,12 +38,15 @@ def ocean(tmp_path_factory) -> Path:
     ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
     ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
-    make_twin(read_truth(str(folder / "truth.nc"), CONFIG.forecast), "glider", 90, 0.05, 1, folder / "glider.mcap")
+    truth = read_truth(str(folder / "truth.nc"), CONFIG.forecast)
+    make_twin(truth, "glider", 90, 0.05, 1, folder / "glider.mcap")
+    make_twin(truth, "vessel", 40, 0.05, 2, folder / "survey.mcap")
     return folder
 
 
-def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL):
-    job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True)
+def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL, logs=("glider.mcap",), include_inputs=False):
+    paths = tuple(ocean / log for log in logs)
+    job = ReplayJob(paths, ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True, include_inputs=include_inputs)
     seen = 0
 
     def on_message(_):
@@ -78,6 +82,18 @@ def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(ocean
     assert summary.messages == whole[1].messages
     assert not checkpoint.exists()
     assert not journal_path(checkpoint).exists()
+
+
+def test_copied_inputs_of_several_logs_are_copied_once_however_often_a_run_is_stopped(ocean, tmp_path):
+    logs = ("glider.mcap", "survey.mcap")
+    run(ocean, tmp_path / "whole.mcap", logs=logs, include_inputs=True)
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    for stop_after in (130, 50):
+        with pytest.raises(Killed):
+            run(ocean, out, checkpoint, stop_after, logs=logs, include_inputs=True)
+    run(ocean, out, checkpoint, logs=logs, include_inputs=True)
+    assert out.read_bytes() == (tmp_path / "whole.mcap").read_bytes()
+    assert verify(out, [ocean], cli.GlidePlanner.of).same
 
 
 def test_checkpoints_change_nothing_in_the_result(ocean, tmp_path, whole):

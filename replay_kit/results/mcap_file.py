@@ -1,0 +1,224 @@
+"""The file of a result: messages, attachments and metadata as they come, under a temporary name until it is whole.
+
+Everything that it is told goes into a journal too, if there is one, from which it can be made again byte for byte.
+"""
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import CompressionType, Writer
+
+from replay_kit.errors import ConfigError, ReplayKitError
+from replay_kit.logs.atomic import sync
+from replay_kit.logs.raw import RawChannel, RawMessage
+from replay_kit.logs.raw_channels import OutChannels
+from replay_kit.results.digest import Digest
+from replay_kit.results.journal import Journal
+from replay_kit.results.readback import check_written
+
+#: Name, encoding and definition of a schema.
+Definition = tuple[str, str, bytes]
+
+#: The input number of the channels that are ours.
+_OURS = -1
+#: Topics that are the result's own: an input's messages on such a topic go below ``/input``.
+_OWN_TOPICS = ("/tf", "/vehicle/fix", "/flow/", "/plan/", "/log")
+
+
+class ResultFile:
+    """An MCAP file that gets its name when it was read back.
+
+    Attributes:
+        path: Its name.
+        part: Its name until it is whole.
+        last_time_ns: Latest time of a message [ns, UTC].
+    """
+
+    def __init__(self, path: Path, overwrite: bool, journal: Journal | None) -> None:
+        """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
+
+        Args:
+            path: The result file.
+            overwrite: Replace an existing result.
+            journal: Is told everything that the file is.
+
+        Raises:
+            ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
+        """
+        self.path = Path(path)
+        self.part = self.path.with_name(self.path.name + ".part")
+        self._overwrite = overwrite
+        self._check_target()
+        try:
+            self._file = open(self.part, "wb")  # noqa: SIM115 - closed by close, abandon or discard
+        except OSError as error:
+            raise ConfigError(f"{self.path}: cannot write there: {error.strerror}; choose another place") from error
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True)
+        # without the library's version, which says nothing about the content
+        self._writer.start(profile="replay-kit", library="replay-kit")
+        self._out = OutChannels(self._writer)
+        self._channels: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
+        self._attachments = 0
+        self.last_time_ns = 0
+        self._digest = hashlib.sha256()
+        self._journal = journal
+        self._open = True
+
+    def write(self, topic: str, schema: Callable[[], Definition], data: bytes, time_ns: int) -> None:
+        """Write a message.
+
+        Args:
+            topic: Its channel.
+            schema: Makes the channel's schema, when it is new.
+            data: Protobuf.
+            time_ns: Log and publish time [ns, UTC].
+        """
+        assert self._open, "a closed result takes no messages"
+        with self._storing("write"):
+            number = self._channels.get(topic)
+            if number is None:
+                name, encoding, definition = schema()
+                number = self._channels[topic] = self._out.number(_OURS, RawChannel(0, topic, "protobuf", (), (name, encoding, definition)))
+                self._tell({"kind": "schema", "topic": topic, "name": name, "encoding": encoding}, definition)
+            self._writer.add_message(number, time_ns, data, time_ns, self._counts[topic])
+        self._tell({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
+        self._digest.update(f"{topic}\0{time_ns}\0{len(data)}\0".encode() + data)
+        self._counts[topic] += 1
+        self.last_time_ns = max(self.last_time_ns, time_ns)
+
+    def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
+        """Write an attachment."""
+        with self._storing(f"attach {name}"):
+            self._writer.add_attachment(create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data)
+        self._tell({"kind": "attachment", "time_ns": time_ns, "name": name, "media_type": media_type}, data)
+        self._attachments += 1
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record."""
+        with self._storing(f"write the metadata {name}"):
+            self._writer.add_metadata(name, dict(values))
+        self._tell({"kind": "metadata", "name": name, "values": dict(values)}, b"")
+
+    def copy(self, source: Iterator[RawMessage]) -> None:
+        """Write an input's messages as they are; those on a topic of the result's own go to ``/input`` and their topic.
+
+        Args:
+            source: The messages of all logs.
+        """
+        self._tell({"kind": "copies"}, b"")
+        renamed: dict[RawChannel, RawChannel] = {}
+        with self._storing("copy the inputs"):
+            for message in source:
+                channel = renamed.get(message.channel) or renamed.setdefault(message.channel, _beside_ours(message.channel))
+                number = self._out.number(message.input, channel)
+                self._writer.add_message(number, message.log_ns, message.data, message.publish_ns, message.sequence)
+                self._counts[channel.topic] += 1
+
+    def checkpoint(self) -> None:
+        """Put everything written so far on the disk as whole chunks, from which ``convert`` has it back after a power cut."""
+        with self._storing("write"):
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            os.fsync(self._file.fileno())
+        self._tell({"kind": "checkpoint"}, b"")
+
+    def digest(self, time_ns: int) -> Digest:
+        """Return what the messages so far amount to."""
+        return Digest(time_ns, self._counts.total(), self._digest.hexdigest())
+
+    def write_again(self, entries: Iterable[tuple[dict[str, Any], bytes]], copy_again: Callable[[], None]) -> None:
+        """Write what an interrupted run had written.
+
+        Args:
+            entries: Of its journal; they are not told to this file's.
+            copy_again: Copies the inputs, which no journal repeats.
+        """
+        journal, self._journal = self._journal, None
+        schemas: dict[str, Definition] = {}
+        for head, data in entries:
+            if head["kind"] == "schema":
+                schemas[head["topic"]] = (head["name"], head["encoding"], data)
+            elif head["kind"] == "message":
+                self.write(head["topic"], partial(schemas.__getitem__, head["topic"]), data, head["time_ns"])
+            elif head["kind"] == "attachment":
+                self.attach(head["time_ns"], head["name"], head["media_type"], data)
+            elif head["kind"] == "copies":
+                copy_again()
+            elif head["kind"] == "checkpoint":
+                self.checkpoint()
+            else:
+                self.metadata(head["name"], head["values"])
+        self._journal = journal
+
+    def close(self) -> None:
+        """Complete the file, read it back and give it its name; a second call does nothing.
+
+        Raises:
+            ReplayKitError: The file could not be written whole; it stays as ``.part``.
+            ConfigError: A result appeared under the name meanwhile and may not be replaced; ours stays as ``.part``.
+        """
+        if not self._open:
+            return
+        self._end()
+        check_written(self.part, self._counts, self._attachments)
+        self._check_target()
+        os.replace(self.part, self.path)
+        sync(self.path.parent)
+
+    def abandon(self) -> None:
+        """Stop: what was written so far stays as ``.part``; on a closed result this does nothing."""
+        # The caller is already handling the error that stopped the run; a second one would hide it.
+        with suppress(ReplayKitError):
+            if self._open:
+                self._end()
+
+    def discard(self) -> None:
+        """Stop and leave nothing; on a closed result this does nothing."""
+        if self._open:
+            self.abandon()
+            self.part.unlink(missing_ok=True)
+
+    def _end(self) -> None:
+        self._open = False
+        try:
+            with self._storing("complete the result"):
+                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._file.flush()
+                os.fsync(self._file.fileno())
+        finally:
+            # what a full disk did not take is tried again by the file's closing
+            with suppress(OSError):
+                self._file.close()
+
+    def _tell(self, head: dict[str, Any], data: bytes) -> None:
+        if self._journal is not None:
+            self._journal.append(head, data)
+
+    @contextmanager
+    def _storing(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise ReplayKitError(f"{self.part}: cannot {what}: {error}; is the disk full?") from error
+
+    def _check_target(self) -> None:
+        if not self.path.parent.is_dir():
+            raise ConfigError(f"{self.path}: the folder {self.path.parent} does not exist; make it or write elsewhere")
+        if self.path.is_dir():
+            raise ConfigError(f"{self.path}: a folder, but the result is a file; give it a name")
+        if self.path.exists() and not self._overwrite:
+            raise ConfigError(f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere")
+
+
+def _beside_ours(channel: RawChannel) -> RawChannel:
+    """Return an input's channel under a name that is none of the result's."""
+    if not channel.topic.startswith(_OWN_TOPICS):
+        return channel
+    return replace(channel, topic=f"/input{channel.topic}")
