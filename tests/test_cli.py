@@ -156,7 +156,8 @@ def test_help_keeps_units(tmp_path):
 
 
 def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path):
-    code = "import replay_kit.cli as c\ndef bad(*a, **k): raise OSError(28, 'No space left on device')\nc.write_ensemble = bad\nc.main()"
+    code = "import replay_kit.cli as c, replay_kit.cli_make as m\ndef bad(*a, **k): raise OSError(28, 'No space left on device')\n"
+    code += "m.write_ensemble = bad\nc.main()"
     command = [sys.executable, "-c", code, "synthesize", "--ensemble", "e.nc", "--truth", "t.nc"]
     done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert done.returncode == 1
@@ -197,7 +198,8 @@ def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
 
 
 def test_ctrl_c_elsewhere_names_no_part(tmp_path):
-    code = "import signal, os, replay_kit.cli as c\ndef stop(*a, **k): os.kill(os.getpid(), signal.SIGINT)\nc.write_ensemble = stop\n"
+    code = "import signal, os, replay_kit.cli as c, replay_kit.cli_make as m\n"
+    code += "def stop(*a, **k): os.kill(os.getpid(), signal.SIGINT)\nm.write_ensemble = stop\n"
     code += "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
     command = [sys.executable, "-c", code, "synthesize", "--ensemble", "e.nc", "--truth", "t.nc"]
     done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
