@@ -101,12 +101,17 @@ def test_checkpoints_change_nothing_in_the_result(ocean, tmp_path, whole):
     assert (tmp_path / "out.mcap").read_bytes() == whole[0]
 
 
-def test_a_process_that_is_killed_goes_on(ocean, tmp_path, whole):
-    out, checkpoint, config = tmp_path / "out.mcap", tmp_path / "run.ck", tmp_path / "run.toml"
-    config.write_text("[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n")
+def command_line(ocean, folder, *more):
+    """The run of ``whole`` as a command, its result in a folder."""
+    (folder / "run.toml").write_text("[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n")
     command = [sys.executable, "-c", "from replay_kit.cli import main; main()", "replay", str(ocean / "glider.mcap")]
-    options = ["--ensemble", str(ocean / "ensemble.nc"), "--config", str(config), "--goal=152.3,-39.8,150", "--overwrite"]
-    command += [*options, "-o", str(out), "--checkpoint", str(checkpoint)]
+    options = ["--ensemble", str(ocean / "ensemble.nc"), "--config", str(folder / "run.toml"), "--goal=152.3,-39.8,150", "--overwrite"]
+    return [*command, *options, "-o", str(folder / "out.mcap"), *more]
+
+
+def test_a_process_that_is_killed_goes_on(ocean, tmp_path, whole):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    command = command_line(ocean, tmp_path, "--checkpoint", str(checkpoint))
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
     while not checkpoint.exists() and process.poll() is None:
         time.sleep(0.002)
@@ -115,6 +120,19 @@ def test_a_process_that_is_killed_goes_on(ocean, tmp_path, whole):
     assert not out.exists()
     subprocess.run(command, check=True, capture_output=True)
     assert out.read_bytes() == whole[0]
+
+
+def test_the_caller_s_environment_changes_nothing(ocean, tmp_path, whole):
+    other = {
+        "PYTHONHASHSEED": "7",
+        "OMP_NUM_THREADS": "2",
+        "OPENBLAS_NUM_THREADS": "2",
+        "TZ": "Pacific/Auckland",
+        "LC_ALL": "C",
+        "LANG": "C",
+    }
+    subprocess.run(command_line(ocean, tmp_path), check=True, capture_output=True, env={**os.environ, **other})
+    assert (tmp_path / "out.mcap").read_bytes() == whole[0]
 
 
 @pytest.mark.parametrize("what", ["settings", "goal"])

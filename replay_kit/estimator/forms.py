@@ -18,7 +18,7 @@ _FIRST = 32
 # Share of all directions from which the span form is dearer than a dual one that begins anew from the covariance.
 _NEARLY_ALL = 0.75
 # Rows that are gathered before such a dual form begins anew again.
-_FOLDED = 512
+_FOLDED = 1024
 
 
 def in_cheaper_form(posterior: Posterior) -> Posterior:

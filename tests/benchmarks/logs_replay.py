@@ -1,4 +1,4 @@
-"""Whole replays: the memory that a large log takes, and the share of each stage in an hour of pings at 1 Hz."""
+"""Whole replays: the memory that a large log takes, and the share of each stage in a day of pings at 1 Hz."""
 
 import tempfile
 from collections.abc import Iterator
@@ -74,8 +74,8 @@ def _replayed(log: Path, ensemble: Path, folder: Path, settings: dict[str, Any])
 
 
 def stages_row(folder: Path, tiny: bool) -> Row:
-    """An hour of pings at 1 Hz, not the day of 24, with 300 modes a level: what each stage takes, beside reading alone."""
-    pings, modes = (12, 4) if tiny else (3600, 300)
+    """A day of pings at 1 Hz with 300 modes a level: what each stage takes, beside reading alone."""
+    pings, modes = (12, 4) if tiny else (86_400, 300)
     where = _SAMPLES if tiny else folder
     ensemble, truth = where / "ensemble.nc", where / "truth.nc"
     if not tiny:
@@ -100,9 +100,9 @@ def stages_row(folder: Path, tiny: bool) -> Row:
 
 def _hurried(path: Path, pings: int) -> Iterator[Message]:
     """Yield a log's messages as if its pings had come once a second."""
-    messages = list(open_log(path).messages())
-    first, last = messages[0].time_ns, max(message.time_ns for message in messages)
-    for message in messages:
+    times = [message.time_ns for message in open_log(path).messages()]
+    first, last = times[0], max(times)
+    for message in open_log(path).messages():
         yield message._replace(time_ns=first + (message.time_ns - first) * pings * _SECOND // max(last - first, 1))
 
 

@@ -126,7 +126,7 @@ def test_thousands_of_pings_need_no_more_than_the_covariance(preset):
     estimator = ESTIMATORS[preset]
     observations = observed(places("track", 2500))
     state, said = run(estimator, observations)
-    assert state.posterior.n_rows <= 512 + 6
+    assert state.posterior.n_rows <= 1024 + 6
     assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
 
 

@@ -22,15 +22,16 @@ def main(arguments: list[str] | None = None) -> int:
         from tests.fuzz.guided import run
 
         return run(options.name, options.seconds)
-    from tests.fuzz.damage import damage, logs
+    from tests.fuzz import damage, damage_vehicle
 
-    begin, bad = time.perf_counter(), 0
-    for file in logs():
-        wrong = damage(file, options.places)
-        bad += bool(wrong)
-        print("".join(f"{file}: {words}\n" for words in wrong), end="")
+    begin, bad, count = time.perf_counter(), 0, 0
+    for kind in (damage, damage_vehicle):
+        for file in kind.logs():
+            wrong = kind.damage(file, options.places)
+            bad, count = bad + bool(wrong), count + 1
+            print("".join(f"{file}: {words}\n" for words in wrong), end="")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print(f"{len(logs())} logs, {options.places} cuts and flips each, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad} bad")
+    print(f"{count} logs, {options.places} cuts and flips each, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad} bad")
     return bad + (peak > _MOST_MB)
 
 

@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from replay_kit.errors import LogError
+from replay_kit.logs.dataflash import DataflashReader
 from replay_kit.logs.decode import decode_json
 from replay_kit.logs.mavlink import TlogReader
 from replay_kit.logs.mcap_reader import McapReader
@@ -41,6 +42,15 @@ def tlog(data: bytes) -> None:
     assert all(loss.offset + loss.bytes <= len(data) for loss in reader.report().losses[:20])
 
 
+def dataflash(data: bytes) -> None:
+    """A DataFlash log: as messages and as columns."""
+    _file().write_bytes(data)
+    reader = DataflashReader(_file())
+    list(reader.messages())
+    reader.tables()
+    assert all(loss.offset >= 0 and loss.offset + loss.bytes <= len(data) for loss in reader.report().losses[:20])
+
+
 def ros2idl(data: bytes) -> None:
     """The IDL of a ROS 2 message."""
     try:
@@ -59,4 +69,4 @@ def json(data: bytes) -> None:
     assert isinstance(value, dict)
 
 
-PARSERS: dict[str, Callable[[bytes], None]] = {"mcap": mcap, "tlog": tlog, "ros2idl": ros2idl, "json": json}
+PARSERS: dict[str, Callable[[bytes], None]] = {"mcap": mcap, "tlog": tlog, "dataflash": dataflash, "ros2idl": ros2idl, "json": json}

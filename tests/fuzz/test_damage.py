@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.fuzz.damage import damage, logs
+from tests.fuzz import damage_vehicle
+from tests.fuzz.damage import ROOT, damage, logs
 
 FILES = logs()
 
@@ -16,3 +17,13 @@ def test_a_damaged_sample_gives_what_is_whole_before_the_damage(file):
 def test_damaged_shared_logs_give_what_is_whole_before_the_damage():
     for file in FILES[:: len(FILES) // 24]:
         assert damage(file, 4) == [], file
+
+
+def test_a_damaged_telemetry_log_gives_what_is_whole():
+    assert damage_vehicle.damage(ROOT / "sample_logs" / "glider.tlog", 4) == []
+
+
+@pytest.mark.skipif(not any(file.suffix == ".BIN" for file in damage_vehicle.logs()), reason="the shared logs are not on this machine")
+def test_a_damaged_dataflash_log_gives_what_is_whole_before_the_damage():
+    (file,) = (file for file in damage_vehicle.logs() if file.suffix == ".BIN")
+    assert damage_vehicle.damage(file, 6) == []
