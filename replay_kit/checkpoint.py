@@ -11,16 +11,22 @@ import json
 import os
 import pickle
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
 from replay_kit.errors import ConfigError, LogError
+from replay_kit.estimator.dual import RowLog
+from replay_kit.estimator.span import Buffer
+from replay_kit.job import checkpoint_files
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
 from replay_kit.run import Run
 
-_FORMAT = 1
+#: Begins the file; then the run's identity, the SHA-256 of the rest, and the rest.
+_MAGIC = b"replay-kit checkpoint 1\n"
+_HEAD = len(_MAGIC) + 64 + 32
 _OF_RUN = (
     *("tally", "state", "dive_start", "dive", "vehicle", "plan", "plan_note"),
     *("next_plan_ns", "next_grid_ns", "last_ns", "positions"),
@@ -49,12 +55,12 @@ class Resumed:
 
 def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) -> str:
     """Return what a run must have in common with a checkpoint: inputs, options, region, versions, configuration."""
-    return hashlib.sha256(json.dumps([_FORMAT, metadata, settings_toml], sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([metadata, settings_toml], sort_keys=True).encode()).hexdigest()
 
 
 def journal_path(path: Path) -> Path:
     """Return where the journal of a checkpoint is."""
-    return path.with_name(path.name + ".journal")
+    return checkpoint_files(path)[1]
 
 
 class Checkpoints:
@@ -78,23 +84,28 @@ class Checkpoints:
         """Put a run where the checkpoint was made and return the rest; None when there is none yet.
 
         Raises:
-            ConfigError: The checkpoint is of another run, or of another version of its inputs or settings.
+            ConfigError: It is no checkpoint, or that of another run, or of another version of its inputs or settings.
             LogError: It cannot be read, or is damaged.
         """
         if not self.path.exists():
             return None
         try:
             data = self.path.read_bytes()
-            digest, body = data[:32], data[32:]
-            if hashlib.sha256(body).digest() != digest:
-                raise ValueError("its checksum does not match")
-            kept = _Loader(io.BytesIO(body), _prior_of(run)).load()
-        except (OSError, ValueError, pickle.UnpicklingError, AttributeError, EOFError) as error:
-            raise LogError(f"{self.path}: the checkpoint cannot be used: {error}; delete it to begin anew") from error
-        if kept["identity"] != self._identity:
+        except OSError as error:
+            raise LogError(f"{self.path}: the checkpoint cannot be read: {error.strerror}") from error
+        if not data.startswith(_MAGIC):
+            raise ConfigError(f"{self.path}: exists and is no checkpoint of this version; choose another name for the checkpoint")
+        identity, digest, body = data[len(_MAGIC) : _HEAD - 32], data[_HEAD - 32 : _HEAD], data[_HEAD:]
+        if hashlib.sha256(body).digest() != digest:
+            raise LogError(f"{self.path}: the checkpoint is damaged: its checksum does not match; delete it to begin anew")
+        if identity != self._identity.encode():
             raise ConfigError(
                 f"{self.path}: the checkpoint of another run: inputs, options, versions or settings differ; delete it, or name another"
             )
+        try:
+            kept = _Loader(io.BytesIO(body), _prior_of(run)).load()
+        except (ValueError, LookupError, TypeError, pickle.UnpicklingError, AttributeError, ImportError, EOFError) as error:
+            raise LogError(f"{self.path}: the checkpoint cannot be used: {error}; delete it to begin anew") from error
         for name in _OF_RUN:
             setattr(run, name, kept[name])
         self._next_ns = run.last_ns + self._interval_ns
@@ -125,7 +136,6 @@ class Checkpoints:
             return
         self._next_ns = run.last_ns + self._interval_ns
         kept = {name: getattr(run, name) for name in _OF_RUN} | {
-            "identity": self._identity,
             "measurement": measurement,
             "messages": messages,
             "journal_bytes": self._journal.flushed(),
@@ -135,20 +145,27 @@ class Checkpoints:
         _Dumper(body, _prior_of(run)).dump(kept)
         part = self.path.with_name(self.path.name + ".part")
         with part.open("wb") as file:
-            file.write(hashlib.sha256(body.getvalue()).digest() + body.getvalue())
+            file.write(_MAGIC + self._identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, self.path)
 
     def close(self) -> None:
-        """Close the journal; the run has ended, or can go on from the last checkpoint."""
+        """Close the journal; without a checkpoint nothing can go on from it, and it is deleted."""
         if self._journal is not None:
             self._journal.close()
+            if not self.path.exists():
+                self._journal.path.unlink(missing_ok=True)
 
     def remove(self) -> None:
         """Delete the checkpoint and its journal: the result is whole."""
         self.path.unlink(missing_ok=True)
         journal_path(self.path).unlink(missing_ok=True)
+
+
+def _is_value(kind: type) -> bool:
+    """Return whether making one of a kind does no more than hold values."""
+    return is_dataclass(kind) or issubclass(kind, (Enum, tuple)) or kind in (RowLog, Buffer)
 
 
 def _prior_of(run: Run) -> Any:
@@ -165,7 +182,7 @@ class _Dumper(pickle.Pickler):
 
 
 class _Loader(pickle.Unpickler):
-    """Loads values of this project and arrays, and nothing that could act."""
+    """Loads this project's values and arrays; nothing whose making acts."""
 
     def __init__(self, file: io.BytesIO, prior: Any) -> None:
         super().__init__(file)
@@ -177,6 +194,8 @@ class _Loader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in _FUNCTIONS | _CLASSES:
             return super().find_class(module, name)
-        if module.startswith("replay_kit.") and isinstance(found := super().find_class(module, name), type):
-            return found
+        if module.startswith("replay_kit.") and "." not in name:
+            found = super().find_class(module, name)
+            if isinstance(found, type) and found.__module__ == module and _is_value(found):
+                return found
         raise pickle.UnpicklingError(f"it holds {module}.{name}, which no checkpoint does")

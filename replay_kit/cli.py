@@ -1,7 +1,7 @@
 """The command line: parse, configure, one library call, exit code.
 
 Exit codes: 0 done; 1 the run failed inside; 2 bad option or configuration; 3 input unusable; 4 finished, but something was lost;
-130 interrupted.
+5 a result could not be made again; 130 interrupted.
 """
 
 import logging
@@ -143,7 +143,12 @@ def _root(
 
 @app.command()
 def replay(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one mission: MCAP, MAVLink .tlog, Seaglider NetCDF.")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...", help="Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)."
+        ),
+    ],
     ensemble: Annotated[
         Path, typer.Option("--ensemble", metavar="FILE", help="Ensemble forecast: CF NetCDF or Zarr with a member dimension.")
     ],
@@ -229,18 +234,24 @@ def verify(
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Make a result again from its inputs and the configuration in it, and name the first message that differs."""
+    """Make a result again from its inputs and the configuration in it; name what differs, with exit 5."""
     check_paths([result], [json_file], overwrite)
     with progress("replaying") as advance:
         verdict = verify_result(result, inputs or [], GlidePlanner.of, advance)
     print_verdict(verdict, console_beside(json_file))
     write_json(json_file, verdict_json(verdict))
-    raise typer.Exit(0 if verdict.same else 1)
+    raise typer.Exit(0 if verdict.same else 5)
 
 
 @app.command()
 def convert(
-    inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Logs: Seaglider NetCDF, .tlog, MCAP; several are merged by time.")],
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="IN...",
+            help="Logs: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP); several are merged by time.",
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap|OUT.tlog", help="One log; its ending chooses the format.")],
     remap: RemapOption = None,
     json_file: JsonOption = None,

@@ -65,16 +65,20 @@ class ReplayJob:
     include_inputs: bool = False
 
 
-def check_paths(inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool) -> None:
+def check_paths(
+    inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool, may_exist: Iterable[Path | None] = ()
+) -> None:
     """Raise ConfigError when an output cannot or may not be written; nothing is read, so this comes before all work.
 
     Args:
         inputs: Files and stores (folders) that are read; None and names that do not exist are none.
         outputs: Files that will be written, each as ``NAME.part`` first; None and ``-``, standard output, are none.
         overwrite: Whether an existing output is replaced; an input never is.
+        may_exist: Outputs that a run goes on with when they exist.
     """
+    kept = [path for path in may_exist if path is not None]
     read = [path for path in inputs if path is not None]
-    wanted = [path for path in outputs if path is not None and str(path) != "-"]
+    wanted = [path for path in outputs if path is not None and str(path) != "-"] + kept
     for position, path in enumerate(wanted):
         part = path.with_name(path.name + ".part") if path.name else path
         if any(_touches(name, source) for name in (path, part) for source in read):
@@ -87,7 +91,7 @@ def check_paths(inputs: Iterable[Path | None], outputs: Iterable[Path | None], o
             raise ConfigError(f"{path}: is a folder; give the name of a file")
         if not path.parent.is_dir():
             raise ConfigError(f"{path}: there is no folder {path.parent}; make it, or choose another place")
-        if path.exists() and not overwrite and not is_stream(path):
+        if path.exists() and not overwrite and path not in kept and not is_stream(path):
             raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
 
 
@@ -120,16 +124,24 @@ def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_wr
         also_written: Outputs that the job does not know, such as the JSON summary.
     """
     inputs = (*job.logs, job.ensemble, truth_path(job.truth), *also_read)
-    check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite)
+    check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite, checkpoint_files(job.checkpoint))
+
+
+def checkpoint_files(path: Path | None) -> tuple[Path, ...]:
+    """Return the files of a checkpoint of that name: itself, and the journal beside it."""
+    return () if path is None else (path, path.with_name(path.name + ".journal"))
 
 
 def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
-    """Return the logs, opened; of MAVLink only what the estimator uses is decoded.
+    """Return the logs, opened; of MAVLink and DataFlash only what the estimator uses, and topics mapped, is decoded.
 
     Raises:
         LogError: One is missing or not a log.
     """
-    return [open_log(path, position, config.logs, wanted=MAVLINK_NAMES) for position, path in enumerate(logs)]
+    mapped = [entry.topic.split("/") for entry in config.measurements.map]
+    # a schema of DataFlash has its format's name before that of the record
+    wanted = MAVLINK_NAMES | {".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped}
+    return [open_log(path, position, config.logs, wanted=wanted) for position, path in enumerate(logs)]
 
 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:

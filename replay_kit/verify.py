@@ -5,7 +5,7 @@ stopped at the first that differs.
 """
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -23,6 +23,8 @@ from replay_kit.replay import replay
 from replay_kit.results import Difference, Digest, Recorded, first_difference, read_recorded
 from replay_kit.types import Place
 
+_VERSIONS = "replay_kit.versions"
+
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -32,20 +34,20 @@ class Verdict:
         result: The result.
         messages: Number of messages found the same.
         difference: The first message that is not; None when all are.
-        attachments: Names of attachments that are not the same.
+        others: Attachments and metadata records that are not the same.
         notes: What may explain a difference: other versions.
     """
 
     result: Path
     messages: int
     difference: Difference | None
-    attachments: tuple[str, ...]
+    others: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
     def same(self) -> bool:
         """Whether the result was made again, bit for bit."""
-        return self.difference is None and not self.attachments
+        return self.difference is None and not self.others
 
 
 class _DivergedError(Exception):
@@ -67,35 +69,58 @@ def verify(
         LogError: The result cannot be read, or an input is not found.
     """
     recorded = read_recorded(result)
-    notes = _other_versions(recorded)
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "config.toml"
         settings.write_text(recorded.config_toml, encoding="utf-8")
         config = load_config(settings)
         again = Path(folder) / "again.mcap"
         job = _job(result, recorded, [*folders, result.parent, Path()], again)
-        whole, stopped = _repeat(job, config, planner_of(config.planner), recorded.digests, on_message)
-        made = again if again.exists() else again.with_name(again.name + ".part")
-        difference = first_difference(result, made, None if stopped is None else stopped.messages)
-        attachments: tuple[str, ...] = ()
-        if stopped is None:
-            ours, theirs = recorded.attachments, read_recorded(again).attachments
-            attachments = tuple(sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name)))
-    same = difference.index if difference else whole
-    return Verdict(result, same, difference, attachments, notes)
+        planner = planner_of(config.planner)
+        made, stopped = _repeat(job, config, planner, recorded.digests, on_message)
+        difference = None
+        if stopped is not None:
+            difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages)
+        if stopped is not None and difference is None:
+            # the digest itself is what differs: nothing less than everything must be compared
+            made, _ = _repeat(job, config, planner, (), on_message)
+        others: tuple[str, ...] = ()
+        if difference is None:
+            difference = first_difference(result, again)
+            others = _others_that_differ(recorded, read_recorded(again))
+    return Verdict(result, difference.index if difference else made, difference, others, _other_versions(recorded))
+
+
+def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:
+    """Return attachments and metadata records that are not the same, but for versions and what a truth is scored with."""
+    attachments = [f"attachment {name}" for name in _unequal(one.attachments, other.attachments)]
+    ours, theirs = ({name: _without_truth(values) for name, values in recorded.metadata.items()} for recorded in (one, other))
+    metadata = [f"metadata {name}" for name in _unequal(ours, theirs) if name != _VERSIONS]
+    digests = ["the digests"] if one.digests != other.digests else []
+    return (*attachments, *metadata, *digests)
+
+
+def _unequal(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    return sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
+
+
+def _without_truth(values: Mapping[str, str]) -> dict[str, str]:
+    return {key: value for key, value in values.items() if key not in ("truth", "truth_radius_km")}
 
 
 def _repeat(
     job: ReplayJob, config: RunConfig, planner: Planner, expected: Sequence[Digest], on_message: Callable[[int], None] | None
 ) -> tuple[int, Digest | None]:
-    """Replay until a digest differs; return the number of messages made, and that digest, None when all are the same."""
+    """Replay until a digest differs; return the number of messages made, and that digest, None when all are the same.
+
+    Without expected digests there is nothing to stop at.
+    """
     made, other = 0, None
     remaining = list(expected)
 
     def compare(digest: Digest) -> None:
         nonlocal made, other
         made = digest.messages
-        if not remaining or remaining.pop(0) != digest:
+        if expected and (not remaining or remaining.pop(0) != digest):
             other = digest
             raise _DivergedError
 
@@ -130,7 +155,7 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
 def _other_versions(recorded: Recorded) -> tuple[str, ...]:
     """Say which of the packages that matter to the last bit are not those the result was made with."""
     notes = []
-    for package, made_with in recorded.metadata.get("replay_kit.versions", {}).items():
+    for package, made_with in recorded.metadata.get(_VERSIONS, {}).items():
         try:
             here = __version__ if package == "replay-kit" else version(package)
         except PackageNotFoundError:
@@ -153,7 +178,7 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
         console.print(f"{verdict.result}: message {first.index} differs: {first.topic} at {first.time_ns} ns", soft_wrap=True)
         for field in first.fields:
             console.print(f"  {field}  (recorded | made again)", soft_wrap=True)
-    for name in verdict.attachments:
-        console.print(f"{verdict.result}: the attachment {name} differs", soft_wrap=True)
+    for name in verdict.others:
+        console.print(f"{verdict.result}: differs: {name}", soft_wrap=True)
     for note in verdict.notes:
         console.print(f"note: {note}", soft_wrap=True)

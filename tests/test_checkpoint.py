@@ -1,7 +1,9 @@
 """Runs that are killed and go on give the bytes of an uninterrupted run; a checkpoint that does not fit is refused."""
 
+import hashlib
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +21,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.job import ReplayJob
 from replay_kit.replay import replay
 from replay_kit.results.journal import Journal, read_journal
+from replay_kit.results.mcap_file import ResultFile
 from replay_kit.twin import make_twin
 from replay_kit.types import Place
 from replay_kit.verify import verify
@@ -161,14 +164,33 @@ def test_a_damaged_checkpoint_is_named_and_nothing_is_guessed(ocean, tmp_path, d
         run(ocean, out, checkpoint)
 
 
-def test_a_checkpoint_that_would_act_is_not_loaded(ocean, tmp_path):
-    import hashlib
-
-    body = pickle.dumps(os.getcwd)
+@pytest.mark.parametrize("what", ["getcwd", "dotted", "file"])
+def test_a_checkpoint_that_would_act_is_not_loaded(ocean, tmp_path, what):
     checkpoint = tmp_path / "run.ck"
-    checkpoint.write_bytes(hashlib.sha256(body).digest() + body)
+    with pytest.raises(Killed):
+        run(ocean, tmp_path / "out.mcap", checkpoint, 130)
+    body = {
+        "getcwd": pickle.dumps(os.getcwd),
+        "dotted": b"\x80\x04\x8c\x1creplay_kit.baselines.columns\x8c\x18np.f2py.subprocess.Popen\x93.",
+        "file": pickle.dumps(ResultFile),
+    }[what]
+    head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 1\n") + 64]
+    checkpoint.write_bytes(head + hashlib.sha256(body).digest() + body)
     with pytest.raises(LogError, match="which no checkpoint does"):
         run(ocean, tmp_path / "out.mcap", checkpoint)
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "glider.mcap", "ensemble.nc", "other"])
+def test_a_checkpoint_harms_no_other_file(ocean, tmp_path, name):
+    for source in ("glider.mcap", "ensemble.nc"):
+        shutil.copy(ocean / source, tmp_path / source)
+    (tmp_path / "other").write_text("precious")
+    (tmp_path / "new.journal").write_text("precious")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for checkpoint in (tmp_path / name, tmp_path / "new"):
+        with pytest.raises(ConfigError, match=r"out\.mcap|input|no checkpoint|no journal"):
+            run(tmp_path, tmp_path / "out.mcap", checkpoint)
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_journal_gives_back_what_it_was_told_and_forgets_what_was_not_confirmed(tmp_path):

@@ -1,5 +1,6 @@
 """A result is made again bit for bit, and whatever was changed in it is found and named."""
 
+import contextlib
 import json
 import shutil
 from pathlib import Path
@@ -37,7 +38,9 @@ def run(tmp_path_factory) -> Path:
     return folder
 
 
-def changed(source: Path, target: Path, message=None, metadata=lambda name, values: values, attachment=lambda name, data: data) -> Path:
+def changed(
+    source: Path, target: Path, message=None, metadata=lambda name, values: values, attachment=lambda name, data: data, later_ns=0
+) -> Path:
     """A copy of a result, with the data of its n-th message, its metadata or attachments changed."""
     number, change = message or (-1, None)
     with source.open("rb") as file, target.open("wb") as out:
@@ -48,14 +51,15 @@ def changed(source: Path, target: Path, message=None, metadata=lambda name, valu
             data = attachment(record.name, record.data)
             writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, data)
         for record in reader.iter_metadata():
-            writer.add_metadata(record.name, metadata(record.name, dict(record.metadata)))
+            if (values := metadata(record.name, dict(record.metadata))) is not None:
+                writer.add_metadata(record.name, values)
         for index, (schema, channel, record) in enumerate(reader.iter_messages(log_time_order=False)):
             if channel.id not in ids:
                 schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
                 ids[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
             data = change(schema, record.data) if index == number else record.data
             if data is not None:
-                writer.add_message(ids[channel.id], record.log_time, data, record.publish_time, record.sequence)
+                writer.add_message(ids[channel.id], record.log_time, data, record.publish_time + later_ns, record.sequence)
         writer.finish()
     return target
 
@@ -103,7 +107,7 @@ def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
     assert verify(path, [run], cli.GlidePlanner.of).difference.fields == ("only the second has this message",)
     path = changed(run / "out.mcap", tmp_path / "nc.mcap", attachment=lambda name, data: data[:-1] if name == "estimate.nc" else data)
     verdict = verify(path, [run], cli.GlidePlanner.of)
-    assert verdict.attachments == ("estimate.nc",)
+    assert verdict.others == ("attachment estimate.nc",)
     assert verdict.difference is None
 
 
@@ -115,6 +119,46 @@ def test_other_settings_than_recorded_are_found_at_the_first_digest(run, tmp_pat
     verdict = verify(path, [run], cli.GlidePlanner.of)
     assert not verdict.same
     assert verdict.difference.index < read_recorded(path).digests[1].messages
+
+
+def test_a_digest_that_lies_or_is_missing_hides_nothing(run, tmp_path):
+    index = index_of(run / "out.mcap", "/plan/controls")
+
+    def turned(schema, data):
+        message = DecoderFactory().decoder_for("protobuf", schema)(data)
+        message.heading_deg += 90.0
+        return message.SerializeToString()
+
+    def lying(name, values):
+        return values | {"sha256": "0" * 64} if name == "replay_kit.digest" else values
+
+    for metadata in (lying, lambda name, values: None if name == "replay_kit.digest" else values):
+        verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", (index, turned), metadata), [run], cli.GlidePlanner.of)
+        assert verdict.difference.index == index
+        untouched = verify(changed(run / "out.mcap", tmp_path / "same.mcap", metadata=metadata), [run], cli.GlidePlanner.of)
+        assert untouched.difference is None
+        assert "the digests" in untouched.others
+
+
+def test_changed_metadata_schemas_and_stamps_are_named(run, tmp_path):
+    def options(name, values):
+        return values | {"modes": "7"} if name == "replay_kit.options" else values
+
+    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=options), [run], cli.GlidePlanner.of)
+    assert verdict.others == ("metadata replay_kit.options",)
+    path = changed(run / "out.mcap", tmp_path / "later.mcap", later_ns=5)
+    assert first_difference(run / "out.mcap", path).fields[0].startswith("publish_ns: ")
+
+
+def test_a_damaged_result_is_named_and_no_other_exception_comes(run, tmp_path):
+    data = bytearray((run / "out.mcap").read_bytes())
+    for place in range(40, len(data), len(data) // 60):
+        damaged = bytearray(data)
+        damaged[place] ^= 16
+        (tmp_path / "out.mcap").write_bytes(damaged)
+        with contextlib.suppress(LogError):
+            read_recorded(tmp_path / "out.mcap")
+        first_difference(run / "out.mcap", tmp_path / "out.mcap")
 
 
 def test_other_versions_are_said(run, tmp_path):
@@ -139,7 +183,7 @@ def test_inputs_are_known_by_their_content(run, tmp_path):
         verify(run / "glider.mcap", [run], cli.GlidePlanner.of)
 
 
-def test_the_command_says_it_and_ends_with_0_or_1(run, tmp_path):
+def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
     said = CliRunner().invoke(cli.app, ["verify", str(run / "out.mcap"), "--json", str(tmp_path / "verdict.json")])
     assert said.exit_code == 0
     assert "made again bit for bit" in said.output
@@ -153,6 +197,6 @@ def test_the_command_says_it_and_ends_with_0_or_1(run, tmp_path):
 
     path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, change))
     said = CliRunner().invoke(cli.app, ["verify", str(path), "--inputs", str(run)])
-    assert said.exit_code == 1
+    assert said.exit_code == 5
     assert f"message {index} differs: /vehicle/fix" in said.output
     assert "latitude: " in said.output

@@ -1,11 +1,14 @@
 """Two results message by message: where they first differ, and in which fields."""
 
+import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
+import zstandard
+from google.protobuf.message import DecodeError
 from google.protobuf.message import Message as ProtobufMessage
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -18,6 +21,8 @@ from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.mcap_writer import CONFIG_NAME
 
 _FIELDS_SHOWN = 10
+# What the readers raise on a damaged file: their own errors, and what bytes taken for lengths and numbers lead to.
+_DAMAGED = (McapError, DecodeError, zstandard.ZstdError, struct.error, ValueError, LookupError, OverflowError, EOFError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +49,20 @@ class Written:
     Attributes:
         topic: Its channel.
         time_ns: Its time [ns, UTC].
+        publish_ns: Its publish time [ns, UTC].
+        sequence: Its number in the channel.
         data: As written.
-        schema: Of the data.
+        encoding: Of the data.
+        schema: Name, encoding and definition; None without one.
     """
 
     topic: str
     time_ns: int
+    publish_ns: int
+    sequence: int
     data: bytes
-    schema: Schema
+    encoding: str
+    schema: tuple[str, str, bytes] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +103,7 @@ def read_recorded(path: Path) -> Recorded:
             raise KeyError("replay_kit.inputs")
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
-    except (McapError, ValueError, KeyError) as error:
+    except _DAMAGED as error:
         raise LogError(f"{path}: expected a whole result of replay-kit replay: {error!r}") from error
     return Recorded(metadata, config, tuple(digests), attachments)
 
@@ -111,7 +122,7 @@ def first_difference(one: Path, other: Path, end: int | None = None) -> Differen
             more = a or b
             assert more is not None
             return Difference(index, more.topic, more.time_ns, (f"only {'the first' if b is None else 'the second'} has this message",))
-        if (a.topic, a.time_ns, a.data) != (b.topic, b.time_ns, b.data):
+        if a != b:
             return Difference(index, a.topic, a.time_ns, tuple(islice(_what_differs(a, b), _FIELDS_SHOWN)))
     return None
 
@@ -128,23 +139,37 @@ def _messages(path: Path) -> Iterator[Written]:
                     channels[record.id] = record
                 elif isinstance(record, Message):
                     channel = channels[record.channel_id]
-                    yield Written(channel.topic, record.log_time, record.data, schemas[channel.schema_id])
-        except (McapError, KeyError):
+                    schema = schemas[channel.schema_id] if channel.schema_id else None
+                    definition = (schema.name, schema.encoding, schema.data) if schema else None
+                    times = record.log_time, record.publish_time, record.sequence
+                    yield Written(channel.topic, *times, record.data, channel.message_encoding, definition)
+        except _DAMAGED:
             # an unfinished file ends where it ends
             return
 
 
 def _what_differs(a: Written, b: Written) -> Iterator[str]:
-    for name in ("topic", "time_ns"):
+    for name in ("topic", "time_ns", "publish_ns", "sequence", "encoding"):
         if getattr(a, name) != getattr(b, name):
             yield f"{name}: {getattr(a, name)} | {getattr(b, name)}"
-    if a.schema.name == b.schema.name:
-        decoders = [DecoderFactory().decoder_for("protobuf", message.schema) for message in (a, b)]
-        assert decoders[0] is not None
-        assert decoders[1] is not None
-        yield from _fields(decoders[0](a.data), decoders[1](b.data), "")
-    else:
-        yield f"schema: {a.schema.name} | {b.schema.name}"
+    if a.schema != b.schema:
+        names = [message.schema[0] if message.schema else None for message in (a, b)]
+        yield f"schema: {names[0]} | {names[1]}" if names[0] != names[1] else f"schema: the definitions of {names[0]} differ"
+    elif a.data != b.data:
+        yield from _contents(a, b)
+
+
+def _contents(a: Written, b: Written) -> Iterator[str]:
+    """Yield the fields that differ of two messages of one schema."""
+    try:
+        schema = Schema(id=1, name=a.schema[0], encoding=a.schema[1], data=a.schema[2]) if a.schema else None
+        decode = DecoderFactory().decoder_for(a.encoding, schema)
+        if decode is not None:
+            yield from _fields(decode(a.data), decode(b.data), "")
+            return
+    except _DAMAGED:
+        pass
+    yield from _values(a.data, b.data, "data")
 
 
 def _fields(a: ProtobufMessage, b: ProtobufMessage, path: str) -> Iterator[str]:

@@ -15,6 +15,7 @@ import orjson
 
 from replay_kit.errors import ConfigError, LogError
 
+_MAGIC = b"replay-kit journal 1\n"
 _ENTRY = struct.Struct("<III")
 
 
@@ -29,17 +30,23 @@ class Journal:
             length: Bytes kept.
 
         Raises:
-            ConfigError: It cannot be opened or written.
+            ConfigError: It cannot be opened or written, or is another kind of file.
             LogError: It holds fewer bytes.
         """
         self.path = path
         try:
+            if path.exists():
+                with path.open("rb") as file:
+                    if file.read(len(_MAGIC)) not in (_MAGIC, b""):
+                        raise ConfigError(f"{path}: exists and is no journal of a checkpoint; choose another name for the checkpoint")
             size = path.stat().st_size if length else 0
             if size < length:
                 raise LogError(f"{path}: expected at least {length} bytes, got {size}; delete the checkpoint to begin anew")
             self._file: BinaryIO = path.open("r+b" if length else "wb")
             self._file.truncate(length)
             self._file.seek(length)
+            if not length:
+                self._file.write(_MAGIC)
         except OSError as error:
             raise ConfigError(f"{path}: cannot be written: {error.strerror}; choose another place for the checkpoint") from error
 
@@ -67,6 +74,7 @@ def read_journal(path: Path, length: int) -> Iterator[tuple[dict[str, Any], byte
     """
     try:
         with path.open("rb") as file:
+            file.seek(len(_MAGIC))
             while (start := file.tell()) < length:
                 head_size, data_size, crc = _ENTRY.unpack(file.read(_ENTRY.size))
                 if start + _ENTRY.size + head_size + data_size > length:
