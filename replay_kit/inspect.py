@@ -171,8 +171,8 @@ def info_json(info: LogInfo) -> dict[str, Any]:
 
 
 def iso(time_ns: int | None) -> str | None:
-    """Return a time as ISO 8601 UTC to the second."""
-    return None if time_ns is None else f"{np.datetime_as_string(np.datetime64(time_ns, 'ns'), unit='s')}Z"
+    """Return a time as ISO 8601 UTC to the second; one later than 64 bits with a sign can hold is given as the last that they can."""
+    return None if time_ns is None else f"{np.datetime_as_string(np.datetime64(min(time_ns, 2**63 - 1), 'ns'), unit='s')}Z"
 
 
 def print_info(log: LogInfo, console: Console) -> None:

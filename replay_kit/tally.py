@@ -123,8 +123,8 @@ class Tally:
             raise MeasurementError(f"{names}: {self._rejected} ADCP pings, none usable: {why}")
         found = _describe(self._rows(reports)) or "no messages at all"
         raise MeasurementError(
-            f"{names}: no usable ADCP ping; expected replay_kit.AdcpPing messages in earth coordinates "
-            f"or ADCP_* DEBUG_FLOAT_ARRAY frames. Found: {found}"
+            f"{names}: no usable ADCP ping; expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) "
+            f"with positions and, unless in earth coordinates, attitude. Found: {found}"
         )
 
     def notes(self, reports: Sequence[LogReport]) -> list[str]:

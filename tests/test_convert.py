@@ -1,15 +1,24 @@
 from collections import Counter
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from rich.console import Console
+from typer.testing import CliRunner
 
+from replay_kit.cli import app
 from replay_kit.config import LogConfig
-from replay_kit.convert import convert
+from replay_kit.convert import convert, convert_json, print_converted
 from replay_kit.errors import ConfigError, LogError
+from replay_kit.inspect import iso
 from replay_kit.logs import merge, open_log
+from replay_kit.logs.mavlink import entries
+from replay_kit.logs.mcap_log_writer import write_mcap_log
 from replay_kit.measurements import observations
 from replay_kit.twin import make_twin
+from replay_kit.types import Message
+from tests.logs.log_samples import tlog
 from tests.twin.truths import make_truth
 
 SEAGLIDER = sorted((Path(__file__).parents[2] / "shared" / "data" / "seaglider").glob("p17101*.nc"))
@@ -97,6 +106,79 @@ def test_bad_inputs_are_refused_before_anything_is_written(tmp_path: Path, logs:
     with pytest.raises(ConfigError, match="at least one log"):
         convert([], tmp_path / "out.mcap", False, LogConfig())
     assert not list(tmp_path.glob("out.mcap*"))
+
+
+def _stamps(path: Path) -> list[int]:
+    return [stamp for stamp, _ in entries(path)]
+
+
+@pytest.mark.parametrize("by_way_of_mcap", [False, True])
+def test_a_telemetry_log_takes_frames_and_what_has_none(tmp_path: Path, logs: list[Path], by_way_of_mcap: bool) -> None:
+    given = logs
+    if by_way_of_mcap:
+        given = [tmp_path / "both.mcap"]
+        convert(logs, given[0], False, LogConfig())
+    summary = convert(given, tmp_path / "out.tlog", False, LogConfig())
+    assert summary.messages["DEBUG_FLOAT_ARRAY"] == 5 * 30
+    assert sum(count for topic, count in summary.messages.items() if topic.startswith("mavlink/frames")) == len(_stamps(logs[1]))
+    found = list(observations(merge([open_log(tmp_path / "out.tlog")], 1.0)))
+    assert len(found) == sum(len(list(observations(merge([open_log(path)], 1.0)))) for path in logs)
+    assert _stamps(tmp_path / "out.tlog") == sorted(_stamps(tmp_path / "out.tlog"))
+    currents = sum(message.topic == "/dac" for message in open_log(logs[0]).messages())
+    assert currents > 0
+    assert summary.left_out == {("/dac", "there is no frame for replay_kit.DepthAveragedCurrent"): currents}
+
+
+@pytest.mark.parametrize("by_way_of_mcap", [False, True])
+def test_frames_of_several_logs_are_merged_by_time(tmp_path: Path, by_way_of_mcap: bool) -> None:
+    (tmp_path / "a.tlog").write_bytes(b"".join(tlog(5)))
+    (tmp_path / "b.tlog").write_bytes(b"".join(tlog(5, _stamps(tmp_path / "a.tlog")[1] + 1)))
+    given = [tmp_path / "a.tlog", tmp_path / "b.tlog"]
+    stamps = sorted(stamp for path in given for stamp in _stamps(path))
+    if by_way_of_mcap:
+        convert(given, tmp_path / "both.mcap", False, LogConfig())
+        given = [tmp_path / "both.mcap"]
+    convert(given, tmp_path / "out.tlog", False, LogConfig())
+    assert _stamps(tmp_path / "out.tlog") == stamps
+
+
+def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
+    ping = {
+        **{"coordinate_system": "beam", "reference": "platform", "orientation": "down", "n_cells": 1, "cell_size": 1.0},
+        **{"bin0_distance": 2.0, "velocity": [[0.1, 0.2, 0.3]], "beam_unit_vectors": [[0.0, 0.0, 1.0]] * 3, "tilt_applied": False},
+    }
+    sent = [("/adcp", ping), ("/adcp4", ping | {"velocity": [[0.1, 0.2, 0.3, 0.4]]}), ("/adcp", ping)]
+    messages = [Message(k, topic, "replay_kit.AdcpPing", payload, 0, k) for k, (topic, payload) in enumerate(sent)]
+    write_mcap_log(tmp_path / "in.mcap", [*messages, Message(9, "/plan", "", {"a": 1}, 0, 9)])
+    summary = convert([tmp_path / "in.mcap"], tmp_path / "out.tlog", False, LogConfig())
+    assert summary.left_out == {
+        ("/adcp", "of each its beam_unit_vectors, tilt_applied, for which a frame has no field"): 2,
+        ("/adcp4", "no frame can be made: it has 4 beams, of which the frames hold 3"): 1,
+        ("/plan", "there is no frame for a message without a schema"): 1,
+    }
+    assert summary.messages["DEBUG_FLOAT_ARRAY"] == 2 * 5
+    assert {"topic": "/plan", "messages": 1, "why": "there is no frame for a message without a schema"} in convert_json(summary)["left_out"]
+    console = Console(record=True, file=StringIO())
+    print_converted(summary, console)
+    assert "Left out: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()
+
+
+def test_late_fixes_become_frames_too(tmp_path: Path) -> None:
+    fix = {"latitude": 1.0, "longitude": 2.0}
+    stamps = [k * 10**9 for k in (1, 50, 60, 2, 70)]
+    write_mcap_log(tmp_path / "in.mcap", [Message(t, "/fix", "foxglove.LocationFix", fix, 0, k) for k, t in enumerate(stamps)])
+    summary = convert([tmp_path / "in.mcap"], tmp_path / "out.tlog", False, LogConfig())
+    assert summary.messages == {"GPS_RAW_INT": 5, "GLOBAL_POSITION_INT": 5}
+
+
+def test_the_help_names_every_format() -> None:
+    for command in ("replay", "convert"):
+        said = " ".join(CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "400"}).output.split())
+        assert "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
+
+
+def test_a_time_beyond_signed_64_bits_is_shown_as_the_last() -> None:
+    assert iso(2**64 - 1) == iso(2**63 - 1) == "2262-04-11T23:47:16Z"
 
 
 @pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there")

@@ -53,7 +53,7 @@ class Tally:
 
         Args:
             path: The log.
-            format_name: ``mcap`` or ``tlog``.
+            format_name: As ``LogReport.format`` says.
         """
         losses = (*self._losses, self._further) if self._further else tuple(self._losses)
         return LogReport(path, format_name, dict(self.read), dict(self._undecodable), losses, unchecked=dict(self.unchecked))

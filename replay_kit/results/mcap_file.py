@@ -28,8 +28,9 @@ Definition = tuple[str, str, bytes]
 
 #: The input number of the channels that are ours.
 _OURS = -1
-#: Topics that are the result's own: an input's messages on such a topic go below ``/input``.
-_OWN_TOPICS = ("/tf", "/vehicle/fix", "/flow/", "/plan/", "/log")
+#: Topics that are the result's own, and what others of its own begin with: an input's messages on such a topic go below ``/input``.
+_OWN_TOPICS = ("/tf", "/vehicle/fix", "/log")
+_OWN_FOLDERS = ("/flow/", "/plan/")
 
 
 class ResultFile:
@@ -219,6 +220,6 @@ class ResultFile:
 
 def _beside_ours(channel: RawChannel) -> RawChannel:
     """Return an input's channel under a name that is none of the result's."""
-    if not channel.topic.startswith(_OWN_TOPICS):
+    if channel.topic not in _OWN_TOPICS and not channel.topic.startswith(_OWN_FOLDERS):
         return channel
     return replace(channel, topic=f"/input{channel.topic}")

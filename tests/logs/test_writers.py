@@ -11,7 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.errors import ConfigError, LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap_log_writer import open_mcap_log, write_mcap_log
-from replay_kit.logs.tlog_writer import MAX_CELLS, write_tlog
+from replay_kit.logs.tlog_writer import MAX_CELLS, TlogFrames, write_tlog
+from replay_kit.measurements.vehicle import location_fix
 from replay_kit.types import Message
 
 START = 1_542_326_400_000_000_000
@@ -142,6 +143,59 @@ def test_only_measured_positions_are_gps_fixes(tmp_path: Path) -> None:
     assert gps["fix_type"] == dialect.GPS_FIX_TYPE_3D_FIX
     for payload in positions:
         assert (payload["lat"], payload["lon"], payload["relative_alt"]) == (-401_234_567, 1_527_654_321, -12_345)
+
+
+@pytest.mark.parametrize(("stated", "gps"), [("1", 0), ("TRUE ", 0), (True, 0), (1, 0), ("0", 1), ("false", 1), (None, 1)])
+def test_dead_reckoned_is_read_as_by_the_replay(tmp_path: Path, stated: object, gps: int) -> None:
+    fix = {"latitude": 1.0, "longitude": 2.0, "metadata": [{"key": "dead_reckoned", "value": stated}]}
+    assert location_fix(fix).dead_reckoned == (gps == 0)  # type: ignore[union-attr]
+    counts = write_tlog(tmp_path / "a.tlog", [_message(fix, schema="foxglove.LocationFix")])
+    assert counts.get("GPS_RAW_INT", 0) == gps
+
+
+@pytest.mark.parametrize(
+    ("velocity", "east", "north"),
+    [
+        ([None, [0.5, -0.25]], [math.nan, 0.5], [math.nan, -0.25]),
+        ([[0.5, -0.25], [1.5]], [0.5, 1.5], [-0.25, math.nan]),
+        ([None, None], [math.nan, math.nan], [math.nan, math.nan]),
+        # as protobuf has them
+        ([0.5, 1.5, -0.25, 2.5], [0.5, -0.25], [1.5, 2.5]),
+    ],
+)
+def test_empty_cells_are_written_as_not_known(tmp_path: Path, velocity: list[object], east: list[float], north: list[float]) -> None:
+    write_tlog(tmp_path / "a.tlog", [_ping(velocity=velocity)])
+    arrays = {m.payload["name"]: m.payload["data"] for m in open_log(tmp_path / "a.tlog").messages() if m.schema == "DEBUG_FLOAT_ARRAY"}
+    assert set(arrays) == {"ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_STD"}
+    np.testing.assert_array_equal([arrays["ADCP_E"][:2], arrays["ADCP_N"][:2]], [east, north])
+
+
+@pytest.mark.parametrize(
+    ("message", "why"),
+    [
+        (_message({"latitude": None, "longitude": 2.0}, schema="foxglove.LocationFix"), "expected latitude to be a number"),
+        (_message({"longitude": 2.0}, schema="foxglove.LocationFix"), "expected latitude to be a number"),
+        (_message({"latitude": 91.0, "longitude": 2.0}, schema="foxglove.LocationFix"), "from -90 to 90"),
+        (_message({"latitude": 1.0, "longitude": 2.0, "metadata": [3]}, schema="foxglove.LocationFix"), "a field is not of the kind"),
+        (_ping(cell_size=None, cell_distances=[1.0, 2.0]), "expected cell_size to be a number"),
+        (_ping(coordinate_system="sideways"), "expected coordinate_system to be one of"),
+        (_ping(velocity=[[1.0, 2.0]]), "as many cells"),
+        (_ping(velocity=None), "a field is not of the kind"),
+        (_ping(temperature="warm"), "a field is not of the kind"),
+        (_ping(pressure=1e300), "out of a frame's range"),
+    ],
+)
+def test_what_has_no_frame_is_skipped_and_counted(message: Message, why: str) -> None:
+    frames = TlogFrames()
+    assert list(frames.entries(message)) == list(frames.entries(message)) == []
+    (((topic, reason), count),) = frames.left_out.items()
+    assert (topic, count) == (message.topic, 2)
+    assert why in reason
+
+
+def test_east_above_180_is_written_as_west(tmp_path: Path) -> None:
+    write_tlog(tmp_path / "a.tlog", [_message({"latitude": 1.0, "longitude": 359.5}, schema="foxglove.LocationFix")])
+    assert {message.payload["lon"] for message in open_log(tmp_path / "a.tlog").messages()} == {-5_000_000}
 
 
 def test_more_cells_than_a_frame_holds_are_refused(tmp_path: Path) -> None:

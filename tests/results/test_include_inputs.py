@@ -10,8 +10,9 @@ from replay_kit.convert import convert
 from replay_kit.flow import FlowEstimate
 from replay_kit.job import ReplayJob, copy_inputs
 from replay_kit.logs import open_log
+from replay_kit.logs.mcap_log_writer import write_mcap_log
 from replay_kit.results import ResultWriter
-from replay_kit.types import Innovation, VehicleState
+from replay_kit.types import Innovation, Message, VehicleState
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import json_mcap, tlog
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
@@ -56,6 +57,16 @@ def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path: Path) ->
     assert frames == [entry[8:] for entry in tlog(3)]
     reader = open_log(tmp_path / "out.mcap")
     assert len(list(reader.messages())) == 6
+
+
+def test_only_topics_of_the_results_own_are_moved(tmp_path: Path) -> None:
+    topics = ["/tf", "/tf_static", "/log", "/logger/a", "/vehicle/fix", "/vehicle/fix2", "/flow/a", "/flowmeter", "/plan/b"]
+    write_mcap_log(tmp_path / "in.mcap", [Message(k, topic, "", {"k": k}, 0, k) for k, topic in enumerate(topics)])
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        copy_inputs(writer, ReplayJob((tmp_path / "in.mcap",), Path("e.nc"), include_inputs=True), LogConfig())
+    kept = {"/tf_static", "/logger/a", "/vehicle/fix2", "/flowmeter"}
+    written = {message.said[0] for message in sound_messages((tmp_path / "out.mcap").read_bytes())}
+    assert written == {topic if topic in kept else f"/input{topic}" for topic in topics}
 
 
 def test_convert_has_back_what_was_written_before_a_power_cut(
