@@ -1,16 +1,15 @@
 """The command that looks into logs."""
 
-from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from replay_kit.cli_options import ClockOption, ConfigOption, JsonOption, OverwriteOption, console_beside, write_json, write_text
 from replay_kit.config import load_config
 from replay_kit.errors import ConfigError
-from replay_kit.import_check import ImportCheck, check_logs, import_check_json, print_import_check
-from replay_kit.inspect import LogInfo, info_json, inspect_log, print_info
+from replay_kit.import_check import check_logs, import_check_json, print_import_check
+from replay_kit.inspect import info_json, inspect_log, print_info
 from replay_kit.job import check_paths
 from replay_kit.measurements import suggestions
 
@@ -36,17 +35,14 @@ def info(
     check_paths([*logs, config, ensemble], [suggest, json_file], overwrite)
     settings = load_config(config, {"logs": {"clock": clock}})
     found = [inspect_log(path, settings) for path in logs]
-    checks = [] if ensemble is None else check_logs(logs, ensemble, settings)
+    check = None if ensemble is None else check_logs(logs, ensemble, settings)
     console = console_beside(json_file, suggest)
-    for log, check in zip_longest(found, checks):
+    for log in found:
         print_info(log, console)
-        if check is not None:
-            print_import_check(check, console)
+    if check is not None:
+        print_import_check(check, console)
     if suggest is not None:
         write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.not_known.items()}))
-    write_json(json_file, {"logs": [_answer(log, check) for log, check in zip_longest(found, checks)]})
+    answer = {"logs": [info_json(log) for log in found]}
+    write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
     raise typer.Exit(4 if any(log.report.losses for log in found) else 0)
-
-
-def _answer(log: LogInfo, check: ImportCheck | None) -> dict[str, Any]:
-    return info_json(log) | ({} if check is None else {"import_check": import_check_json(check)})

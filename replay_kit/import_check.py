@@ -24,9 +24,10 @@ from replay_kit.estimator.likelihood import JointPrediction, Likelihood, predict
 from replay_kit.estimator.screening import screen
 from replay_kit.forecast import read_ensemble
 from replay_kit.job import look_ahead, open_readers
+from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.measurements.import_faults import Fault, Sounding, declination_of, depth_faults, direction_faults, scale_faults
-from replay_kit.types import Flag, LogReader, Observation, Reason, VehicleState
+from replay_kit.types import Flag, Message, Observation, Reason, VehicleState
 
 # profiles looked at, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200
@@ -72,7 +73,7 @@ class _Trial:
 
 @dataclass(frozen=True, slots=True)
 class ImportCheck:
-    """What the check of one log found.
+    """What the check of a mission's logs found.
 
     Attributes:
         profiles: How many were looked at; 0 when the check could not be made.
@@ -87,8 +88,8 @@ class ImportCheck:
     note: str = ""
 
 
-def check_logs(logs: Sequence[Path], ensemble: Path, config: RunConfig) -> list[ImportCheck]:
-    """Return the check of each log against an ensemble.
+def check_logs(logs: Sequence[Path], ensemble: Path, config: RunConfig) -> ImportCheck:
+    """Return the check of a mission's logs, which may place each other's profiles, against an ensemble.
 
     Raises:
         LogError: A log cannot be opened.
@@ -98,17 +99,19 @@ def check_logs(logs: Sequence[Path], ensemble: Path, config: RunConfig) -> list[
     with threadpool_limits(limits=config.output.threads):
         place_at, near_ns = look_ahead(logs, config)
         estimator = build_estimator(read_ensemble(ensemble, config.forecast, near_ns=near_ns, place_at=place_at), config.estimator)
-        return [check_import(soundings(reader, config.measurements), estimator) for reader in open_readers(logs, config)]
+        settings = config.logs
+        messages = merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns)
+        return check_import(soundings(messages, config.measurements), estimator)
 
 
-def soundings(reader: LogReader, config: MeasurementConfig) -> list[Sounding]:
-    """Return the profiles of a log with what else the log says of them.
+def soundings(messages: Iterable[Message], config: MeasurementConfig) -> list[Sounding]:
+    """Return the profiles among messages with what else the messages say of them.
 
     Raises:
-        LogError: The log cannot be read.
+        LogError: A log cannot be read.
     """
     found: list[Sounding] = []
-    declinations: dict[str, float] = defaultdict(lambda: math.nan)
+    declinations: dict[tuple[int, str], float] = defaultdict(lambda: math.nan)
     state, depth = initial_state(), math.nan
 
     def take(events: Iterable[object]) -> None:
@@ -117,12 +120,12 @@ def soundings(reader: LogReader, config: MeasurementConfig) -> list[Sounding]:
             if isinstance(event, VehicleState):
                 depth = event.depth
             elif isinstance(event, Observation):
-                found.append(Sounding(event, declinations[event.source.topic], depth))
+                found.append(Sounding(event, declinations[event.source.input, event.source.topic], depth))
 
-    for message in reader.messages():
+    for message in messages:
         declination = declination_of(message)
         if math.isfinite(declination):
-            declinations[message.topic] = declination
+            declinations[message.input, message.topic] = declination
         state, events = interpret(state, message, config)
         take(events)
     take(finish(state, config))

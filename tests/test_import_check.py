@@ -3,6 +3,7 @@
 A sample of a larger study (replay_kit/DECISIONS.md): the sample ocean, 30 pings of a vessel's survey, 100 of a glider's mission.
 """
 
+import json
 import math
 from pathlib import Path
 
@@ -20,22 +21,10 @@ from replay_kit.measurements.import_faults import declination_of, depth_faults, 
 from replay_kit.twin import make_twin
 from replay_kit.types import Message
 from tests.measurements.messages import mavlink_frames, ping
-from tests.planted import DECLINATION, NAMES, PINGS, planted
+from tests.planted import NAMES, PINGS, planted
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
 CONFIG = load_config(None, {"forecast": {"levels": (5.0, 150.0, 500.0)}, "estimator": {"modes": 60}})
-
-
-class Messages:
-    """A log in memory."""
-
-    path, format = "memory", "mcap"
-
-    def __init__(self, messages):
-        self._messages = list(messages)
-
-    def messages(self):
-        return iter(self._messages)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +47,7 @@ def glider():
 
 
 def check(messages, fault, estimator) -> ImportCheck:
-    return check_import(soundings(Messages(planted(messages, fault)), CONFIG.measurements), estimator)
+    return check_import(soundings(planted(messages, fault), CONFIG.measurements), estimator)
 
 
 @pytest.mark.parametrize(("fault", "seed"), [(fault, k % 3) for k, fault in enumerate(PINGS) if fault != "sound"])
@@ -83,19 +72,19 @@ def test_a_fault_in_a_gliders_log_is_named(glider, estimator, fault):
 
 
 def test_without_a_stated_declination_it_is_said_not_to_be_looked_for(surveys, estimator):
-    assert "states no magnetic declination" in check_import(soundings(Messages(surveys[0]), CONFIG.measurements), estimator).note
+    assert "states no magnetic declination" in check_import(soundings(surveys[0], CONFIG.measurements), estimator).note
 
 
 def test_too_few_profiles_and_a_log_elsewhere(surveys, estimator):
-    few = soundings(Messages(surveys[0]), CONFIG.measurements)[:2]
+    few = soundings(surveys[0], CONFIG.measurements)[:2]
     assert "fewer than 3" in check_import(few, estimator).note
     assert check_import([], estimator).profiles == 0
 
 
 @pytest.mark.parametrize("fault", [fault for fault in PINGS if "depth" not in fault])
 def test_undoing_a_fault_gives_what_was_measured(surveys, fault):
-    sound = soundings(Messages(planted(surveys[0][:6], "sound")), CONFIG.measurements)
-    wrong = soundings(Messages(planted(surveys[0][:6], fault)), CONFIG.measurements)
+    sound = soundings(planted(surveys[0][:6], "sound"), CONFIG.measurements)
+    wrong = soundings(planted(surveys[0][:6], fault), CONFIG.measurements)
     known = [known for known in [*direction_faults(wrong), *scale_faults()] if known.name == NAMES[fault]]
     if fault == "sound":
         assert known == []
@@ -110,7 +99,7 @@ def test_undoing_a_fault_gives_what_was_measured(surveys, fault):
 
 def test_undoing_a_wrong_depth_gives_the_true_one(glider):
     sound, wrong = (
-        max(soundings(Messages(planted(glider[:40], fault)), CONFIG.measurements), key=lambda sounding: sounding.vehicle_depth)
+        max(soundings(planted(glider[:40], fault), CONFIG.measurements), key=lambda sounding: sounding.vehicle_depth)
         for fault in ("sound", "the sign of depth is wrong: orientation")
     )
     assert sound.vehicle_depth > 100.0
@@ -141,4 +130,21 @@ def test_info_with_an_ensemble(capsys, tmp_path, surveys):
     assert end.value.exit_code == 0
     said = capsys.readouterr().out
     assert "LIKELY FAULT: the declination was applied twice" in said
-    assert DECLINATION > 0.0
+
+
+def test_a_malformed_ping_states_no_declination():
+    assert math.isnan(declination_of(Message(0, "/x", "ds_sensor_msgs/Adcp", {}, 0, 0)))
+    assert math.isnan(declination_of(Message(0, "/x", "DEBUG_FLOAT_ARRAY", {"name": "ADCP_CFG"}, 0, 0)))
+
+
+def test_a_mission_in_two_files_is_checked_as_one(capsys, tmp_path, surveys):
+    messages = list(planted(surveys[1], "the sign of east is wrong"))
+    files = [tmp_path / "nav.mcap", tmp_path / "adcp.mcap"]
+    for file, pings in zip(files, (False, True), strict=True):
+        write_mcap_log(file, [message for message in messages if (message.topic == "/adcp") == pings])
+    (tmp_path / "run.toml").write_text("[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n")
+    with pytest.raises(cli_info.typer.Exit):
+        cli_info.info(files, config=tmp_path / "run.toml", ensemble=SAMPLES / "ensemble.nc", json_file=tmp_path / "info.json")
+    assert capsys.readouterr().out.count("LIKELY FAULT: the sign of east is wrong") == 1
+    answer = json.loads((tmp_path / "info.json").read_text())
+    assert (answer["import_check"]["profiles"], len(answer["logs"])) == (30, 2)

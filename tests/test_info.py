@@ -45,3 +45,12 @@ def test_a_suggested_mapping_makes_the_topic_usable(capsys, log, tmp_path):
     assert code == 0
     _, said = run_info(capsys, [log], config=tmp_path / "map.toml", json_file=cli_info.Path("-"))
     assert json.loads(said.out)["logs"][0]["positions"] == before.positions + 3
+
+
+def test_a_depth_averaged_current_is_no_position(tmp_path):
+    (tmp_path / "dac.mcap").write_bytes(
+        json_mcap([(0, "/dac", "replay_kit.DepthAveragedCurrent", {"start_fix": {"lat": 1.0, "lon": 2.0}})])
+    )
+    found = inspect_log(tmp_path / "dac.mcap", load_config(None))
+    assert found.not_known == {}
+    assert found.not_used == {"/dac": {"depth-averaged current: not used yet": 1}}

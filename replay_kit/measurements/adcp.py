@@ -21,6 +21,8 @@ REFERENCES: tuple[Reference, ...] = ("earth", "platform")
 ORIENTATIONS = ("down", "up")
 # m/s; an error outside is no statement of one, and its square would not survive the filter's arithmetic
 _STD_BELIEVED = (1e-6, 1e3)
+# of a cell; distances written with few digits are still evenly spaced
+_UNEVEN = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +87,7 @@ def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: flo
 
     Args:
         payload: Fields of the ping.
-        vehicle_depth: [m], from other messages; used when the ping has no pressure.
+        vehicle_depth: [m], from other messages; used when the ping has no pressure. NaN when unknown.
         latitude: [degrees north], for pressure to depth.
         config: The error of bins whose ping states none, and the fastest current that is believed.
 
@@ -127,8 +129,11 @@ def _below_bottom(payload: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
     cosine = np.abs(np.array(vectors, np.float64).reshape(-1, 3)[:, 2]).min() if vectors else 1.0
     if not np.isfinite(distances).any():
         return np.zeros(n, np.bool_)
-    end = number(payload.get("bin0_distance")) + number(payload.get("cell_size")) * (np.arange(n) + 0.5)
-    return np.asarray(end > np.nanmin(distances) * cosine)
+    centres, size = _distance(payload, n), number(payload.get("cell_size"))
+    if not np.isfinite(size) and np.isfinite(steps := np.abs(np.diff(centres))).any():
+        size = np.nanmedian(steps)
+    # a single cell of unknown size is spoiled when its centre is
+    return np.asarray(centres + (0.5 * size if np.isfinite(size) else 0.0) > np.nanmin(distances) * cosine)
 
 
 def _depth(payload: Mapping[str, Any], n: int, vehicle_depth: float, latitude: float) -> Array:
@@ -138,6 +143,8 @@ def _depth(payload: Mapping[str, Any], n: int, vehicle_depth: float, latitude: f
     pressure, offset = number(payload.get("pressure")), number(payload.get("transducer_depth"))
     top = depth_of_pressure(pressure, latitude) if np.isfinite(pressure) else vehicle_depth
     if not np.isfinite(top):
+        if not np.isfinite(pressure):
+            raise MeasurementError("ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth")
         raise MeasurementError("ping: no depth has the pressure it states [dbar]")
     with np.errstate(over="ignore", invalid="ignore"):
         depth = top + (offset if np.isfinite(offset) else 0.0) + sign * distance
@@ -159,6 +166,25 @@ def _distance(payload: Mapping[str, Any], n: int) -> Array:
         )
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(bin0_distance + cell_size * np.arange(n), np.float64)
+
+
+def even_cells(payload: Mapping[str, Any], n: int) -> tuple[float, float]:
+    """Return how far the first of n evenly spaced bins is from the transducer, at its centre, and the bins' size [m].
+
+    Raises:
+        MeasurementError: The bins are not evenly spaced outwards, or the ping does not say where they are.
+    """
+    centres = _distance(payload, n)
+    size = number(payload.get("cell_size"))
+    if payload.get("cell_distances") is not None:
+        if n > 1:
+            size = float(centres[-1] - centres[0]) / (n - 1)
+        if not (size > 0.0 and (np.abs(centres - centres[0] - size * np.arange(n)) <= _UNEVEN * size).all()):
+            raise MeasurementError(
+                "ping: bins can be mapped to equal depths only where cell_distances are finite, growing and evenly spaced [m], "
+                f"got {shorten(payload['cell_distances'])}; map them before, and state bin_mapped"
+            )
+    return float(centres[0]), size
 
 
 def known_word(payload: Mapping[str, Any], key: str, known: tuple[str, ...]) -> str:

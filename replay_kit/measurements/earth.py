@@ -12,7 +12,16 @@ import numpy as np
 from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
 from replay_kit.measurements import frames
-from replay_kit.measurements.adcp import COORDINATE_SYSTEMS, ORIENTATIONS, REFERENCES, error_std, known_word, number, velocity_cells
+from replay_kit.measurements.adcp import (
+    COORDINATE_SYSTEMS,
+    ORIENTATIONS,
+    REFERENCES,
+    error_std,
+    even_cells,
+    known_word,
+    number,
+    velocity_cells,
+)
 from replay_kit.types import Array
 
 _CONVENTIONS = ("teledyne", "nortek")
@@ -41,7 +50,7 @@ def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> M
     system = known_word(payload, "coordinate_system", COORDINATE_SYSTEMS)
     platform = known_word(payload, "reference", REFERENCES) == "platform"
     declination = _declination(payload, system, config)
-    if not platform and system == "earth" and not declination:
+    if not platform and system == "earth" and declination == 0.0:
         return payload
     bottom = _bottom(payload, config.max_speed) if platform else None
     if platform and bottom is None:
@@ -104,8 +113,7 @@ def _turned(velocity: Array, payload: Mapping[str, Any], rotation: Array, system
     if mapped:
         vectors = _vectors(payload)
         beams = velocity if system == "beam" else frames.beams_of(velocity, vectors)
-        stretch = frames.vertical_stretch(vectors, rotation)
-        beams = frames.map_bins(beams, stretch, number(payload.get("bin0_distance")), number(payload.get("cell_size")))
+        beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *even_cells(payload, len(beams)))
         velocity = frames.solve_beams(beams, vectors)
     elif system == "beam":
         velocity = frames.solve_beams(velocity, _vectors(payload))

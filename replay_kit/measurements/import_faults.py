@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.errors import MeasurementError
 from replay_kit.measurements.adcp import number
+from replay_kit.measurements.events import MALFORMED
 from replay_kit.measurements.kinds import statement
 from replay_kit.measurements.mavlink_ping import declination_in
 from replay_kit.measurements.profile_kinds import Ping
@@ -56,10 +58,13 @@ class Fault:
 
 
 def declination_of(message: Message) -> float:
-    """Return the magnetic declination [degrees east] that a ping states; NaN for any other message."""
-    if message.schema == "DEBUG_FLOAT_ARRAY":
-        return declination_in(message)
-    stated = statement(message)
+    """Return the magnetic declination [degrees east] that a ping states; NaN for any other message, and for a malformed one."""
+    try:
+        if message.schema == "DEBUG_FLOAT_ARRAY":
+            return declination_in(message)
+        stated = statement(message)
+    except (MeasurementError, *MALFORMED):
+        return math.nan
     return number(stated.payload.get("magnetic_declination")) if isinstance(stated, Ping) else math.nan
 
 

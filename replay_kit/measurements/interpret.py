@@ -114,11 +114,11 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
-    if mavlink_ping.is_ping_frame(message):
-        return _ping_frame(state, message, config)
-    if message.schema in mavlink_vehicle.NAMES:
-        return _mavlink_vehicle(state, message, config)
     entry = next((entry for entry in config.map if entry.topic == message.topic), None) if config.map else None
+    if entry is None and mavlink_ping.is_ping_frame(message):
+        return _ping_frame(state, message, config)
+    if entry is None and message.schema in mavlink_vehicle.NAMES:
+        return _mavlink_vehicle(state, message, config)
     stated = statement(message) if entry is None else mapped(message.payload, entry)
     if isinstance(stated, Ping):
         events: list[Event] = []

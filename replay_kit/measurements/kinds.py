@@ -21,9 +21,10 @@ from replay_kit.types import Message
 Statement = Position | Depth | Pressure | Pose | Orientation | Ping | str
 Reader = Callable[[Mapping[str, Any]], Statement]
 
-_READERS: Mapping[str, Reader] = MappingProxyType(
+_READERS: Mapping[str, Reader | str] = MappingProxyType(
     {
         "replay_kit.AdcpPing": profile_kinds.adcp_ping,
+        "replay_kit.DepthAveragedCurrent": "depth-averaged current: not used yet",
         "ds_sensor_msgs.Adcp": profile_kinds.ds_adcp,
         "foxglove.LocationFix": vehicle.location_fix,
         "foxglove_msgs.LocationFix": vehicle.location_fix,
@@ -35,7 +36,6 @@ _READERS: Mapping[str, Reader] = MappingProxyType(
         "geometry_msgs.PoseWithCovarianceStamped": vehicle.odometry,
         "marine_acoustic_msgs.Dvl": motion.dvl,
         "ds_sensor_msgs.Dvl": motion.dvl,
-        "GLOBAL_POSITION_INT": vehicle.global_position_int,
     }
 )
 _ANY_PACKAGE: Mapping[str, Reader] = MappingProxyType({"CurrentProfile": profile_kinds.current_profile})

@@ -147,8 +147,10 @@ def _geometry(payload: Mapping[str, Any], entry: ProfileMap) -> dict[str, Any]:
     fields: dict[str, Any] = {}
     if entry.depth is not None:
         top = _depth(payload, entry)
-        at = (0.0, top.depth) if isinstance(top, Depth) else (top.pressure_dbar, 0.0)
-        fields |= dict(zip(("pressure", "transducer_depth"), at, strict=True))
+        pressure, offset = (0.0, top.depth) if isinstance(top, Depth) else (top.pressure_dbar, 0.0)
+        known = math.isfinite(pressure + offset)
+        # without a depth the instrument is where the vehicle is, but not at the surface because nothing says where that is
+        fields |= {"pressure": pressure, "transducer_depth": offset} if known else {"vehicle_depth_needed": True}
     listed = entry.depths or entry.distances
     if listed is not None:
         sign = _sign(entry) if entry.depths is not None else 1.0

@@ -18,6 +18,8 @@ _LONGITUDE = re.compile(r"(.*_)?(lon|lng|long|longitude)(_?(deg|rad|e7|int|wgs84
 _DEPTH = re.compile(r"(.*_)?depth(_?m)?")
 _PRESSURE = re.compile(r"(.*_)?(fluid_|water_|sea_)?press(ure)?(_?(pa|hpa|kpa|bar|mbar|dbar))?")
 _HEIGHT = re.compile(r"(.*_)?(alt|altitude|height|z)(_?m)?")
+# where something began, ended or should go, not where the vehicle is
+_ELSEWHERE = re.compile(r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])")
 # of other vectors, a field or a rate, z is no height
 _PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
 _UNIT_IN_NAME = (("dbar", "dbar"), ("mbar", "hPa"), ("hpa", "hPa"), ("kpa", "kPa"), ("bar", "bar"), ("pa", "Pa"))
@@ -67,10 +69,18 @@ def _profile(found: Sequence[Leaf]) -> list[str]:
 def _position(found: Sequence[Leaf]) -> list[str]:
     scalars = [leaf for leaf in found if leaf.shape == ()]
     place = _place(scalars)
-    return [*place, *_depth_lines(scalars)] if place else []
+    # a position must have its place
+    depth = [] if any(text.startswith("#") for text in place) else _depth_lines(scalars)
+    return [*place, *depth] if place else []
 
 
 def _place(scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a position, commented out when there is none but of another time or purpose."""
+    here = [leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)]
+    return _pair(here) or [f"# {text}: by its name not where the vehicle is" for text in _pair(scalars)]
+
+
+def _pair(scalars: Sequence[Leaf]) -> list[str]:
     for latitude in scalars:
         if _LATITUDE.fullmatch(latitude.name):
             beside = (leaf for leaf in scalars if leaf.parent == latitude.parent and _LONGITUDE.fullmatch(leaf.name))

@@ -77,7 +77,8 @@ def _observation(ping: WaitingPing, place: tuple[float, float], config: Measurem
     longitude, latitude = place
     message = ping.message
     # a log that never states a depth is a surface vessel's
-    profile = read_profile(message.payload, ping.depth if np.isfinite(ping.depth) else 0.0, latitude, config)
+    as_it_is = np.isfinite(ping.depth) or message.payload.get("vehicle_depth_needed") is True
+    profile = read_profile(message.payload, ping.depth if as_it_is else 0.0, latitude, config)
     return Observation(
         message.time_ns,
         longitude,

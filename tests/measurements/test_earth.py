@@ -195,3 +195,32 @@ def test_bins_below_the_bottom_are_flagged():
     spoiled = ping(0, bottom_track={"distance": [100.0, None, 90.0, 95.0]})
     (observation,) = only(Observation, run([fix(0), spoiled]))
     assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [False, False, True]
+
+
+def test_velocities_of_an_unknown_declination_are_not_taken_as_true():
+    magnetic = {**ping(0).payload, "declination_applied": False, "magnetic_declination": None}
+    with pytest.raises(MeasurementError, match="declination unknown"):
+        earth_referenced(magnetic, CONFIG)
+    assert earth_referenced({**magnetic, "magnetic_declination": 0.0}, CONFIG)["velocity"] == magnetic["velocity"]
+
+
+LISTED = {"cell_size": None, "bin0_distance": None, "cell_distances": [16.0, 48.0, 80.0]}
+
+
+def test_listed_cells_are_mapped_as_spaced_ones_are():
+    sheared = _raw("beam")
+    sheared["velocity"] = [[(k + 1) * value for value in row] for k, row in enumerate(sheared["velocity"])]
+    absolute = earth_referenced(sheared | LISTED, CONFIG)
+    np.testing.assert_allclose(_horizontal(absolute), _horizontal(earth_referenced(sheared, CONFIG)), atol=1e-12)
+    assert np.isfinite(_horizontal(absolute)).all()
+
+
+@pytest.mark.parametrize("distances", [[16.0, 48.0, 81.0], [80.0, 48.0, 16.0], [16.0, None, 80.0]])
+def test_cells_that_are_not_evenly_spaced_cannot_be_mapped(distances):
+    with pytest.raises(MeasurementError, match="evenly spaced"):
+        earth_referenced(_raw("beam", **LISTED | {"cell_distances": distances}), CONFIG)
+
+
+def test_listed_cells_below_the_bottom_are_flagged():
+    (observation,) = only(Observation, run([fix(0), ping(0, **LISTED, bottom_track={"distance": [60.0, None, 70.0, 65.0]})]))
+    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [False, True, True]

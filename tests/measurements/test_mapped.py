@@ -4,14 +4,18 @@ import math
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.config import MeasurementConfig, load_config
+from replay_kit.config import MeasurementConfig, RunConfig, load_config
 from replay_kit.errors import ConfigError, MeasurementError
-from replay_kit.measurements import Skipped, Used
+from replay_kit.job import open_readers
+from replay_kit.measurements import Skipped, Used, initial_state, interpret
 from replay_kit.measurements.mapped import look_up, mapped
 from replay_kit.measurements.vehicle import Depth, Position, Pressure
 from replay_kit.provenance import run_settings_toml
 from replay_kit.types import Message, Observation, VehicleState
+from tests.logs.dataflash_samples import dataflash
+from tests.logs.log_samples import tlog_entry
 from tests.measurements.messages import fix, only, run
 
 PROFILE = {"topic": "/p", "kind": "profile", "reference": "earth", "frame": "enu", "cell_size": 4.0, "first_cell": 6.0}
@@ -237,3 +241,35 @@ def test_mappings_in_toml(tmp_path):
 def test_a_wrong_mapping_is_an_error(fields, words):
     with pytest.raises(ConfigError, match=words):
         load_config(None, {"measurements": {"map": [fields]}})
+
+
+@pytest.mark.parametrize("fields", [{}, {"depth_unit": "dbar"}, {"depth_unit": "Pa", "depth_absolute": True}])
+def test_an_unknown_depth_of_the_instrument_is_that_of_the_vehicle(fields):
+    payload = {"v": [[0.1, 0.2]], "d": None}
+    (observation,) = only(Observation, profile(payload, 50.0, velocity="v", depth="d", **fields))
+    assert observation.depth.tolist() == [56.0]
+    entries = {"map": [{**PROFILE, "velocity": "v", "depth": "d", **fields}]}
+    config = MeasurementConfig.model_validate(entries)
+    events = run([fix(0), Message(0, "/p", "vendor.Thing", payload, 0, 0)], config)
+    assert only(Observation, events) == []
+    assert [event.reason for event in only(Skipped, events)] == [
+        "ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth"
+    ]
+
+
+def test_a_mapping_goes_before_a_known_kind_of_mavlink(tmp_path):
+    log = [tlog_entry(10**15 + k, dialect.MAVLink_vfr_hud_message(0.0, 0.0, 0, 0, -12.5, 0.0)) for k in range(2)]
+    (tmp_path / "log.tlog").write_bytes(b"".join(log))
+    (tmp_path / "log.BIN").write_bytes(b"".join(dataflash(2)))
+    hud = {"topic": "mavlink/1/1/VFR_HUD", "kind": "depth", "depth": "alt", "depth_positive": "up"}
+    ctun = {"topic": "dataflash/CTUN", "kind": "depth", "depth": "BAlt", "depth_positive": "up"}
+    imu = {"topic": "dataflash/IMU", "kind": "depth", "depth": "AccZ", "depth_positive": "up"}
+    config = RunConfig.model_validate({"measurements": {"map": [hud, ctun, imu]}})
+    depths = {}
+    for reader in open_readers([tmp_path / "log.tlog", tmp_path / "log.BIN"], config):
+        for message in reader.messages():
+            state, _ = interpret(initial_state(), message, config.measurements)
+            depths[message.topic] = state.depth
+    assert depths["mavlink/1/1/VFR_HUD"] == 12.5
+    assert depths["dataflash/CTUN"] == pytest.approx(2.1, abs=1e-6)
+    assert depths["dataflash/IMU"] == pytest.approx(9.8, abs=1e-6)

@@ -137,3 +137,24 @@ def test_a_payload_that_holds_itself_ends():
     payload = {"lat": 1.0, "lon": 20.0}
     payload["again"] = payload
     assert 'latitude = "lat"' in suggestions({"/x": ("", payload)})
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        {"start_fix": {"lat": 1.0, "lon": 20.0}, "depth": 4.0},
+        {"end_lat": 1.0, "end_lon": 20.0},
+        {"goal": {"position": {"lat": 1.0, "lon": 20.0}}},
+        {"homePosition": {"lat": 1.0, "lon": 20.0}},
+    ],
+)
+def test_a_position_where_the_vehicle_is_not_now_is_commented_out(tmp_path, payload):
+    config, text = suggested(tmp_path, payload)
+    assert config.map == ()
+    assert "# # longitude = " not in text
+    assert "# longitude = " in text
+
+
+def test_the_vehicles_own_position_goes_before_a_goal(tmp_path):
+    config, _ = suggested(tmp_path, {"goal": {"lat": 1.0, "lon": 20.0}, "legend": {"lat": 2.0, "lon": 30.0}})
+    assert config.map[0].latitude == "legend.lat"
