@@ -114,7 +114,7 @@ def inspect_log(path: Path, config: RunConfig) -> LogInfo:
     Raises:
         LogError: The log cannot be opened.
     """
-    reader, state, found = open_log(path, 0, config.logs), initial_state(), _Found()
+    reader, state, found = open_log(path, 0, config.logs), initial_state(config.logs.system), _Found()
     topics: dict[str, TopicInfo] = defaultdict(TopicInfo)
     not_known: dict[str, tuple[str, Mapping[str, Any]]] = {}
     for message in reader.messages():

@@ -159,7 +159,7 @@ def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, fl
         MeasurementError: The ensemble is to be placed at the log, and the log holds no position.
     """
     positions, first_ns = [], None
-    state = initial_state()
+    state = initial_state(config.logs.system)
     for reader in open_readers(logs, config):
         for message in reader.messages():
             first_ns = message.time_ns if first_ns is None else min(first_ns, message.time_ns)

@@ -130,7 +130,7 @@ def _begin(
 ) -> _Begin:
     """Open the result and return how the loop begins: anew, or where a checkpoint was made."""
     if run.job.out is None:
-        return _Begin(lambda time_ns: None, initial_state())
+        return _Begin(lambda time_ns: None, initial_state(run.config.logs.system))
     resumed = checkpoints.resume(run) if checkpoints is not None else None
     journal = checkpoints.open_journal(resumed) if checkpoints is not None else None
     writer = run.writer = ResultWriter(run.job.out, run.job.overwrite, on_digest, journal)
@@ -143,7 +143,7 @@ def _begin(
             copy_inputs(writer, run.job, run.config.logs)
 
     if resumed is None or checkpoints is None:
-        return _Begin(first, initial_state())
+        return _Begin(first, initial_state(run.config.logs.system))
     checkpoints.write_again(writer, resumed, lambda: copy_inputs(writer, run.job, run.config.logs))
     return _Begin(lambda time_ns: None, resumed.measurement, resumed.messages)
 

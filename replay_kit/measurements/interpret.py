@@ -54,6 +54,7 @@ class MeasurementState:
         orientation: Last one of a message that is no ping, after its time [ns, UTC].
         frames: Frames of MAVLink pings that are not complete yet.
         fixes: What the GPS of each MAVLink system last said.
+        system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
     """
 
     fix: VehicleState | None = None
@@ -65,11 +66,12 @@ class MeasurementState:
     orientation: tuple[int, Orientation] | None = None
     frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
     fixes: tuple[mavlink_vehicle.LastFix, ...] = ()
+    system: str | None = None
 
 
-def initial_state() -> MeasurementState:
-    """Return the state before the first message."""
-    return MeasurementState()
+def initial_state(system: int | None = None) -> MeasurementState:
+    """Return the state before the first message; ``system`` is the MAVLink system asked for, in logs that hold several."""
+    return MeasurementState(system=None if system is None else str(system))
 
 
 def observations(messages: Iterable[Message], config: MeasurementConfig | None = None) -> Iterator[Observation]:
@@ -195,12 +197,15 @@ def _ping_frame(state: MeasurementState, message: Message, config: MeasurementCo
 
 
 def _mavlink_vehicle(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
+    system = mavlink_vehicle.system_of(message.topic)
+    if state.system is not None and system not in (None, state.system):
+        return state, [Skipped(message.topic, f"of MAVLink system {system}, where {state.system} counts; system in [logs] chooses")]
     said, fixes = mavlink_vehicle.read(state.fixes, message)
     state = replace(state, fixes=fixes)
     if isinstance(said, str):
         return state, [Skipped(message.topic, said)]
     if isinstance(said, vehicle.Position):
-        return _position(state, message, said, config)
+        return _position(replace(state, system=system or state.system), message, said, config)
     return state if said is None else _at_depth(state, said, config), [Used(message.topic)]
 
 

@@ -88,5 +88,11 @@ def _no_fix(payload: Mapping[str, Any], name: str) -> str | None:
     return None if number(payload.get(name)) >= _FIX_3D else f"no fix ({name} < {_FIX_3D})"
 
 
+def system_of(topic: str) -> str | None:
+    """Return the number of the MAVLink system that a topic is of; None for a topic of none."""
+    parts = topic.split("/")
+    return parts[1] if parts[0] == "mavlink" and len(parts) > 2 else None
+
+
 def _system(topic: str) -> str:
     return "/".join(topic.split("/")[:2])

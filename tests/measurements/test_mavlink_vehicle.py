@@ -48,9 +48,25 @@ def test_a_position_is_computed_when_the_last_fix_is_old() -> None:
         (6, "GLOBAL_POSITION_INT", FILTER),
         (7, "GPS_RAW_INT", gps(4)),
         (7, "GLOBAL_POSITION_INT", FILTER),
-        (8, "2/GLOBAL_POSITION_INT", FILTER),
     )
-    assert [fix.dead_reckoned for fix in fixes[:-1]] == [False, True, False, False]
+    assert [fix.dead_reckoned for fix in fixes[:-1]] == [False, True, False]
+    # another system's fix says nothing of this one
+    fix, _ = said((0, "GPS_RAW_INT", gps(3)), (8, "2/GLOBAL_POSITION_INT", FILTER))
+    assert fix.dead_reckoned is False
+
+
+@pytest.mark.parametrize(("asked", "counts"), [(None, "1"), (1, "1"), (2, "2")])
+def test_positions_of_one_system_count(asked: int | None, counts: str) -> None:
+    state, places, skipped = initial_state(asked), [], []
+    for n, system in enumerate("1212"):
+        topic = f"mavlink/{system}/1/GLOBAL_POSITION_INT"
+        message = Message(n * SECOND, topic, "GLOBAL_POSITION_INT", {**FILTER, "lon": 10_000_000 * int(system)}, 0, n)
+        state, events = interpret(state, message, MeasurementConfig())
+        places += [event.longitude for event in events if isinstance(event, VehicleState)]
+        skipped += [event for event in events if isinstance(event, Skipped)]
+    assert places == [float(counts)] * 2
+    assert len(skipped) == 2
+    assert all("system in [logs] chooses" in event.reason for event in skipped)
 
 
 def test_fixes_that_are_none() -> None:
