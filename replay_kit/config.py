@@ -93,6 +93,14 @@ class MeasurementConfig(_Section):
     reference: Literal["earth", "platform"] | None = Field(
         default=None, description="what profiles are relative to whose message does not say so; without it they are not used"
     )
+    use_relative: bool = Field(default=True, description="whether profiles are used that nothing makes absolute, for their shear")
+    use_inverted: bool = Field(
+        default=True,
+        description="whether profiles that were computed from a dive's pings and mean current are used instead of these",
+    )
+    correlation_depth: float = Field(
+        default=0.0, ge=0.0, description="m; e-folding distance of the correlation of a ping's own errors, where it states none"
+    )
     map: tuple[TopicMap, ...] = Field(default=(), description="how to read topics that no known kind covers; replay-kit info --suggest")
     max_speed: float = Field(default=5.0, gt=0.0, description="m/s; a bin with a faster component is not used")
     magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(

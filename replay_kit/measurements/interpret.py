@@ -34,6 +34,8 @@ _NO_REFERENCE = (
     "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
     "when the message has no place for it"
 )
+_ALSO_INVERTED = "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
+_INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
 _ATTITUDE = "attitude: kept for pings that do not state theirs"
 _MAX_DIVE = 2**32 - 1
 # 146 years: a position may be as old as the configuration likes, and ages stay int64
@@ -121,6 +123,8 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return _ping_frame(state, message, config)
     if entry is None and message.schema in mavlink_vehicle.NAMES:
         return _mavlink_vehicle(state, message, config)
+    if entry is None and (twice := _twice(message.payload, config)):
+        return state, [Skipped(message.topic, twice)]
     stated = statement(message) if entry is None else mapped(message.payload, entry)
     if isinstance(stated, Ping):
         events: list[Event] = []
@@ -146,6 +150,13 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
     return state, [Skipped(message.topic, stated or NOT_A_KIND)]
 
 
+def _twice(payload: Mapping[str, Any], config: MeasurementConfig) -> str:
+    """Return why a message would count what another message of the log holds a second time; empty when it would not."""
+    if config.use_inverted:
+        return _ALSO_INVERTED if payload.get("also_in") else ""
+    return _INVERTED if payload.get("computed_from") else ""
+
+
 def _with_reference(payload: Mapping[str, Any], config: MeasurementConfig) -> Mapping[str, Any]:
     """Return a ping that states what its velocities are relative to, if the message or the configuration says so."""
     if payload.get("reference") is None and config.reference is not None:
@@ -157,7 +168,7 @@ def _ping(state: MeasurementState, message: Message, n_messages: int, config: Me
     """Take in a whole ping, which gives as many ``Used`` or ``Skipped`` as messages carried it."""
     try:
         message = message._replace(payload=earth_referenced(message.payload, config))
-        refused = why_not_used(message.payload)
+        refused = None if config.use_relative else why_not_used(message.payload)
     except MeasurementError as error:
         return state, [Skipped(message.topic, str(error))] * n_messages
     except MALFORMED as error:

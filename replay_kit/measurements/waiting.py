@@ -4,15 +4,19 @@ The waiting pings are one tuple in the order of their times, so that those which
 ping and to release many cost a copy of the tuple and no more.
 """
 
+import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic, to_local, unwrap_longitude
-from replay_kit.measurements.adcp import read_profile
+from replay_kit.measurements.adcp import number, read_profile
+from replay_kit.measurements.earth import added_velocity
 from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
 from replay_kit.types import Message, Observation, Projection, Source, VehicleState
 
@@ -79,6 +83,7 @@ def _observation(ping: WaitingPing, place: tuple[float, float], config: Measurem
     # a log that never states a depth is a surface vessel's
     as_it_is = np.isfinite(ping.depth) or message.payload.get("vehicle_depth_needed") is True
     profile = read_profile(message.payload, ping.depth if as_it_is else 0.0, latitude, config)
+    added, common_std = added_velocity(message.payload, config)
     return Observation(
         message.time_ns,
         longitude,
@@ -86,12 +91,21 @@ def _observation(ping: WaitingPing, place: tuple[float, float], config: Measurem
         profile.depth,
         profile.velocity,
         profile.error_std,
-        profile.reference,
+        "platform" if math.isinf(common_std) else "earth",
         profile.flags,
         profile.reasons,
         ping.dive,
         Source(message.input, message.topic, message.position, message.time_ns),
+        common_std,
+        _correlation_depth(message.payload, config),
+        added,
     )
+
+
+def _correlation_depth(payload: Mapping[str, Any], config: MeasurementConfig) -> float:
+    """Return what the ping states, or else the configuration's [m]."""
+    stated = number(payload.get("correlation_depth"))
+    return stated if stated >= 0.0 else config.correlation_depth
 
 
 def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float) -> tuple[float, float] | None:

@@ -33,7 +33,8 @@ def test_ds_adcp_in_earth_coordinates(tmp_path, schema):
     assert profile.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
     np.testing.assert_array_equal(profile.depth, [13.5, 15.5, 17.5])
     assert "measurements.reference" in skipped(message)
-    assert "relative to the platform" in skipped(message, MeasurementConfig(reference="platform"))
+    (relative,) = only(Observation, run([fix(0, depth=10.0), message], MeasurementConfig(reference="platform")))
+    assert (relative.reference, relative.common_std) == ("platform", np.inf)
 
 
 @pytest.mark.parametrize(("mode", "system"), [(0, "beam"), (1, "instrument"), (2, "ship")])
@@ -83,7 +84,7 @@ def test_nucleus_profile(tmp_path, schema):
     assert ping["amplitude"] == [[70, 71, 72], [73, 74, 75]]
     assert ping["correlation"] == [[90, 91, 92], [93, 94, 95]]
     assert ping["bin0_distance"] == 0.5
-    assert "relative to the platform" in skipped(message)
+    assert "declination unknown" in skipped(message)
     assert "three beams" in skipped(message._replace(payload={**NUCLEUS, "number_of_cells": 3}))
 
 
@@ -106,7 +107,8 @@ def test_imc_profile(tmp_path, schema, coord_sys, system, cell):
     assert ping["velocity"] == [cell]
     assert ping["cell_distances"] == [5.0]
     assert ping["correlation"] == [[90] * 4]
-    assert "relative to the platform" in skipped(message)
+    events = run([fix(0), message])
+    assert [o.reference for o in only(Observation, events)] == ["platform"] * (system == "earth")
 
 
 def test_imc_profiles_that_are_none():

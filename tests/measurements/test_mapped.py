@@ -154,7 +154,6 @@ def test_where_the_cells_are(fields, payload, expected):
         ({"v": [0.1, 0.2, 0.3]}, {"velocity": "v", "components": 2}, "how many components"),
         ({"v": 0.1}, {"velocity": "v"}, "no list"),
         ({"e": [1.0], "n": [1.0, 2.0]}, {"east": "e", "north": "n"}, "not lists of one length"),
-        ({"v": [[0.1, 0.2]]}, {"velocity": "v", "reference": "platform"}, "relative to the platform"),
         ({"v": []}, {"velocity": "v"}, "n_cells >= 1"),
         ({"v": [[0.1]]}, {"velocity": "v", "frame": "ned"}, "expected cells"),
     ],
