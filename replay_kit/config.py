@@ -98,6 +98,17 @@ class MeasurementConfig(_Section):
         default=True,
         description="whether profiles that were computed from a dive's pings and mean current are used instead of these",
     )
+    dead_reckoning: Literal["corrected", "through_water"] = Field(
+        default="corrected",
+        description="through_water: it knows of no current, and gives the mean one of dives whose log states none",
+    )
+    dac_std: float = Field(default=0.02, gt=0.0, description="m/s; error of a dive's mean current that states none, beside its fixes'")
+    use_drift: bool = Field(
+        default=False, description="whether the way between fixes at the surface counts as the current's; not for vehicles under power"
+    )
+    drift_std: float = Field(default=0.07, gt=0.0, description="m/s; error of such a drift, the wind's, beside its fixes'")
+    drift_depth: float = Field(default=0.5, ge=0.0, description="m; where the current that drifts the vehicle is")
+    fix_std: float = Field(default=20.0, gt=0.0, description="m; error of each component of a fix, in mean currents between fixes")
     correlation_depth: float = Field(
         default=0.0, ge=0.0, description="m; e-folding distance of the correlation of a ping's own errors, where it states none"
     )

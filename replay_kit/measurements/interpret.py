@@ -15,6 +15,7 @@ from replay_kit.geodesy import to_geographic
 from replay_kit.measurements import mavlink_ping, mavlink_vehicle, vehicle
 from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
 from replay_kit.measurements.attitude import Orientation, with_attitude
+from replay_kit.measurements.dac import Dives, MeanCurrent, passed, stated_mean, sunk
 from replay_kit.measurements.earth import earth_referenced
 from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, Used, malformed
 from replay_kit.measurements.kinds import statement
@@ -22,7 +23,7 @@ from replay_kit.measurements.mapped import mapped
 from replay_kit.measurements.profile_kinds import Ping
 from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure, checked
 from replay_kit.measurements.waiting import WaitingPing, add, observe, split
-from replay_kit.types import Message, Observation, Projection, Source, VehicleState
+from replay_kit.types import Measurement, Message, Projection, Source, VehicleState
 
 PING_SCHEMA = "replay_kit.AdcpPing"
 # What a MAVLink reader needs to decode for this module.
@@ -56,6 +57,7 @@ class MeasurementState:
         orientation: Last one of a message that is no ping, after its time [ns, UTC].
         frames: Frames of MAVLink pings that are not complete yet.
         fixes: What the GPS of each MAVLink system last said.
+        dives: The way since the last fixes, for mean currents.
         system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
     """
 
@@ -68,6 +70,7 @@ class MeasurementState:
     orientation: tuple[int, Orientation] | None = None
     frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
     fixes: tuple[mavlink_vehicle.LastFix, ...] = ()
+    dives: Dives = field(default_factory=Dives)
     system: str | None = None
 
 
@@ -76,14 +79,14 @@ def initial_state(system: int | None = None) -> MeasurementState:
     return MeasurementState(system=None if system is None else str(system))
 
 
-def observations(messages: Iterable[Message], config: MeasurementConfig | None = None) -> Iterator[Observation]:
-    """Yield the observations in a stream of messages: what a post-mission script loops over."""
+def observations(messages: Iterable[Message], config: MeasurementConfig | None = None) -> Iterator[Measurement]:
+    """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over."""
     config = config or MeasurementConfig()
     state = initial_state()
     for message in messages:
         state, events = interpret(state, message, config)
-        yield from (event for event in events if isinstance(event, Observation))
-    yield from (event for event in finish(state, config) if isinstance(event, Observation))
+        yield from (event for event in events if isinstance(event, Measurement))
+    yield from (event for event in finish(state, config) if isinstance(event, Measurement))
 
 
 def interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -147,6 +150,8 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return replace(state, orientation=(message.time_ns, stated)), [Skipped(message.topic, _ATTITUDE)]
     if isinstance(stated, Depth | Pressure):
         return _depth(state, message, stated, config)
+    if isinstance(stated, MeanCurrent):
+        return _mean_current(state, message, stated, config)
     return state, [Skipped(message.topic, stated or NOT_A_KIND)]
 
 
@@ -225,13 +230,25 @@ def _position(
 ) -> tuple[MeasurementState, list[Event]]:
     if np.isfinite(position.depth):
         state = _at_depth(state, position.depth, config)
-    source = Source(message.input, message.topic, message.position, message.time_ns)
-    fix = VehicleState(message.time_ns, position.longitude, position.latitude, state.depth, position.dead_reckoned, source)
+    fix = VehicleState(message.time_ns, position.longitude, position.latitude, state.depth, position.dead_reckoned, _source(message))
     if not position.dead_reckoned:
         state = replace(state, origins={})
     released, left = split(state.waiting, fix.time_ns + 1)
     events = [event for ping in released for event in observe(ping, state.fix, fix, config)]
-    return replace(state, fix=fix, waiting=left), [Used(message.topic), fix, *events]
+    dives, means = passed(state.dives, fix, state.submerged, state.dive, config)
+    return replace(state, fix=fix, waiting=left, dives=dives), [Used(message.topic), fix, *events, *means]
+
+
+def _mean_current(
+    state: MeasurementState, message: Message, stated: MeanCurrent, config: MeasurementConfig
+) -> tuple[MeasurementState, list[Event]]:
+    dives, mean = stated_mean(state.dives, stated, _dive(stated.dive, state.dive), _source(message), config)
+    said: list[Event] = [Skipped(message.topic, mean)] if isinstance(mean, str) else [Used(message.topic), mean]
+    return replace(state, dives=dives), said
+
+
+def _source(message: Message) -> Source:
+    return Source(message.input, message.topic, message.position, message.time_ns)
 
 
 def _pose(state: MeasurementState, message: Message, pose: Pose, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -262,4 +279,4 @@ def _at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) 
     """Return the state with a depth noted; a dive begins at twice the surface depth and ends above it."""
     submerged = depth > 2.0 * config.surface_depth or (state.submerged and depth > config.surface_depth)
     begun = submerged and not state.submerged
-    return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun)
+    return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=sunk(state.dives, depth))
