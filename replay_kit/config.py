@@ -107,6 +107,9 @@ class MeasurementConfig(_Section):
         default=False, description="whether the way between fixes at the surface counts as the current's; not for vehicles under power"
     )
     drift_std: float = Field(default=0.07, gt=0.0, description="m/s; error of such a drift, the wind's, beside its fixes'")
+    water_track_distance: Annotated[float, Field(ge=0.0)] | None = Field(
+        default=None, description="m below the vehicle; where the layer of a DVL's water track is, which its message does not say"
+    )
     drift_depth: float = Field(default=0.5, ge=0.0, description="m; where the current that drifts the vehicle is")
     fix_std: float = Field(default=20.0, gt=0.0, description="m; error of each component of a fix, in mean currents between fixes")
     correlation_depth: float = Field(

@@ -3,12 +3,12 @@
 from replay_kit.measurements.events import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.measurements.interpret import (
     MAVLINK_NAMES,
-    MeasurementState,
     finish,
     initial_state,
     interpret,
     observations,
 )
+from replay_kit.measurements.state import MeasurementState
 from replay_kit.measurements.suggest import suggestions
 
 __all__ = [

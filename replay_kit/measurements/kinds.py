@@ -19,7 +19,7 @@ from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure
 from replay_kit.types import Message
 
 #: What a message states, or in words why it cannot be used.
-Statement = Position | Depth | Pressure | Pose | Orientation | Ping | MeanCurrent | str
+Statement = Position | Depth | Pressure | Pose | Orientation | Ping | MeanCurrent | motion.Dvl | str
 Reader = Callable[[Mapping[str, Any]], Statement]
 
 _READERS: Mapping[str, Reader | str] = MappingProxyType(

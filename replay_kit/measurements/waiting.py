@@ -1,7 +1,6 @@
 """Pings that wait for a position, and what becomes of them: an observation, or the reason why not.
 
-The waiting pings are one tuple in the order of their times, so that those which leave are always its first ones: both to add a
-ping and to release many cost a copy of the tuple and no more.
+The waiting pings are one tuple in the order of their times: to add a ping costs a copy of the tuple and no more.
 """
 
 import math
@@ -30,12 +29,14 @@ class WaitingPing:
         depth: The vehicle's when it came [m]; NaN when unknown.
         dive: The dive it belongs to.
         n_messages: Messages that carried it: more than one in MAVLink.
+        until_ns: When the fixes are there that give its place, and its platform's velocity [ns, UTC].
     """
 
     message: Message
     depth: float
     dive: int
     n_messages: int
+    until_ns: int
 
 
 def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
@@ -48,6 +49,13 @@ def split(waiting: tuple[WaitingPing, ...], time_ns: int) -> tuple[tuple[Waiting
     """Return the pings before a time, and the others."""
     at = bisect_left(waiting, time_ns, key=_time)
     return waiting[:at], waiting[at:]
+
+
+def ready(waiting: tuple[WaitingPing, ...], now_ns: int) -> tuple[tuple[WaitingPing, ...], tuple[WaitingPing, ...]]:
+    """Return the pings that wait no longer than a time, and the others."""
+    if not waiting or waiting[0].message.time_ns > now_ns:
+        return (), waiting
+    return tuple(ping for ping in waiting if ping.until_ns <= now_ns), tuple(ping for ping in waiting if ping.until_ns > now_ns)
 
 
 def observe(ping: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig) -> list[Event]:

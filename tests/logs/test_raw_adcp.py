@@ -15,11 +15,12 @@ from replay_kit.errors import LogError
 from replay_kit.geodesy import to_geographic
 from replay_kit.inspect import inspect_log
 from replay_kit.logs import open_log
-from replay_kit.logs.raw_adcp_gps import Track, clock_offset_ns, declination_deg, vessel_velocity
+from replay_kit.logs.raw_adcp_gps import clock_offset_ns, declination_deg
 from replay_kit.logs.raw_adcp_profiles import raw_profiles
 from replay_kit.logs.raw_adcp_records import AD2CP_TEXT, scan
 from replay_kit.measurements import observations
 from replay_kit.types import Flag, Observation, Projection
+from replay_kit.vessel import Track, vessel_velocity
 from tests.logs import raw_adcp_samples as samples
 from tests.logs.raw_adcp_samples import Survey, adcp_messages, write
 
