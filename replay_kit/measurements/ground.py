@@ -13,6 +13,8 @@ from replay_kit.types import Message, VehicleState
 from replay_kit.vessel import LEAST_FIXES, WINDOW_S, Track, vessel_velocity
 
 _WINDOW_NS = int(WINDOW_S * 1e9)
+# more fixes than one a second cost time and say little more
+_LEAST_STEP_NS = 900_000_000
 # a vehicle may turn and stop in more
 _BOTTOM_AGE_NS = 3_000_000_000
 
@@ -49,8 +51,9 @@ def with_bottom_track(payload: Mapping[str, Any], bottom: GroundVelocity | None,
 
 def sailed(track: tuple[VehicleState, ...], fix: VehicleState) -> tuple[VehicleState, ...]:
     """Return a vessel's latest fixes with one more: those that may still give the velocity at a ping."""
-    first = bisect_right(track, fix.time_ns - 2 * _WINDOW_NS, key=_time)
-    return (*track[first:], fix) if not track or fix.time_ns > track[-1].time_ns else track
+    if track and fix.time_ns - track[-1].time_ns < _LEAST_STEP_NS:
+        return track
+    return (*track[bisect_right(track, fix.time_ns - 2 * _WINDOW_NS, key=_time) :], fix)
 
 
 def waits_until(payload: Mapping[str, Any], time_ns: int, track: tuple[VehicleState, ...]) -> int:
