@@ -138,11 +138,9 @@ def passed(dives: Dives, position: VehicleState, submerged: bool, dive: int, con
     if path is not None and position.time_ns <= path.start.time_ns:
         return dives, []
     dived = path is not None and path.deepest > 2.0 * config.surface_depth
-    after = replace(dives, path=begin(position))
     if path is None or not dived:
-        after, drift = _drifted(after, position, dive, config)
-        return after, drift
-    after = replace(after, done=(path, position), anchor=position)
+        return _drifted(dives, position, dive, config)
+    after = replace(dives, path=begin(position), done=(path, position), anchor=position)
     if config.dead_reckoning == "corrected" or dives.stated or not path.reckoned:
         return after, []
     seconds = (position.time_ns - path.start.time_ns) * 1e-9
@@ -158,20 +156,20 @@ def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConf
     """Return what is remembered after a fix at the surface that ends no dive, and the drift to it."""
     anchor = dives.anchor
     too_long = anchor is not None and fix.time_ns - anchor.time_ns > config.position_max_age * 1e9
+    path = begin(fix)
     if anchor is None or too_long or not config.use_drift:
-        return replace(dives, anchor=fix), []
+        return replace(dives, path=path, anchor=fix), []
     if fix.time_ns - anchor.time_ns < _LEAST_DRIFT_NS:
-        return dives, []
+        return replace(dives, path=path), []
     east, north = to_local(Projection(anchor.longitude, anchor.latitude), fix.longitude, fix.latitude)
     seconds = (fix.time_ns - anchor.time_ns) * 1e-9
     velocity = float(east) / seconds, float(north) / seconds
     if not _believed(velocity, config):
-        return replace(dives, anchor=fix), []
-    at = (replace(place, depth=config.drift_depth) for place in (anchor, fix))
-    first, last = at
-    path = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
-    mean = path_mean(path, last, velocity, _error(path, fix, config.drift_std, config), "drift", dive, fix.source)
-    return replace(dives, anchor=fix), [mean]
+        return replace(dives, path=path, anchor=fix), []
+    first, last = (replace(place, depth=config.drift_depth) for place in (anchor, fix))
+    adrift = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
+    mean = path_mean(adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive, fix.source)
+    return replace(dives, path=path, anchor=fix), [mean]
 
 
 def _believed(velocity: tuple[float, float], config: MeasurementConfig) -> bool:
