@@ -111,8 +111,7 @@ def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, conf
     error = mean.error_std if math.isfinite(mean.error_std) else _error(path, end, config.dac_std, config)
     done = None if dives.done is not None and dives.done[1].time_ns <= end.time_ns else dives.done
     whole = path_mean(path, end, mean.velocity, error, "dac", dive, source)
-    # between opposite sides of the Earth there is no way that is the shortest
-    if not np.isfinite(whole.longitude + whole.latitude).all():
+    if not _is_path(whole):
         return dives, "depth-averaged current: no way leads from its first fix to its last"
     return replace(dives, done=done), whole
 
@@ -149,7 +148,7 @@ def passed(dives: Dives, position: VehicleState, submerged: bool, dive: int, con
     if not _believed(velocity, config):
         return after, []
     mean = path_mean(path, position, velocity, _error(path, position, config.dac_std, config), "dac", dive, position.source)
-    return replace(after, done=None, computed_ns=position.time_ns), [mean]
+    return replace(after, done=None, computed_ns=position.time_ns), [mean] if _is_path(mean) else []
 
 
 def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConfig) -> tuple[Dives, list[PathMean]]:
@@ -170,6 +169,11 @@ def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConf
     adrift = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
     mean = path_mean(adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive, fix.source)
     return replace(dives, path=path, anchor=fix), [mean]
+
+
+def _is_path(mean: PathMean) -> bool:
+    """Return whether a path leads from place to place; between opposite sides of the Earth no way is the shortest."""
+    return bool(np.isfinite(mean.longitude + mean.latitude + mean.depth).all())
 
 
 def _believed(velocity: tuple[float, float], config: MeasurementConfig) -> bool:
@@ -214,6 +218,6 @@ def _fix(stated: Any) -> Fix | None:
         return None
     seconds, rest = (number(stated["time"].get(name)) for name in ("sec", "nsec"))
     longitude, latitude = number(stated.get("lon")), number(stated.get("lat"))
-    if not (math.isfinite(seconds + rest + longitude) and 0.0 <= seconds < 2**33 and abs(latitude) <= 90.0):
+    if not (0.0 <= seconds < 2**33 and 0.0 <= rest < 2 * _NS and math.isfinite(longitude) and abs(latitude) <= 90.0):
         return None
     return Fix(int(seconds) * _NS + int(rest), longitude, latitude)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from replay_kit.config import MeasurementConfig
 from replay_kit.geodesy import to_geographic, to_local
-from replay_kit.measurements import Skipped
+from replay_kit.measurements import Skipped, Used
 from replay_kit.measurements.path import begin, extend, path_mean
 from replay_kit.types import Message, PathMean, Projection, Source, VehicleState
 from tests.measurements.messages import CONFIG, SECOND, fix, only, run
@@ -148,3 +148,30 @@ def test_a_drift_at_the_surface_counts_where_it_is_asked_for():
     # a dive between is no drift, nor is a long silence
     between = [*dive(), fix(8000, depth=0.0)]
     assert not [mean for mean in only(PathMean, run(between, MeasurementConfig(use_drift=True))) if mean.kind == "drift"]
+
+
+JUNK = [
+    None,
+    True,
+    -1,
+    10**400,
+    1e308,
+    float("nan"),
+    "x",
+    [],
+    {},
+    {"time": {"sec": 1e308, "nsec": 0}, "lon": 1e308, "lat": 0.0},
+    {"time": 3},
+]
+
+
+def test_junk_in_any_field_of_a_current_is_used_or_skipped_once():
+    there = [*dive()[:-1], fix(1200, depth=1e308), fix(1201, depth=0.0)]
+    for messages, field in ((messages, field) for messages in (dive(), there) for field in dac(1200).payload):
+        for value in JUNK:
+            events = run([*messages, dac(1202, **{field: value})], THROUGH_WATER)
+            assert len([event for event in only(Used, events) + only(Skipped, events) if event.topic == "/dac"]) == 1, (field, value)
+            for mean in only(PathMean, events):
+                numbers = np.concatenate([mean.longitude, mean.latitude, mean.depth, mean.weight, mean.velocity, [mean.error_std]])
+                assert np.isfinite(numbers).all(), (field, value)
+                assert mean.error_std > 0.0
