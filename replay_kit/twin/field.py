@@ -13,6 +13,8 @@ from replay_kit.types import Array, Ensemble, Grid
 
 _TOLERANCE = 1e-6  # m; places nearer than this are the same
 _ITERATIONS = 30
+# Places evaluated at once: SciPy's tensor splines take some 12 kB a place.
+_CHUNK = 50_000
 _EDGE = 1e-7  # of a cell; rounding does not put a point of the edge outside
 
 
@@ -51,8 +53,10 @@ class Field:
         usable = inside & (z <= levels[-1])
         usable[usable] = _cell_is_wet(self.grid, z[usable], j[usable], i[usable])
         values = np.full((east.size, 2), np.nan)
-        if usable.any():
-            values[usable] = self.velocity_spline(np.column_stack([z, j, i])[usable])
+        places = np.flatnonzero(usable)
+        for start in range(0, places.size, _CHUNK):
+            part = places[start : start + _CHUNK]
+            values[part] = self.velocity_spline(np.column_stack([z, j, i])[part])
         return values.reshape(*shape, 2)
 
 
