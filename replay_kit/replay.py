@@ -73,7 +73,7 @@ def _replay(
         ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
         truth = open_truth(job, config, near_ns, ensemble)
     with clock.stage("basis"):
-        estimator = build_named(ensemble, config.estimator, None if job.goal is None else job.goal.depth)
+        estimator = build_named(ensemble, config.estimator, None if job.goal is None else job.goal.depth, config.trust)
         prior_flow = estimator.flow(estimator.initial())
     if job.goal is not None and planner is not None:
         planner.check(prior_flow, job.goal)

@@ -8,14 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
+from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.dual import initial
 from replay_kit.estimator.fit import choose_settings, members_in
-from replay_kit.estimator.forms import in_cheaper_form
+from replay_kit.estimator.forms import in_cheaper_form, inflated
+from replay_kit.estimator.gate import Watch, judge
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
+from replay_kit.estimator.noise import bin_noise
 from replay_kit.estimator.posterior import Ahead, Posterior, means
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
-from replay_kit.estimator.screening import rejected, scatter, screen
+from replay_kit.estimator.screening import is_repeated, rejected, repeated, scatter, screen
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
@@ -24,6 +27,7 @@ from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16
+_NO_WATCH_YET = Watch()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,10 +37,14 @@ class FilterState:
     Attributes:
         posterior: Of the weights, in the form that is cheaper at the time.
         time_ns: Of the last observation used [ns, UTC]; None before the first.
+        watch: Over the latest verdicts.
+        last: Observation offered last; the same once more is no news.
     """
 
     posterior: Posterior
     time_ns: int | None
+    watch: Watch = _NO_WATCH_YET
+    last: Observation | None = None
 
     @property
     def mean(self) -> Array:
@@ -59,6 +67,7 @@ class ReducedBasisEstimator:
         error_std: Error of every bin [m/s], replacing the bins' own (paper); None adds ``representation_std`` to the bins' own.
         representation_std: shape (Z,) [m/s], what a bin sees and the basis cannot show, by level.
         time_ns: Time of the forecast.
+        trust: Gate and watch; None believes every profile as it is (paper).
     """
 
     basis: Basis
@@ -66,6 +75,7 @@ class ReducedBasisEstimator:
     error_std: float | None
     representation_std: Array
     time_ns: int | None
+    trust: TrustConfig | None = None
 
     def initial(self) -> FilterState:
         """Return the prior as a state."""
@@ -94,7 +104,11 @@ class ReducedBasisEstimator:
                     if made_by is None or type(made_by) is not type(state.posterior) or made_by.prior is not state.posterior.prior:
                         made_by = state.posterior
                         ahead = iter(made_by.ahead([later.profile[0] for later in block[index:] if later.profile is not None]))
-                    state, innovation = self._step(state, screened, *screened.profile, next(ahead))
+                    known = next(ahead)
+                    if is_repeated(state.last, screened.observation):
+                        innovation = repeated(screened.said)
+                    else:
+                        state, innovation = self._step(state, screened, *screened.profile, known)
                 yield state, innovation
 
     def _step(
@@ -102,38 +116,51 @@ class ReducedBasisEstimator:
     ) -> tuple[FilterState, Innovation]:
         observation, used = screened.observation, screened.used
         look = state.posterior.look(rows, ahead)
-        innovation = values - rows.expand(look.mean)
-        compressed, left_out = rows.compress(innovation)
-        posterior, mean = look.posterior(compressed, 1.0)
-        inflation = 1.0
-        if self.error_std is None and used.size > 1:
-            inflation = dependence_inflation((values - rows.expand(mean)) / rows.error_std[:, None])
-            if inflation > 1.0:
-                posterior, mean = look.posterior(compressed, np.sqrt(inflation))
+        compressed, left_out = rows.compress(values)
+        compressed -= look.mean
+        verdict = judge(compressed, look.cov, left_out, rows.dof - compressed.size, self.trust)
+        believed, inflation, mean, grown, posterior = verdict.decision != "rejected", 1.0, look.mean, 1.0, state.posterior
+        if believed:
+            inflation = verdict.inflation
+            mean = look.mean_after(compressed, np.sqrt(inflation))
+            if self.error_std is None and used.size > 1:
+                further = dependence_inflation(rows.deviation(values, mean) / np.sqrt(inflation))
+                inflation *= further
+                mean = mean if further == 1.0 else look.mean_after(compressed, np.sqrt(inflation))
+            posterior = in_cheaper_form(look.posterior(compressed, np.sqrt(inflation)))
+        watch, grown = state.watch.after(verdict, self.trust)
+        if grown > 1.0:
+            posterior = inflated(posterior, grown)
         # the state's own prior may be an earlier posterior
         unmeasured = rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1))
-        variance = rows.expand_variance(look.cov) + np.square(rows.error_std)[:, None]
+        variance = rows.expand_variance(look.cov) + np.square(rows.noise.std)[:, None]
+        size = observation.depth.size
         said = replace(
             screened.said,
-            innovation=scatter(observation.depth.size, used, innovation),
-            innovation_std=scatter(observation.depth.size, used, np.sqrt(variance)),
-            residual=scatter(observation.depth.size, used, values - rows.expand(mean)),
-            prior_innovation=scatter(observation.depth.size, used, values - rows.expand(unmeasured)),
+            innovation=scatter(size, used, rows.misfit(values, look.mean)),
+            innovation_std=scatter(size, used, np.sqrt(variance)),
+            residual=scatter(size, used, rows.misfit(values, mean)),
+            prior_innovation=scatter(size, used, rows.misfit(values, unmeasured)),
             nis=look.nis(compressed) + left_out,
-            dof=2 * used.size,
-            accepted=True,
+            dof=rows.dof,
+            accepted=believed,
             error_inflation=inflation,
+            decision=verdict.decision,
+            gate_statistic=verdict.statistic,
+            gate=verdict.gate,
+            signal_dof=verdict.signal_dof(inflation) if believed else 0.0,
+            prior_inflation=grown,
         )
-        return FilterState(in_cheaper_form(posterior), observation.time_ns), said
+        return FilterState(posterior, observation.time_ns if believed else state.time_ns, watch, observation), said
 
     def _screened(self, observation: Observation) -> "_Screened":
-        flags, reasons = screen(observation, self.basis.grid)
+        flags, reasons = screen(observation, self.basis.grid, relative=True)
         used = np.flatnonzero(flags == Flag.GOOD)
         return _Screened(observation, used, rejected(observation, flags, reasons), self.rows(observation, used) if used.size else None)
 
     def usable(self, observation: Observation) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
-        flags, _ = screen(observation, self.basis.grid)
+        flags, _ = screen(observation, self.basis.grid, relative=True)
         return bool(np.any(flags == Flag.GOOD))
 
     def misfit(self, state: FilterState, observation: Observation) -> Array:
@@ -142,12 +169,12 @@ class ReducedBasisEstimator:
 
     def misfit_of(self, mean: Array, observation: Observation) -> Array:
         """Return measured minus predicted by weights, shape (Z r,); see ``misfit``."""
-        flags, _ = screen(observation, self.basis.grid)
+        flags, _ = screen(observation, self.basis.grid, relative=True)
         used = np.flatnonzero(flags == Flag.GOOD)
         out = np.full((observation.depth.size, 2), np.nan)
         if used.size:
             rows, values = self.rows(observation, used)
-            out[used] = values - rows.expand(rows.times(mean.reshape(self.basis.grid.levels.size, -1)))
+            out[used] = rows.misfit(values, rows.times(mean.reshape(self.basis.grid.levels.size, -1)))
         return out
 
     def flow(self, state: FilterState) -> FlowEstimate:
@@ -172,15 +199,15 @@ class ReducedBasisEstimator:
         east, north = to_local(projection, observation.longitude, observation.latitude)
         kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), self.basis.grid.nodes)
         weights = depth_weights(self.basis.depth_functions, observation.depth[used], self.basis.grid.levels)
-        own = np.hypot(observation.error_std[used], observation.common_std)
+        depth, common, correlation = observation.depth[used], observation.common_std, observation.correlation_depth
         if self.error_std is not None:
-            error_std = np.full(used.size, self.error_std)
+            noise = bin_noise(depth, np.full(used.size, self.error_std), np.zeros(used.size), 0.0 if np.isfinite(common) else np.inf, 0.0)
         else:
-            representation = np.interp(observation.depth[used], self.basis.grid.levels, self.representation_std)
-            error_std = np.hypot(own, representation)
+            representation = np.interp(depth, self.basis.grid.levels, self.representation_std)
+            noise = bin_noise(depth, observation.error_std[used], representation, common, correlation)
         u, v = rotate_to_local(projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
         values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
-        return compress_profile(weights, kernel_row @ self.basis.modes, error_std), values
+        return compress_profile(weights, kernel_row @ self.basis.modes, noise), values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,8 +227,14 @@ class _Screened:
     profile: tuple[ProfileRows, Array] | None
 
 
-def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
-    """Return the estimator of the configuration's preset for an ensemble."""
+def build_estimator(ensemble: Ensemble, config: EstimatorConfig, trust: TrustConfig | None = None) -> ReducedBasisEstimator:
+    """Return the estimator of the configuration's preset for an ensemble.
+
+    Args:
+        ensemble: The forecast at one time.
+        config: Preset, basis and prior.
+        trust: Gate and watch of the default preset; None believes every profile as it is.
+    """
     basis = build_basis(ensemble, config)
     if config.preset == "paper":
         return ReducedBasisEstimator(
@@ -213,4 +246,4 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasis
     members = members_in(basis)
     settings = choose_settings(members, correlation_length(ensemble), config)
     prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
-    return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns)
+    return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns, trust)
