@@ -46,18 +46,23 @@ class Field:
             depth: [m], positive down.
         """
         east, north, depth = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64), np.asarray(depth, np.float64))
-        shape = east.shape
-        j, i, inside = grid_indices(self, east.ravel(), north.ravel())
+        shape, places = east.shape, np.stack([east.ravel(), north.ravel(), depth.ravel()])
+        values = np.empty((places.shape[1], 2))
+        for start in range(0, len(values), _CHUNK):
+            values[start : start + _CHUNK] = self._velocity(*places[:, start : start + _CHUNK])
+        return values.reshape(*shape, 2)
+
+    def _velocity(self, east: Array, north: Array, depth: Array) -> Array:
+        """Return ``velocity`` of places, shape (n, 2)."""
+        j, i, inside = grid_indices(self, east, north)
         levels = self.grid.levels
-        z = np.maximum(depth.ravel(), levels[0])
+        z = np.maximum(depth, levels[0])
         usable = inside & (z <= levels[-1])
         usable[usable] = _cell_is_wet(self.grid, z[usable], j[usable], i[usable])
         values = np.full((east.size, 2), np.nan)
-        places = np.flatnonzero(usable)
-        for start in range(0, places.size, _CHUNK):
-            part = places[start : start + _CHUNK]
-            values[part] = self.velocity_spline(np.column_stack([z, j, i])[part])
-        return values.reshape(*shape, 2)
+        if usable.any():
+            values[usable] = self.velocity_spline(np.column_stack([z, j, i])[usable])
+        return values
 
 
 def build_field(truth: Ensemble) -> Field:
