@@ -23,7 +23,7 @@ from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation
+from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation, Reason
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16
@@ -106,7 +106,7 @@ class ReducedBasisEstimator:
                         ahead = iter(made_by.ahead([later.profile[0] for later in block[index:] if later.profile is not None]))
                     known = next(ahead)
                     if is_repeated(state.last, screened.observation):
-                        innovation = repeated(screened.said)
+                        innovation = repeated(screened.said, Reason.DUPLICATE)
                     else:
                         state, innovation = self._step(state, screened, *screened.profile, known)
                 yield state, innovation
@@ -191,7 +191,9 @@ class ReducedBasisEstimator:
         """
         latent = self.basis.offset + self.basis.modes @ mean.reshape(self.basis.grid.levels.size, -1).T
         at = self.time_ns if time_ns is None else time_ns
-        return FlowEstimate(self.basis.grid, self.basis.kernel, self.basis.depth_functions, latent, self.basis.modes, covariance, at)
+        flow = FlowEstimate(self.basis.grid, self.basis.kernel, self.basis.depth_functions, latent, self.basis.modes, covariance, at)
+        # a static estimate holds at any time as it is
+        return replace(flow, later=lambda time_ns: replace(flow, time_ns=time_ns))
 
     def rows(self, observation: Observation, used: NDArray[np.intp]) -> tuple[ProfileRows, Array]:
         """Return the compressed rows of the usable bins and their velocity about the offset, shape (n, 2), local axes."""

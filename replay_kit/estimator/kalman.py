@@ -14,35 +14,21 @@ from replay_kit.types import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProfileRows:
-    """A profile compressed: y = H w + noise of unit variance, with k = min(m, Z) rows a component.
+class Bins:
+    """A profile's bins and the k rows a component into which they are compressed.
 
     Attributes:
         q: shape (m, k), orthonormal columns.
-        r: shape (k, Z), the whitened depth factor.
-        basis: shape (2, r), the modes' velocity at the point.
         noise: Of the n bins, of which m combinations are known.
     """
 
     q: Array
-    r: Array
-    basis: Array
     noise: BinNoise
 
     @property
     def dof(self) -> int:
         """Number of independent values in both components."""
         return 2 * len(self.q)
-
-    def design(self) -> Array:
-        """Return H, shape (2 k, Z r): all east rows, then all north."""
-        rows: Array = np.einsum("kz,cm->ckzm", self.r, self.basis)
-        return rows.reshape(2 * self.r.shape[0], -1)
-
-    def times(self, weights: Array) -> Array:
-        """Return weights seen through H, shape (..., 2 k); ``weights`` of shape (..., Z, r)."""
-        seen: Array = self.r @ (weights @ self.basis.T)  # (..., k, 2)
-        return np.swapaxes(seen, -1, -2).reshape(*weights.shape[:-2], -1)
 
     def compress(self, values: Array) -> tuple[Array, float]:
         """Return the rows of bin values, shape (2 k,), and the squared norm of what they leave out.
@@ -64,10 +50,33 @@ class ProfileRows:
 
     def expand_variance(self, cov: Array) -> Array:
         """Return the variance of bin values, shape (n, 2) [m^2/s^2], of rows with covariance ``cov``, shape (2 k, 2 k)."""
-        k = self.r.shape[0]
+        k = self.q.shape[1]
         bins = self.noise.unwhiten @ self.q
         by_component = [np.einsum("nk,kl,nl->n", bins, cov[c * k : (c + 1) * k, c * k : (c + 1) * k], bins) for c in range(2)]
         return np.column_stack(by_component)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileRows(Bins):
+    """A profile compressed: y = H w + noise of unit variance, with k = min(m, Z) rows a component.
+
+    Attributes:
+        r: shape (k, Z), the whitened depth factor.
+        basis: shape (2, r), the modes' velocity at the point.
+    """
+
+    r: Array
+    basis: Array
+
+    def design(self) -> Array:
+        """Return H, shape (2 k, Z r): all east rows, then all north."""
+        rows: Array = np.einsum("kz,cm->ckzm", self.r, self.basis)
+        return rows.reshape(2 * self.r.shape[0], -1)
+
+    def times(self, weights: Array) -> Array:
+        """Return weights seen through H, shape (..., 2 k); ``weights`` of shape (..., Z, r)."""
+        seen: Array = self.r @ (weights @ self.basis.T)  # (..., k, 2)
+        return np.swapaxes(seen, -1, -2).reshape(*weights.shape[:-2], -1)
 
 
 def compress_profile(depth_weights: Array, basis: Array, noise: BinNoise) -> ProfileRows:
@@ -79,7 +88,7 @@ def compress_profile(depth_weights: Array, basis: Array, noise: BinNoise) -> Pro
         noise: Of the bins, the same for both components.
     """
     q, r = np.linalg.qr(noise.whiten @ depth_weights)
-    return ProfileRows(q, r, basis, noise)
+    return ProfileRows(q, noise, r, basis)
 
 
 def dependence_inflation(residual: Array) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.geodesy import inside_grid, to_local, wet_column
-from replay_kit.types import Array, Flag, Grid, Innovation, Observation, Reason
+from replay_kit.types import Array, Flag, Grid, Innovation, Observation, PathMean, Reason
 
 
 def screen(observation: Observation, grid: Grid, relative: bool = False) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
@@ -63,18 +63,39 @@ def rejected(observation: Observation, flags: NDArray[np.int8], reasons: NDArray
     )
 
 
-def is_repeated(last: Observation | None, observation: Observation) -> bool:
+def on_path(mean: PathMean) -> Observation:
+    """Return a mean along a path as a profile of one bin, at the path's mean depth and its point in the middle of the time."""
+    middle = int(np.searchsorted(np.cumsum(mean.weight), 0.5))
+    middle = min(middle, mean.weight.size - 1)
+    return Observation(
+        mean.time_ns,
+        float(mean.longitude[middle]),
+        float(mean.latitude[middle]),
+        np.array([float(mean.weight @ mean.depth)]),
+        np.array([mean.velocity]),
+        np.array([mean.error_std]),
+        "earth",
+        np.array([Flag.GOOD], np.int8),
+        np.zeros(1, np.int32),
+        mean.dive,
+        mean.source,
+    )
+
+
+def is_repeated(last: Observation | PathMean | None, observation: Observation | PathMean) -> bool:
     """Return whether an observation is the last one once more, in every number: logged twice, it says nothing new."""
-    if last is None or (last.time_ns, last.longitude, last.latitude) != (observation.time_ns, observation.longitude, observation.latitude):
+    if last is None or type(last) is not type(observation) or last.time_ns != observation.time_ns:
+        return False
+    if not (np.array_equal(last.longitude, observation.longitude) and np.array_equal(last.latitude, observation.latitude)):
         return False
     same = np.array_equal(last.depth, observation.depth, equal_nan=True)
     return same and np.array_equal(last.velocity, observation.velocity, equal_nan=True)
 
 
-def repeated(said: Innovation) -> Innovation:
-    """Return the innovation, made by ``rejected``, of an observation that came twice."""
+def repeated(said: Innovation, reason: Reason) -> Innovation:
+    """Return the innovation, made by ``rejected``, of an observation that came twice, or too late."""
     flags = np.where(said.flags == Flag.GOOD, Flag.FAIL, said.flags).astype(np.int8)
-    return replace(said, flags=flags, reasons=said.reasons | np.int32(Reason.DUPLICATE), decision="rejected")
+    return replace(said, flags=flags, reasons=said.reasons | np.int32(reason), decision="rejected")
 
 
 def scatter(size: int, used: NDArray[np.intp], values: Array) -> Array:
