@@ -16,14 +16,16 @@ from replay_kit.estimator.gate import Watch, judge
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
 from replay_kit.estimator.noise import bin_noise
-from replay_kit.estimator.posterior import Ahead, Posterior, means
+from replay_kit.estimator.paths import PathRows, look_along, path_rows
+from replay_kit.estimator.posterior import Ahead, Look, Posterior, means
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
-from replay_kit.estimator.screening import is_repeated, rejected, repeated, scatter, screen
+from replay_kit.estimator.said import Expected, innovation_of
+from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation, Reason
+from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation, PathMean, Reason
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16
@@ -44,7 +46,7 @@ class FilterState:
     posterior: Posterior
     time_ns: int | None
     watch: Watch = _NO_WATCH_YET
-    last: Observation | None = None
+    last: Observation | PathMean | None = None
 
     @property
     def mean(self) -> Array:
@@ -77,18 +79,25 @@ class ReducedBasisEstimator:
     time_ns: int | None
     trust: TrustConfig | None = None
 
+    takes_paths = True
+
+    @property
+    def state_size(self) -> int:
+        """Number of weights in all."""
+        return int(self.prior.mean.size)
+
     def initial(self) -> FilterState:
         """Return the prior as a state."""
         return FilterState(initial(self.prior, self.basis.grid.levels.size), None)
 
-    def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
+    def step(self, state: FilterState, observation: Observation | PathMean) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation.
 
         An observation without a usable bin leaves the state untouched.
         """
         return next(self.steps(state, [observation]))
 
-    def steps(self, state: FilterState, observations: Iterable[Observation]) -> Iterator[tuple[FilterState, Innovation]]:
+    def steps(self, state: FilterState, observations: Iterable[Observation | PathMean]) -> Iterator[tuple[FilterState, Innovation]]:
         """Yield the state after each observation, and its innovation.
 
         The same as ``step`` over and over, but what does not depend on the observations before is computed for ``BLOCK`` of them at
@@ -100,26 +109,29 @@ class ReducedBasisEstimator:
             made_by: Posterior | None = None
             for index, screened in enumerate(block):
                 innovation = screened.said
-                if screened.profile is not None:
+                rows, known = screened.rows, None
+                if isinstance(rows, ProfileRows):
                     if made_by is None or type(made_by) is not type(state.posterior) or made_by.prior is not state.posterior.prior:
                         made_by = state.posterior
-                        ahead = iter(made_by.ahead([later.profile[0] for later in block[index:] if later.profile is not None]))
+                        ahead = iter(made_by.ahead([later.rows for later in block[index:] if isinstance(later.rows, ProfileRows)]))
                     known = next(ahead)
-                    if is_repeated(state.last, screened.observation):
-                        innovation = repeated(screened.said, Reason.DUPLICATE)
-                    else:
-                        state, innovation = self._step(state, screened, *screened.profile, known)
+                if rows is not None and is_repeated(state.last, screened.observation):
+                    innovation = repeated(screened.said, Reason.DUPLICATE)
+                elif isinstance(rows, ProfileRows) and known is not None:
+                    state, innovation = self._absorbed(state, screened, rows, state.posterior.look(rows, known))
+                elif isinstance(rows, PathRows):
+                    state, innovation = self._absorbed(state, screened, rows, look_along(state.posterior, rows))
                 yield state, innovation
 
-    def _step(
-        self, state: FilterState, screened: "_Screened", rows: ProfileRows, values: Array, ahead: Ahead
+    def _absorbed(
+        self, state: FilterState, screened: "_Screened", rows: ProfileRows | PathRows, look: Look
     ) -> tuple[FilterState, Innovation]:
-        observation, used = screened.observation, screened.used
-        look = state.posterior.look(rows, ahead)
+        """Return the state after an observation that is expected to be as ``look`` says, and the innovation."""
+        values, used = screened.values, screened.used
         compressed, left_out = rows.compress(values)
         compressed -= look.mean
         verdict = judge(compressed, look.cov, left_out, rows.dof - compressed.size, self.trust)
-        believed, inflation, mean, grown, posterior = verdict.decision != "rejected", 1.0, look.mean, 1.0, state.posterior
+        believed, inflation, mean, posterior = verdict.decision != "rejected", 1.0, look.mean, state.posterior
         if believed:
             inflation = verdict.inflation
             mean = look.mean_after(compressed, np.sqrt(inflation))
@@ -132,50 +144,41 @@ class ReducedBasisEstimator:
         if grown > 1.0:
             posterior = inflated(posterior, grown)
         # the state's own prior may be an earlier posterior
-        unmeasured = rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1))
-        variance = rows.expand_variance(look.cov) + np.square(rows.noise.std)[:, None]
-        size = observation.depth.size
-        said = replace(
-            screened.said,
-            innovation=scatter(size, used, rows.misfit(values, look.mean)),
-            innovation_std=scatter(size, used, np.sqrt(variance)),
-            residual=scatter(size, used, rows.misfit(values, mean)),
-            prior_innovation=scatter(size, used, rows.misfit(values, unmeasured)),
-            nis=look.nis(compressed) + left_out,
-            dof=rows.dof,
-            accepted=believed,
-            error_inflation=inflation,
-            decision=verdict.decision,
-            gate_statistic=verdict.statistic,
-            gate=verdict.gate,
-            signal_dof=verdict.signal_dof(inflation) if believed else 0.0,
-            prior_inflation=grown,
-        )
-        return FilterState(posterior, observation.time_ns if believed else state.time_ns, watch, observation), said
+        expected = Expected(look.mean, look.cov, rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1)))
+        said = innovation_of(screened.said, used, rows, values, expected, mean, verdict, inflation, grown)
+        time_ns = screened.observation.time_ns if believed else state.time_ns
+        return FilterState(posterior, time_ns, watch, screened.observation), said
 
-    def _screened(self, observation: Observation) -> "_Screened":
-        flags, reasons = screen(observation, self.basis.grid, relative=True)
-        used = np.flatnonzero(flags == Flag.GOOD)
-        return _Screened(observation, used, rejected(observation, flags, reasons), self.rows(observation, used) if used.size else None)
+    def _screened(self, observation: Observation | PathMean) -> "_Screened":
+        whole = as_profile(observation)
+        flags, reasons = screen(whole, self.basis.grid, relative=True)
+        used, said = np.flatnonzero(flags == Flag.GOOD), rejected(whole, flags, reasons)
+        if used.size == 0:
+            return _Screened(observation, used, said, None, np.empty((0, 2)))
+        return _Screened(observation, used, said, *self._rows_of(observation, used))
 
-    def usable(self, observation: Observation) -> bool:
+    def _rows_of(self, observation: Observation | PathMean, used: NDArray[np.intp]) -> tuple[ProfileRows | PathRows, Array]:
+        if isinstance(observation, PathMean):
+            rows = path_rows(observation, self.basis, self.representation_std)
+            return rows, rows.values
+        return self.rows(observation, used)
+
+    def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
-        flags, _ = screen(observation, self.basis.grid, relative=True)
-        return bool(np.any(flags == Flag.GOOD))
+        return self._screened(observation).rows is not None
 
-    def misfit(self, state: FilterState, observation: Observation) -> Array:
+    def misfit(self, state: FilterState, observation: Observation | PathMean) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         return self.misfit_of(state.mean, observation)
 
-    def misfit_of(self, mean: Array, observation: Observation) -> Array:
+    def misfit_of(self, mean: Array, observation: Observation | PathMean) -> Array:
         """Return measured minus predicted by weights, shape (Z r,); see ``misfit``."""
-        flags, _ = screen(observation, self.basis.grid, relative=True)
-        used = np.flatnonzero(flags == Flag.GOOD)
-        out = np.full((observation.depth.size, 2), np.nan)
-        if used.size:
-            rows, values = self.rows(observation, used)
-            out[used] = rows.misfit(values, rows.times(mean.reshape(self.basis.grid.levels.size, -1)))
-        return out
+        screened = self._screened(observation)
+        size = screened.said.depth.size
+        if screened.rows is None:
+            return np.full((size, 2), np.nan)
+        expected = screened.rows.times(mean.reshape(self.basis.grid.levels.size, -1))
+        return scatter(size, screened.used, screened.rows.misfit(screened.values, expected))
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the current estimate that a state stands for; its covariance is computed when first asked for."""
@@ -220,13 +223,15 @@ class _Screened:
         observation: As it came.
         used: shape (n,), its usable bins.
         said: What is said of it when it is not used.
-        profile: Its rows, and its values about the offset; None without usable bins.
+        rows: Of the usable bins; None without any.
+        values: shape (n, 2) [m/s], of the usable bins about the offset, local axes.
     """
 
-    observation: Observation
+    observation: Observation | PathMean
     used: NDArray[np.intp]
     said: Innovation
-    profile: tuple[ProfileRows, Array] | None
+    rows: ProfileRows | PathRows | None
+    values: Array
 
 
 def build_estimator(ensemble: Ensemble, config: EstimatorConfig, trust: TrustConfig | None = None) -> ReducedBasisEstimator:

@@ -63,8 +63,11 @@ def rejected(observation: Observation, flags: NDArray[np.int8], reasons: NDArray
     )
 
 
-def on_path(mean: PathMean) -> Observation:
-    """Return a mean along a path as a profile of one bin, at the path's mean depth and its point in the middle of the time."""
+def as_profile(observation: Observation | PathMean) -> Observation:
+    """Return a profile as it is, a mean along a path as one of one bin: at its mean depth, where it was in the middle of its time."""
+    if isinstance(observation, Observation):
+        return observation
+    mean = observation
     middle = int(np.searchsorted(np.cumsum(mean.weight), 0.5))
     middle = min(middle, mean.weight.size - 1)
     return Observation(

@@ -11,7 +11,9 @@ from replay_kit.estimator.evolving.seen import Model, Seen
 from replay_kit.estimator.evolving.state import Layout, update
 from replay_kit.estimator.gate import Watch, judge
 from replay_kit.estimator.kalman import dependence_inflation
-from replay_kit.estimator.screening import is_repeated, on_path, rejected, repeated, scatter, screen
+from replay_kit.estimator.modes import Basis
+from replay_kit.estimator.said import Expected, innovation_of
+from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Flag, Innovation, Observation, PathMean, Reason
 
@@ -55,6 +57,16 @@ class EvolvingEstimator:
 
     takes_paths = True
 
+    @property
+    def basis(self) -> Basis:
+        """Basis flows."""
+        return self.model.basis
+
+    @property
+    def state_size(self) -> int:
+        """Number of unknowns."""
+        return self.layout.size
+
     def initial(self) -> EvolvingState:
         """Return the state before any observation."""
         return EvolvingState(np.zeros(self.layout.size), np.eye(self.layout.size), None, Watch())
@@ -70,7 +82,7 @@ class EvolvingEstimator:
 
         An observation without a usable bin, older than the state, or the same as the one before, leaves the state untouched.
         """
-        whole = on_path(observation) if isinstance(observation, PathMean) else observation
+        whole = as_profile(observation)
         flags, reasons = screen(whole, self.model.basis.grid, relative=True)
         said = rejected(whole, flags, reasons)
         used = np.flatnonzero(flags == Flag.GOOD)
@@ -81,7 +93,7 @@ class EvolvingEstimator:
         if is_repeated(state.last, observation):
             return state, repeated(said, Reason.DUPLICATE)
         seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
-        return self._absorbed(self.predicted(state, observation.time_ns), state, seen, observation, replace(said, depth=whole.depth), used)
+        return self._absorbed(self.predicted(state, observation.time_ns), state, seen, observation, said, used)
 
     def predicted(self, state: EvolvingState, time_ns: int) -> EvolvingState:
         """Return the state at a later time without observations in between: less is known of it."""
@@ -100,11 +112,11 @@ class EvolvingEstimator:
         used: NDArray[np.intp],
     ) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation's rows; ``before`` is that at its time, ``untouched`` that before any prediction."""
-        expected, spread = seen.design @ before.mean, seen.design @ before.cov @ seen.design.T
+        expected = Expected(seen.design @ before.mean, seen.design @ before.cov @ seen.design.T, np.zeros(len(seen.design)))
         compressed, left_out = seen.compress(seen.values)
-        innovation = compressed - expected
-        verdict = judge(innovation, spread, left_out, seen.dof - compressed.size, self.trust)
-        believed, inflation, after, rows = verdict.decision != "rejected", 1.0, untouched, expected
+        innovation = compressed - expected.mean
+        verdict = judge(innovation, expected.cov, left_out, seen.dof - compressed.size, self.trust)
+        believed, inflation, after, rows = verdict.decision != "rejected", 1.0, untouched, expected.mean
         if believed:
             inflation = verdict.inflation
             mean, cov = update(before.mean, before.cov, seen.design, innovation, np.sqrt(inflation))
@@ -115,33 +127,16 @@ class EvolvingEstimator:
             after, rows = replace(before, mean=mean, cov=cov), seen.design @ mean
         watch, grown = before.watch.after(verdict, self.trust)
         after = replace(after, cov=grown * after.cov, watch=watch, last=observation)
-        size = said.depth.size
-        nis = float(innovation @ np.linalg.solve(spread + np.eye(innovation.size), innovation))
-        return after, replace(
-            said,
-            innovation=scatter(size, used, seen.misfit(seen.values, expected)),
-            innovation_std=scatter(size, used, np.sqrt(seen.expand_variance(spread) + np.square(seen.noise.std)[:, None])),
-            residual=scatter(size, used, seen.misfit(seen.values, rows)),
-            prior_innovation=scatter(size, used, seen.misfit(seen.values, np.zeros_like(rows))),
-            nis=nis + left_out,
-            dof=seen.dof,
-            accepted=believed,
-            error_inflation=inflation,
-            decision=verdict.decision,
-            gate_statistic=verdict.statistic,
-            gate=verdict.gate,
-            signal_dof=verdict.signal_dof(inflation) if believed else 0.0,
-            prior_inflation=grown,
-        )
+        return after, innovation_of(said, used, seen, seen.values, expected, rows, verdict, inflation, grown)
 
-    def usable(self, observation: Observation) -> bool:
+    def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
-        flags, _ = screen(observation, self.model.basis.grid, relative=True)
+        flags, _ = screen(as_profile(observation), self.model.basis.grid, relative=True)
         return bool(np.any(flags == Flag.GOOD))
 
     def misfit(self, state: EvolvingState, observation: Observation | PathMean) -> Array:
         """Return measured minus predicted by a state for the observation's time, shape (n, 2) [m/s], local axes; NaN where not usable."""
-        whole = on_path(observation) if isinstance(observation, PathMean) else observation
+        whole = as_profile(observation)
         flags, _ = screen(whole, self.model.basis.grid, relative=True)
         used = np.flatnonzero(flags == Flag.GOOD)
         if used.size == 0:
@@ -153,9 +148,8 @@ class EvolvingEstimator:
 
     def weights(self, state: EvolvingState) -> Array:
         """Return the mean of the weights at the state's time, shape (Z r,)."""
-        at = self._time(state)
         sea = self.model.sea
-        return (sea.mean_at(at) + np.tensordot(state.mean[: sea.size], sea.loading(at), 1)).ravel()
+        return sea.weights(state.mean[: sea.size], self._time(state)).ravel()
 
     def biases(self, state: EvolvingState) -> dict[str, tuple[float, float]]:
         """Return each bias of the instrument that is estimated, with its standard deviation: rad, 1, 1/s."""

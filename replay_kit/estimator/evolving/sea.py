@@ -43,6 +43,14 @@ class Sea:
     trajectory_scale: float
     local_scale: float
 
+    def __str__(self) -> str:
+        """Return in words what is forgotten, and how fast."""
+        days = [scale / 86_400.0 for scale in (self.local_scale, self.trajectory_scale)]
+        if not np.isfinite(days).any():
+            return f"nothing is forgotten; {self.size} unknowns"
+        words = [f"{value:.1f} days" if np.isfinite(value) else "never" for value in days]
+        return f"what is local is forgotten over {words[0]}, mixtures of the members over {words[1]}; {self.size} unknowns"
+
     @property
     def size(self) -> int:
         """Number of unknowns F + B."""
@@ -63,6 +71,14 @@ class Sea:
         before, after, share = self._between(time_ns)
         trajectories = (1.0 - share) * self.trajectories[before] + share * self.trajectories[after]
         return np.concatenate([trajectories, self._spread_at(time_ns) * self.local])
+
+    def weights(self, unknowns: Array, time_ns: int) -> Array:
+        """Return the weights of unknowns, shape (F + B,), about the basis's offset: shape (Z, r)."""
+        before, after, share = self._between(time_ns)
+        coefficients, rest = np.split(unknowns, [self.trajectories.shape[1]])
+        parts = [np.tensordot(coefficients, self.trajectories[k], 1) for k in (before, after)]
+        moved = (1.0 - share) * parts[0] + share * parts[1]
+        return np.asarray(self.mean_at(time_ns) + moved + self._spread_at(time_ns) * np.tensordot(rest, self.local, 1))
 
     def seen(self, basis: Array, time_ns: int) -> Array:
         """Return what one of each unknown does to the current at a place, level by level: shape (F + B, Z, c) [m/s].

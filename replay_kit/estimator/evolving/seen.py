@@ -17,7 +17,8 @@ from replay_kit.estimator.evolving.extras import Biases, Oscillations
 from replay_kit.estimator.evolving.sea import Sea
 from replay_kit.estimator.kalman import Bins
 from replay_kit.estimator.modes import Basis
-from replay_kit.estimator.noise import BinNoise, bin_noise
+from replay_kit.estimator.noise import bin_noise
+from replay_kit.estimator.paths import depth_means, local_mean, mean_noise
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
@@ -103,7 +104,7 @@ class Model:
         """
         grid = self.basis.grid
         east, north = to_local(grid.projection, mean.longitude, mean.latitude)
-        weights = mean.weight[:, None] * depth_weights(self.basis.depth_functions, np.minimum(mean.depth, grid.levels[-1]), grid.levels)
+        weights = depth_means(mean, self.basis)
         knots = mean.weight[:, None] * self.oscillations.weights(mean.depth)
         known, design, oscillating = np.zeros(2), np.zeros((self.sea.size, 2)), np.zeros((2, self.oscillations.size))
         for k in np.flatnonzero(mean.weight > 0.0):
@@ -113,11 +114,9 @@ class Model:
             back = (int(mean.path_time_ns[k]) - mean.time_ns) / _NS
             for c in range(2):
                 oscillating[c] += self.oscillations.at(knots[k] @ self.oscillations.factor(c), back)
-        velocity = _local(self.basis, float(mean.longitude[-1]), float(mean.latitude[-1]), np.array([mean.velocity]))
-        std = float(np.hypot(mean.error_std, mean.weight @ np.interp(mean.depth, grid.levels, self.representation_std)))
-        noise = BinNoise(np.array([[1.0 / std]]), np.array([[std]]), float(np.log(std)))
-        rows = np.hstack([design.T, oscillating, np.zeros((2, self.biases.size))]) / std
-        return Seen(np.ones((1, 1)), noise, rows, velocity - known)
+        noise = mean_noise(mean, grid.levels, self.representation_std)
+        rows = np.hstack([design.T, oscillating, np.zeros((2, self.biases.size))]) / noise.std[0]
+        return Seen(np.ones((1, 1)), noise, rows, local_mean(mean, self.basis) - known)
 
 
 def _local(basis: Basis, longitude: float, latitude: float, velocity: Array) -> Array:

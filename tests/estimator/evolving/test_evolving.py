@@ -1,6 +1,7 @@
 """The estimate through time: against one joint Gaussian, against the static filter, and by what time does to it."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -107,7 +108,7 @@ def test_uncertainty_grows_from_the_last_observation_towards_the_forecast_s():
     at = grid.east.ravel(), grid.north.ravel(), np.full(grid.east.size, 60.0)
     # beyond the last forecast its spread stays, so what grows is forgetting alone
     errors = [estimator.at(state, 4 * DAY + k * DAY).standard_error(*at) for k in range(5)]
-    for before, after in zip(errors, errors[1:], strict=False):
+    for before, after in pairwise(errors):
         assert np.all(after > before)
     prior = estimator.at(estimator.initial(), 40 * DAY).standard_error(*at)
     np.testing.assert_allclose(estimator.flow(state).at(40 * DAY).standard_error(*at), prior, rtol=1e-6)
