@@ -11,8 +11,7 @@ from threadpoolctl import threadpool_limits
 from replay_kit.choose import build, read_forecasts, weights_of
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError
-from replay_kit.estimator import BLOCK, ReducedBasisEstimator
-from replay_kit.estimator.evolving import EvolvingEstimator
+from replay_kit.estimator import BLOCK
 from replay_kit.job import ReplayJob, look_ahead, open_readers
 from replay_kit.logs import merge
 from replay_kit.measurements import observations
@@ -67,12 +66,12 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehears
     with threadpool_limits(limits=config.output.threads):
         place_at, near_ns = look_ahead(job.logs, config)
         forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
-        ensemble, estimator = forecasts.ensemble, build(forecasts, config, None)
-        # a baseline was refused above
-        assert isinstance(estimator, ReducedBasisEstimator | EvolvingEstimator)
+        ensemble = forecasts.ensemble
+        # Any: a baseline was refused above, and the two that are left have what is asked for here
+        estimator: Any = build(forecasts, config, None)
         profiles, used = 0, 0
         timed: list[Observation] = []
-        for observation in _observations(job, config):
+        for observation in _profiles(job, config):
             profiles += 1
             used += estimator.usable(observation)
             if len(timed) < n_timed and estimator.usable(observation):
@@ -95,10 +94,10 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehears
     )
 
 
-def _observations(job: ReplayJob, config: RunConfig) -> Iterator[Observation]:
+def _profiles(job: ReplayJob, config: RunConfig) -> Iterator[Observation]:
     logs = config.logs
     messages = merge(open_readers(job.logs, config), logs.reorder_window, logs.start_ns, logs.end_ns)
-    return observations(messages, config.measurements)
+    return (found for found in observations(messages, config.measurements) if isinstance(found, Observation))
 
 
 def rehearsal_json(rehearsal: Rehearsal) -> dict[str, Any]:

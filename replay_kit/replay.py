@@ -10,8 +10,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from replay_kit.choose import Forecasts, build, read_forecasts
 from replay_kit.checkpoint import Checkpoints, run_identity
+from replay_kit.choose import Forecasts, build, read_forecasts
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
 from replay_kit.flow import FlowEstimate

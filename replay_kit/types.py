@@ -249,6 +249,10 @@ class PathMean:
     source: Source
 
 
+#: What an estimator may be given.
+Measurement = Observation | PathMean
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
     """A forecast's grid in its local frame: a product in depth, curvilinear in the horizontal.

@@ -8,7 +8,7 @@ import xarray as xr
 from replay_kit.config import ForecastConfig
 from replay_kit.errors import ForecastError
 from replay_kit.forecast.names import find_lead, find_member, find_time, find_velocity
-from replay_kit.forecast.reader import open_dataset, read_ensemble
+from replay_kit.forecast.reader import open_forecast, read_ensemble
 from replay_kit.forecast.times import dated_leads
 from replay_kit.types import Ensemble
 
@@ -29,7 +29,7 @@ def read_series(
     """
     if config.lead is not None or config.time is not None:
         return (read_ensemble(path, config, near_ns=near_ns, place_at=place_at),)
-    with open_dataset(path) as ds:
+    with open_forecast(path) as ds:
         chosen = _choices(ds, config, str(path))
     if len(chosen) < 2:
         return (read_ensemble(path, config, near_ns=near_ns, place_at=place_at),)
