@@ -13,6 +13,8 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
 from replay_kit.config_map import TopicMap
+from replay_kit.config_time import TimeConfig
+from replay_kit.config_trust import TrustConfig
 from replay_kit.errors import ConfigError
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -197,6 +199,8 @@ class RunConfig(_Section):
     measurements: MeasurementConfig = MeasurementConfig()
     forecast: ForecastConfig = ForecastConfig()
     estimator: EstimatorConfig = EstimatorConfig()
+    time: TimeConfig = TimeConfig()
+    trust: TrustConfig = TrustConfig()
     planner: PlannerConfig = PlannerConfig()
     output: OutputConfig = OutputConfig()
 

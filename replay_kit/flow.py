@@ -46,6 +46,7 @@ class FlowEstimate:
         modes: shape (2N, r), latent velocities of the modes the uncertainty is expressed in; r = 0 without uncertainty.
         covariance: Of the weights, or what computes it when it is first asked for; read ``weight_cov``.
         time_ns: Time it holds for [ns, UTC]; None when unknown.
+        later: Makes the estimate for another time; None when the flow has no model of time.
     """
 
     grid: Grid
@@ -55,6 +56,20 @@ class FlowEstimate:
     modes: Array
     covariance: Array | Callable[[], Array]
     time_ns: int | None
+    later: "Callable[[int], FlowEstimate] | None" = None
+
+    def at(self, time_ns: int) -> "FlowEstimate":
+        """Return the estimate for a time [ns, UTC]: where the sea changes, less is known of later times.
+
+        Raises:
+            EstimatorError: The flow carries no model of time, as one read from a file or one of a truth.
+        """
+        if self.later is None:
+            raise EstimatorError(
+                "the flow does not say how it changes in time (read from a file, a truth, a member or a sample); "
+                "ask the estimate of a replay for another time"
+            )
+        return self.later(time_ns)
 
     @property
     def nodes(self) -> Array:
@@ -143,7 +158,7 @@ class FlowEstimate:
 
     def certain(self) -> "FlowEstimate":
         """Return the same flow without its uncertainty."""
-        return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)))
+        return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
 
     def to_xarray(
         self, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None

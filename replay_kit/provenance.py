@@ -10,6 +10,7 @@ from replay_kit import __version__
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError
 from replay_kit.estimator import ReducedBasisEstimator
+from replay_kit.estimator.evolving import EvolvingEstimator
 from replay_kit.estimator.prior import HybridPrior
 from replay_kit.types import Ensemble
 
@@ -82,6 +83,8 @@ def _toml(value: object) -> str:
 
 def prior_notes(estimator: object) -> list[str]:
     """Say what the prior was made with, for it may have been fitted."""
+    if isinstance(estimator, EvolvingEstimator):
+        return [f"through time: {estimator.model.sea}"]
     if not isinstance(estimator, ReducedBasisEstimator) or not isinstance(estimator.prior, HybridPrior):
         return []
     return [f"prior: {estimator.prior.settings}"] if estimator.prior.settings else []

@@ -8,10 +8,10 @@ from typing import Any
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
+from replay_kit.choose import build, read_forecasts, weights_of
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError
-from replay_kit.estimator import BLOCK, build_estimator, means_of
-from replay_kit.forecast import read_ensemble
+from replay_kit.estimator import BLOCK
 from replay_kit.job import ReplayJob, look_ahead, open_readers
 from replay_kit.logs import merge
 from replay_kit.measurements import observations
@@ -65,8 +65,10 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehears
         raise ConfigError(f"--dry-run describes the reduced basis, not {config.estimator.name}; leave one of the two out")
     with threadpool_limits(limits=config.output.threads):
         place_at, near_ns = look_ahead(job.logs, config)
-        ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
-        estimator = build_estimator(ensemble, config.estimator)
+        forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+        ensemble = forecasts.ensemble
+        # Any: a baseline was refused above, and the two that are left have what is asked for here
+        estimator: Any = build(forecasts, config, None)
         profiles, used = 0, 0
         timed: list[Observation] = []
         for observation in _profiles(job, config):
@@ -76,9 +78,9 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehears
                 timed.append(observation)
         began = time.perf_counter()
         if states := [state for state, _ in estimator.steps(estimator.initial(), timed)]:
-            means_of(states)
+            weights_of(estimator, states)
         spent = time.perf_counter() - began
-    size = estimator.prior.mean.size
+    size = estimator.state_size
     return Rehearsal(
         profiles=profiles,
         profiles_used=used,

@@ -10,13 +10,12 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from replay_kit.baselines import build_named
 from replay_kit.checkpoint import Checkpoints, run_identity
+from replay_kit.choose import Forecasts, build, read_forecasts
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import write_grid
-from replay_kit.forecast import read_ensemble
 from replay_kit.job import Planner, ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
 from replay_kit.logs import merge
 from replay_kit.measurements import MeasurementState, finish, initial_state, interpret
@@ -70,10 +69,11 @@ def _replay(
         near_ns = max(near_ns, config.logs.start_ns)
     readers = open_readers(job.logs, config)
     with clock.stage("forecast"):
-        ensemble = read_ensemble(job.ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
+        forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+        ensemble = forecasts.ensemble
         truth = open_truth(job, config, near_ns, ensemble)
     with clock.stage("basis"):
-        estimator = build_named(ensemble, config.estimator, None if job.goal is None else job.goal.depth)
+        estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
         prior_flow = estimator.flow(estimator.initial())
     if job.goal is not None and planner is not None:
         planner.check(prior_flow, job.goal)
@@ -84,9 +84,9 @@ def _replay(
         identity = run_identity(metadata, run_settings_toml(config))
         checkpoints = Checkpoints(job.checkpoint, identity, config.output.checkpoint_interval)
     try:
-        begin = _begin(run, ensemble, prior_flow, metadata, checkpoints, on_digest)
+        begin = _begin(run, forecasts, prior_flow, metadata, checkpoints, on_digest)
         _loop(run, begin, readers, checkpoints, on_message)
-        summary, flow = _conclude(run, ensemble, prior_flow, readers, truth)
+        summary, flow = _conclude(run, forecasts, prior_flow, readers, truth)
     except (ConfigError, MeasurementError, LogError, PlanError):
         # the input was unusable: there is no result worth keeping
         if run.writer is not None:
@@ -122,7 +122,7 @@ class _Begin:
 
 def _begin(
     run: Run,
-    ensemble: Ensemble,
+    forecasts: Forecasts,
     prior_flow: FlowEstimate,
     metadata: Mapping[str, Mapping[str, str]],
     checkpoints: Checkpoints | None,
@@ -138,7 +138,7 @@ def _begin(
     def first(time_ns: int) -> None:
         with run.clock.stage("write"):
             writer.start(prior_flow.grid.projection, time_ns, metadata, run_settings_toml(run.config))
-            for note in ensemble.notes:
+            for note in forecasts.notes:
                 writer.log(time_ns, "warning", note)
             copy_inputs(writer, run.job, run.config.logs)
 
@@ -195,17 +195,17 @@ def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
 
 
 def _conclude(
-    run: Run, ensemble: Ensemble, prior_flow: FlowEstimate, readers: Sequence[LogReader], truth: Ensemble | None
+    run: Run, forecasts: Forecasts, prior_flow: FlowEstimate, readers: Sequence[LogReader], truth: Ensemble | None
 ) -> tuple[ReplaySummary, FlowEstimate]:
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
     reports = [reader.report() for reader in readers]
-    run.tally.require_usable(reports, ensemble.grid, run.vehicle)
+    run.tally.require_usable(reports, forecasts.ensemble.grid, run.vehicle)
     flow = run.estimator.flow(run.state)
     make_plan(run, run.last_ns, flow)
     kernel = flow.kernel
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    notes = [*ensemble.notes, *run.tally.notes(reports), basis, *prior_notes(run.estimator)]
+    notes = [*forecasts.notes, *run.tally.notes(reports), basis, *prior_notes(run.estimator)]
     if run.job.goal is None:
         notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
     if run.writer is not None:
@@ -222,7 +222,7 @@ def _conclude(
     score = None
     if truth is not None:
         with run.clock.stage("score"):
-            score, why_not = _score(run, ensemble, flow, prior_flow, truth)
+            score, why_not = _score(run, forecasts.nearest(flow.time_ns), flow, prior_flow, truth)
             notes += why_not
     summary = run.tally.summary(reports, run.clock.seconds, run.plan, run.plan_note, score, tuple(notes))
     return summary, flow

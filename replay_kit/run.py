@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.choose import weights_of
 from replay_kit.config import RunConfig
 from replay_kit.errors import PlanError
-from replay_kit.estimator import BLOCK, Estimator, FilterState, means_of
+from replay_kit.estimator import BLOCK, Estimator
 from replay_kit.flow import FlowEstimate
 from replay_kit.job import Planner, ReplayJob
 from replay_kit.measurements import Event, Skipped, Used
@@ -90,7 +91,7 @@ def work_off(run: Run) -> None:
     with run.clock.stage("estimate"):
         done = list(run.estimator.steps(run.state, observations))
         states = [state for state, _ in done]
-        means = means_of(states) if states and isinstance(run.state, FilterState) else [None] * len(states)
+        means = weights_of(run.estimator, states)
     after = iter(zip(done, means, strict=True))
     for event in run.waiting:
         if isinstance(event, Measurement):

@@ -68,6 +68,9 @@ class Stopwatch:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
 
 
+_SAID_INFLATIONS = 5
+
+
 @dataclass(slots=True)
 class Tally:
     """Running counts of one replay."""
@@ -78,6 +81,9 @@ class Tally:
     _not_taken: Counter[str] = field(default_factory=Counter)
     _rejected: int = 0
     _bins_rejected: Counter[str] = field(default_factory=Counter)
+    _gated: int = 0
+    _softened: int = 0
+    _inflations: list[float] = field(default_factory=list)
     _all: _Sums = field(default_factory=_Sums)
     _dives: dict[int, _Sums] = field(default_factory=dict)
 
@@ -104,6 +110,10 @@ class Tally:
             count = int(np.count_nonzero(innovation.reasons & reason))
             if count and reason:
                 self._bins_rejected[str(reason.name).lower()] += count
+        self._gated += innovation.decision == "rejected"
+        self._softened += innovation.decision == "softened"
+        if innovation.prior_inflation > 1.0:
+            self._inflations.append(innovation.prior_inflation)
         if not innovation.accepted:
             self._rejected += 1
             return
@@ -144,6 +154,7 @@ class Tally:
         return (
             unstamped
             + clocks
+            + self._doubts()
             + means
             + [
                 f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
@@ -151,6 +162,22 @@ class Tally:
                 for topic, (count, why) in sorted(report.undecodable.items())
             ]
         )
+
+    def _doubts(self) -> list[str]:
+        """Return what the gate and the watch did, in words."""
+        said = []
+        if self._gated:
+            said.append(f"{self._gated} profiles contradicted the estimate and were rejected; [trust] sets the gate")
+        if self._softened:
+            said.append(f"{self._softened} profiles contradicted the estimate and counted with larger errors")
+        if self._inflations:
+            factors = ", ".join(f"{factor:.2g}" for factor in self._inflations[:_SAID_INFLATIONS])
+            more = " ..." if len(self._inflations) > _SAID_INFLATIONS else ""
+            said.append(
+                f"most profiles lay outside what the estimate expected, so its covariance was grown {len(self._inflations)} times, "
+                f"by {factors}{more}: the ensemble, or the errors stated, do not fit this log"
+            )
+        return said
 
     def summary(
         self,

@@ -136,6 +136,8 @@ class Reason(IntFlag):
     GROSS_RANGE = 256
     ON_LAND = 512
     BELOW_BOTTOM = 1024
+    DUPLICATE = 1 << 24
+    OUT_OF_ORDER = 1 << 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,6 +306,9 @@ class Ensemble:
         return int(self.velocity.shape[0])
 
 
+Decision = Literal["accepted", "softened", "rejected", "unusable"]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Innovation:
     """What one observation said against the prediction made before it.
@@ -317,13 +322,18 @@ class Innovation:
         prior_innovation: shape (n, 2) [m/s], measured minus predicted by the prior that has seen no observation.
         nis: Normalised innovation squared of all rows used.
         dof: Number of rows used.
-        accepted: False when no bin was usable.
-        error_inflation: Factor, at least 1, by which the bins' error variance was grown in the update because their residuals
-            were correlated along the profile; ``innovation_std`` and ``nis`` are those of the stated errors.
+        accepted: False when no bin was usable, or the gate rejected the profile.
+        error_inflation: Factor, at least 1, by which the bins' error variance was grown in the update, because their scatter or the
+            correlation of their residuals asked for it, or to soften it; ``innovation_std`` and ``nis`` are those of the stated errors.
         flags: shape (n,), QARTOD flags after the region's checks.
         reasons: shape (n,), bit mask of ``Reason``.
         dive: As in the observation.
         source: As in the observation.
+        decision: What was done with the observation.
+        gate_statistic: Normalised innovation squared of what the observation says of the estimate, with adapted errors.
+        gate: What ``gate_statistic`` was held against; inf without a gate.
+        signal_dof: Degrees of freedom for signal: how many independent values of the estimate the observation determined.
+        prior_inflation: Factor by which the estimate's covariance was grown after the observation, as too many lay outside it.
     """
 
     time_ns: int
@@ -340,6 +350,11 @@ class Innovation:
     reasons: NDArray[np.int32]
     dive: int
     source: Source
+    decision: Decision = "accepted"
+    gate_statistic: float = float("nan")
+    gate: float = float("inf")
+    signal_dof: float = float("nan")
+    prior_inflation: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

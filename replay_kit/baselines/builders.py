@@ -11,6 +11,7 @@ from replay_kit.baselines.letkf import build_letkf
 from replay_kit.baselines.naive import build_naive
 from replay_kit.baselines.nearest import build_nearest
 from replay_kit.config import EstimatorConfig
+from replay_kit.config_trust import TrustConfig
 from replay_kit.errors import ConfigError
 from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.types import Ensemble
@@ -28,18 +29,21 @@ BASELINES = (*_BUILDERS, "depth_average")
 _OWN = "reduced_basis"
 
 
-def build_named(ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None) -> Estimator[Any]:
+def build_named(
+    ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None, trust: TrustConfig | None = None
+) -> Estimator[Any]:
     """Return the estimator that a configuration names: the project's own, or a baseline.
 
     Args:
         ensemble: The members.
         config: Name, preset and settings.
         depth: Of the goal [m]; ``depth_average`` alone needs it.
+        trust: Gate and watch of the project's own; None believes every profile.
 
     Raises:
         ConfigError: The name is unknown, or the depth is missing.
     """
-    return build_estimator(ensemble, config) if config.name == _OWN else build_baseline(config.name, ensemble, config, depth)
+    return build_estimator(ensemble, config, trust) if config.name == _OWN else build_baseline(config.name, ensemble, config, depth)
 
 
 def build_baseline(name: str, ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None) -> Estimator[Any]:

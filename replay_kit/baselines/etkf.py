@@ -64,19 +64,18 @@ class Etkf(Estimator[TransformState]):
         design = rows.design()
         of_member = design @ self.anomalies.T
         prior_rows = design @ self.reduced.prior.mean
-        innovation = about_offset - rows.expand(prior_rows + of_member @ state.mean)
+        innovation = rows.misfit(about_offset, prior_rows + of_member @ state.mean)
         compressed, left_out = rows.compress(innovation)
         spread = of_member @ state.transform
         mean, transform = transform_update(state.mean, state.transform, spread, compressed)
         predicted = spread @ spread.T
         lower = np.linalg.cholesky(predicted + np.eye(compressed.size))
         whitened = scipy.linalg.solve_triangular(lower, compressed, lower=True)
-        before = bins.values - innovation
         predictions = Predictions(
-            before,
-            before + rows.expand(of_member @ (mean - state.mean)),
-            before - rows.expand(of_member @ state.mean),
-            np.sqrt(rows.expand_variance(predicted) + rows.error_std[:, None] ** 2),
+            bins.values - innovation,
+            bins.values - rows.misfit(about_offset, prior_rows + of_member @ mean),
+            bins.values - rows.misfit(about_offset, prior_rows),
+            np.sqrt(rows.expand_variance(predicted) + rows.noise.std[:, None] ** 2),
         )
         said = innovation_of(observation, bins, predictions, float(whitened @ whitened) + left_out)
         return TransformState(mean, transform, observation.time_ns), said

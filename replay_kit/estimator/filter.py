@@ -8,22 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
+from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.dual import initial
 from replay_kit.estimator.fit import choose_settings, members_in
-from replay_kit.estimator.forms import in_cheaper_form
+from replay_kit.estimator.forms import in_cheaper_form, inflated
+from replay_kit.estimator.gate import Watch, judge
 from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
-from replay_kit.estimator.posterior import Ahead, Posterior, means
+from replay_kit.estimator.noise import bin_noise
+from replay_kit.estimator.paths import PathRows, look_along, path_rows
+from replay_kit.estimator.posterior import Ahead, Look, Posterior, means
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
-from replay_kit.estimator.screening import rejected, scatter, screen
+from replay_kit.estimator.said import Expected, innovation_of
+from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation
+from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation, PathMean, Reason
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16
+_NO_WATCH_YET = Watch()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,10 +39,14 @@ class FilterState:
     Attributes:
         posterior: Of the weights, in the form that is cheaper at the time.
         time_ns: Of the last observation used [ns, UTC]; None before the first.
+        watch: Over the latest verdicts.
+        last: Observation offered last; the same once more is no news.
     """
 
     posterior: Posterior
     time_ns: int | None
+    watch: Watch = _NO_WATCH_YET
+    last: Observation | PathMean | None = None
 
     @property
     def mean(self) -> Array:
@@ -59,6 +69,7 @@ class ReducedBasisEstimator:
         error_std: Error of every bin [m/s], replacing the bins' own (paper); None adds ``representation_std`` to the bins' own.
         representation_std: shape (Z,) [m/s], what a bin sees and the basis cannot show, by level.
         time_ns: Time of the forecast.
+        trust: Gate and watch; None believes every profile as it is (paper).
     """
 
     basis: Basis
@@ -66,19 +77,27 @@ class ReducedBasisEstimator:
     error_std: float | None
     representation_std: Array
     time_ns: int | None
+    trust: TrustConfig | None = None
+
+    takes_paths = True
+
+    @property
+    def state_size(self) -> int:
+        """Number of weights in all."""
+        return int(self.prior.mean.size)
 
     def initial(self) -> FilterState:
         """Return the prior as a state."""
         return FilterState(initial(self.prior, self.basis.grid.levels.size), None)
 
-    def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
+    def step(self, state: FilterState, observation: Observation | PathMean) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation.
 
         An observation without a usable bin leaves the state untouched.
         """
         return next(self.steps(state, [observation]))
 
-    def steps(self, state: FilterState, observations: Iterable[Observation]) -> Iterator[tuple[FilterState, Innovation]]:
+    def steps(self, state: FilterState, observations: Iterable[Observation | PathMean]) -> Iterator[tuple[FilterState, Innovation]]:
         """Yield the state after each observation, and its innovation.
 
         The same as ``step`` over and over, but what does not depend on the observations before is computed for ``BLOCK`` of them at
@@ -90,65 +109,76 @@ class ReducedBasisEstimator:
             made_by: Posterior | None = None
             for index, screened in enumerate(block):
                 innovation = screened.said
-                if screened.profile is not None:
+                rows, known = screened.rows, None
+                if isinstance(rows, ProfileRows):
                     if made_by is None or type(made_by) is not type(state.posterior) or made_by.prior is not state.posterior.prior:
                         made_by = state.posterior
-                        ahead = iter(made_by.ahead([later.profile[0] for later in block[index:] if later.profile is not None]))
-                    state, innovation = self._step(state, screened, *screened.profile, next(ahead))
+                        ahead = iter(made_by.ahead([later.rows for later in block[index:] if isinstance(later.rows, ProfileRows)]))
+                    known = next(ahead)
+                if rows is not None and is_repeated(state.last, screened.observation):
+                    innovation = repeated(screened.said, Reason.DUPLICATE)
+                elif isinstance(rows, ProfileRows) and known is not None:
+                    state, innovation = self._absorbed(state, screened, rows, state.posterior.look(rows, known))
+                elif isinstance(rows, PathRows):
+                    state, innovation = self._absorbed(state, screened, rows, look_along(state.posterior, rows))
                 yield state, innovation
 
-    def _step(
-        self, state: FilterState, screened: "_Screened", rows: ProfileRows, values: Array, ahead: Ahead
+    def _absorbed(
+        self, state: FilterState, screened: "_Screened", rows: ProfileRows | PathRows, look: Look
     ) -> tuple[FilterState, Innovation]:
-        observation, used = screened.observation, screened.used
-        look = state.posterior.look(rows, ahead)
-        innovation = values - rows.expand(look.mean)
-        compressed, left_out = rows.compress(innovation)
-        posterior, mean = look.posterior(compressed, 1.0)
-        inflation = 1.0
-        if self.error_std is None and used.size > 1:
-            inflation = dependence_inflation((values - rows.expand(mean)) / rows.error_std[:, None])
-            if inflation > 1.0:
-                posterior, mean = look.posterior(compressed, np.sqrt(inflation))
+        """Return the state after an observation that is expected to be as ``look`` says, and the innovation."""
+        values, used = screened.values, screened.used
+        compressed, left_out = rows.compress(values)
+        compressed -= look.mean
+        verdict = judge(compressed, look.cov, left_out, rows.dof - compressed.size, self.trust)
+        believed, inflation, mean, posterior = verdict.decision != "rejected", 1.0, look.mean, state.posterior
+        if believed:
+            inflation = verdict.inflation
+            mean = look.mean_after(compressed, np.sqrt(inflation))
+            if self.error_std is None and used.size > 1:
+                further = dependence_inflation(rows.deviation(values, mean) / np.sqrt(inflation))
+                inflation *= further
+                mean = mean if further == 1.0 else look.mean_after(compressed, np.sqrt(inflation))
+            posterior = in_cheaper_form(look.posterior(compressed, np.sqrt(inflation)))
+        watch, grown = state.watch.after(verdict, self.trust)
+        if grown > 1.0:
+            posterior = inflated(posterior, grown)
         # the state's own prior may be an earlier posterior
-        unmeasured = rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1))
-        variance = rows.expand_variance(look.cov) + np.square(rows.error_std)[:, None]
-        said = replace(
-            screened.said,
-            innovation=scatter(observation.depth.size, used, innovation),
-            innovation_std=scatter(observation.depth.size, used, np.sqrt(variance)),
-            residual=scatter(observation.depth.size, used, values - rows.expand(mean)),
-            prior_innovation=scatter(observation.depth.size, used, values - rows.expand(unmeasured)),
-            nis=look.nis(compressed) + left_out,
-            dof=2 * used.size,
-            accepted=True,
-            error_inflation=inflation,
-        )
-        return FilterState(in_cheaper_form(posterior), observation.time_ns), said
+        expected = Expected(look.mean, look.cov, rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1)))
+        said = innovation_of(screened.said, used, rows, values, expected, mean, verdict, inflation, grown)
+        time_ns = screened.observation.time_ns if believed else state.time_ns
+        return FilterState(posterior, time_ns, watch, screened.observation), said
 
-    def _screened(self, observation: Observation) -> "_Screened":
-        flags, reasons = screen(observation, self.basis.grid)
-        used = np.flatnonzero(flags == Flag.GOOD)
-        return _Screened(observation, used, rejected(observation, flags, reasons), self.rows(observation, used) if used.size else None)
+    def _screened(self, observation: Observation | PathMean) -> "_Screened":
+        whole = as_profile(observation)
+        flags, reasons = screen(whole, self.basis.grid, relative=True)
+        used, said = np.flatnonzero(flags == Flag.GOOD), rejected(whole, flags, reasons)
+        if used.size == 0:
+            return _Screened(observation, used, said, None, np.empty((0, 2)))
+        return _Screened(observation, used, said, *self._rows_of(observation, used))
 
-    def usable(self, observation: Observation) -> bool:
+    def _rows_of(self, observation: Observation | PathMean, used: NDArray[np.intp]) -> tuple[ProfileRows | PathRows, Array]:
+        if isinstance(observation, PathMean):
+            rows = path_rows(observation, self.basis, self.representation_std)
+            return rows, rows.values
+        return self.rows(observation, used)
+
+    def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
-        flags, _ = screen(observation, self.basis.grid)
-        return bool(np.any(flags == Flag.GOOD))
+        return self._screened(observation).rows is not None
 
-    def misfit(self, state: FilterState, observation: Observation) -> Array:
+    def misfit(self, state: FilterState, observation: Observation | PathMean) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
         return self.misfit_of(state.mean, observation)
 
-    def misfit_of(self, mean: Array, observation: Observation) -> Array:
+    def misfit_of(self, mean: Array, observation: Observation | PathMean) -> Array:
         """Return measured minus predicted by weights, shape (Z r,); see ``misfit``."""
-        flags, _ = screen(observation, self.basis.grid)
-        used = np.flatnonzero(flags == Flag.GOOD)
-        out = np.full((observation.depth.size, 2), np.nan)
-        if used.size:
-            rows, values = self.rows(observation, used)
-            out[used] = values - rows.expand(rows.times(mean.reshape(self.basis.grid.levels.size, -1)))
-        return out
+        screened = self._screened(observation)
+        size = screened.said.depth.size
+        if screened.rows is None:
+            return np.full((size, 2), np.nan)
+        expected = screened.rows.times(mean.reshape(self.basis.grid.levels.size, -1))
+        return scatter(size, screened.used, screened.rows.misfit(screened.values, expected))
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the current estimate that a state stands for; its covariance is computed when first asked for."""
@@ -164,7 +194,9 @@ class ReducedBasisEstimator:
         """
         latent = self.basis.offset + self.basis.modes @ mean.reshape(self.basis.grid.levels.size, -1).T
         at = self.time_ns if time_ns is None else time_ns
-        return FlowEstimate(self.basis.grid, self.basis.kernel, self.basis.depth_functions, latent, self.basis.modes, covariance, at)
+        flow = FlowEstimate(self.basis.grid, self.basis.kernel, self.basis.depth_functions, latent, self.basis.modes, covariance, at)
+        # a static estimate holds at any time as it is
+        return replace(flow, later=lambda time_ns: replace(flow, time_ns=time_ns))
 
     def rows(self, observation: Observation, used: NDArray[np.intp]) -> tuple[ProfileRows, Array]:
         """Return the compressed rows of the usable bins and their velocity about the offset, shape (n, 2), local axes."""
@@ -172,15 +204,15 @@ class ReducedBasisEstimator:
         east, north = to_local(projection, observation.longitude, observation.latitude)
         kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), self.basis.grid.nodes)
         weights = depth_weights(self.basis.depth_functions, observation.depth[used], self.basis.grid.levels)
-        own = np.hypot(observation.error_std[used], observation.common_std)
+        depth, common, correlation = observation.depth[used], observation.common_std, observation.correlation_depth
         if self.error_std is not None:
-            error_std = np.full(used.size, self.error_std)
+            noise = bin_noise(depth, np.full(used.size, self.error_std), np.zeros(used.size), 0.0 if np.isfinite(common) else np.inf, 0.0)
         else:
-            representation = np.interp(observation.depth[used], self.basis.grid.levels, self.representation_std)
-            error_std = np.hypot(own, representation)
+            representation = np.interp(depth, self.basis.grid.levels, self.representation_std)
+            noise = bin_noise(depth, observation.error_std[used], representation, common, correlation)
         u, v = rotate_to_local(projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
         values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
-        return compress_profile(weights, kernel_row @ self.basis.modes, error_std), values
+        return compress_profile(weights, kernel_row @ self.basis.modes, noise), values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,17 +223,25 @@ class _Screened:
         observation: As it came.
         used: shape (n,), its usable bins.
         said: What is said of it when it is not used.
-        profile: Its rows, and its values about the offset; None without usable bins.
+        rows: Of the usable bins; None without any.
+        values: shape (n, 2) [m/s], of the usable bins about the offset, local axes.
     """
 
-    observation: Observation
+    observation: Observation | PathMean
     used: NDArray[np.intp]
     said: Innovation
-    profile: tuple[ProfileRows, Array] | None
+    rows: ProfileRows | PathRows | None
+    values: Array
 
 
-def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
-    """Return the estimator of the configuration's preset for an ensemble."""
+def build_estimator(ensemble: Ensemble, config: EstimatorConfig, trust: TrustConfig | None = None) -> ReducedBasisEstimator:
+    """Return the estimator of the configuration's preset for an ensemble.
+
+    Args:
+        ensemble: The forecast at one time.
+        config: Preset, basis and prior.
+        trust: Gate and watch of the default preset; None believes every profile as it is.
+    """
     basis = build_basis(ensemble, config)
     if config.preset == "paper":
         return ReducedBasisEstimator(
@@ -213,4 +253,4 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasis
     members = members_in(basis)
     settings = choose_settings(members, correlation_length(ensemble), config)
     prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
-    return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns)
+    return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns, trust)

@@ -53,6 +53,14 @@ def folded(posterior: Dual | Span) -> Dual:
     return initial(dense_prior(posterior.mean, posterior.covariance(), n_levels), n_levels)
 
 
+def inflated(posterior: Posterior, factor: float) -> Dual:
+    """Return a posterior whose covariance has grown by a factor."""
+    assert isinstance(posterior, Dual | Span)
+    prior = folded(posterior).prior
+    assert isinstance(prior, DensePrior)
+    return initial(DensePrior(prior.mean, factor * prior.blocks), posterior.n_levels)
+
+
 def directions(rows: Array) -> Array:
     """Return an orthonormal basis, shape (s, r), of the span of rows, shape (m, r), up to ``span.TOLERANCE`` of the longest."""
     q, r, _ = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)

@@ -1,7 +1,7 @@
 """One profile as the Kalman update meets it, compressed exactly to at most 2 Z rows.
 
 All bins of a profile lie under one point, so its design is a product: H = D (bins x Z) times G (2 x r), one row for each bin and
-component. Whitening by the bins' errors and a QR factorisation D / sigma = Q R leave rows R G that hold all the bins say of
+component. Whitening by the bins' errors, W, and a QR factorisation W D = Q R leave rows R G that hold all the bins say of
 the weights; what Q discards is pure noise and enters the normalised innovation squared only.
 """
 
@@ -9,34 +9,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from replay_kit.estimator.noise import BinNoise
 from replay_kit.types import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProfileRows:
-    """A profile compressed: y = H w + noise of unit variance, with k = min(bins, Z) rows a component.
+class Bins:
+    """A profile's bins and the k rows a component into which they are compressed.
 
     Attributes:
-        q: shape (n, k), orthonormal columns.
-        r: shape (k, Z), the whitened depth factor.
-        basis: shape (2, m), the modes' velocity at the point.
-        error_std: shape (n,) [m/s], error of each bin.
+        q: shape (m, k), orthonormal columns.
+        noise: Of the n bins, of which m combinations are known.
     """
 
     q: Array
-    r: Array
-    basis: Array
-    error_std: Array
+    noise: BinNoise
 
-    def design(self) -> Array:
-        """Return H, shape (2 k, Z m): all east rows, then all north."""
-        rows: Array = np.einsum("kz,cm->ckzm", self.r, self.basis)
-        return rows.reshape(2 * self.r.shape[0], -1)
-
-    def times(self, weights: Array) -> Array:
-        """Return weights seen through H, shape (..., 2 k); ``weights`` of shape (..., Z, m)."""
-        seen: Array = self.r @ (weights @ self.basis.T)  # (..., k, 2)
-        return np.swapaxes(seen, -1, -2).reshape(*weights.shape[:-2], -1)
+    @property
+    def dof(self) -> int:
+        """Number of independent values in both components."""
+        return 2 * len(self.q)
 
     def compress(self, values: Array) -> tuple[Array, float]:
         """Return the rows of bin values, shape (2 k,), and the squared norm of what they leave out.
@@ -44,31 +36,59 @@ class ProfileRows:
         Args:
             values: shape (n, 2) [m/s].
         """
-        whitened = values / self.error_std[:, None]
+        whitened = self.noise.whiten @ values
         rows = self.q.T @ whitened
         return rows.T.ravel(), max(float(np.sum(whitened**2) - np.sum(rows**2)), 0.0)
 
-    def expand(self, rows: Array) -> Array:
-        """Return bin values, shape (n, 2) [m/s], of compressed rows, shape (2 k,)."""
-        return self.error_std[:, None] * (self.q @ rows.reshape(2, -1).T)
+    def deviation(self, values: Array, rows: Array) -> Array:
+        """Return what bin values, shape (n, 2) [m/s], have beyond rows, shape (2 k,), in units of their error: shape (m, 2)."""
+        return np.asarray(self.noise.whiten @ values - self.q @ rows.reshape(2, -1).T)
+
+    def misfit(self, values: Array, rows: Array) -> Array:
+        """Return what bin values have beyond rows, shape (n, 2) [m/s]; see ``deviation``."""
+        return np.asarray(self.noise.unwhiten @ self.deviation(values, rows))
 
     def expand_variance(self, cov: Array) -> Array:
         """Return the variance of bin values, shape (n, 2) [m^2/s^2], of rows with covariance ``cov``, shape (2 k, 2 k)."""
-        k = self.r.shape[0]
-        by_component = [np.einsum("nk,kl,nl->n", self.q, cov[c * k : (c + 1) * k, c * k : (c + 1) * k], self.q) for c in range(2)]
-        return np.asarray(np.square(self.error_std)[:, None] * np.column_stack(by_component))
+        k = self.q.shape[1]
+        bins = self.noise.unwhiten @ self.q
+        by_component = [np.einsum("nk,kl,nl->n", bins, cov[c * k : (c + 1) * k, c * k : (c + 1) * k], bins) for c in range(2)]
+        return np.column_stack(by_component)
 
 
-def compress_profile(depth_weights: Array, basis: Array, error_std: Array) -> ProfileRows:
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileRows(Bins):
+    """A profile compressed: y = H w + noise of unit variance, with k = min(m, Z) rows a component.
+
+    Attributes:
+        r: shape (k, Z), the whitened depth factor.
+        basis: shape (2, r), the modes' velocity at the point.
+    """
+
+    r: Array
+    basis: Array
+
+    def design(self) -> Array:
+        """Return H, shape (2 k, Z r): all east rows, then all north."""
+        rows: Array = np.einsum("kz,cm->ckzm", self.r, self.basis)
+        return rows.reshape(2 * self.r.shape[0], -1)
+
+    def times(self, weights: Array) -> Array:
+        """Return weights seen through H, shape (..., 2 k); ``weights`` of shape (..., Z, r)."""
+        seen: Array = self.r @ (weights @ self.basis.T)  # (..., k, 2)
+        return np.swapaxes(seen, -1, -2).reshape(*weights.shape[:-2], -1)
+
+
+def compress_profile(depth_weights: Array, basis: Array, noise: BinNoise) -> ProfileRows:
     """Return a profile's compressed rows.
 
     Args:
         depth_weights: shape (n, Z), D.
-        basis: shape (2, m), G.
-        error_std: shape (n,) [m/s], error of each bin, the same for both components, uncorrelated.
+        basis: shape (2, r), G.
+        noise: Of the bins, the same for both components.
     """
-    q, r = np.linalg.qr(depth_weights / error_std[:, None])
-    return ProfileRows(q, r, basis, error_std)
+    q, r = np.linalg.qr(noise.whiten @ depth_weights)
+    return ProfileRows(q, noise, r, basis)
 
 
 def dependence_inflation(residual: Array) -> float:

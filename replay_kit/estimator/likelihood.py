@@ -83,7 +83,7 @@ def predict_jointly(estimator: ReducedBasisEstimator, profiles: Sequence[Observa
             # the prior times each row of H: a row is a combination over levels of the modes at the place
             by_level = estimator.prior.times_modes(rows.basis)
             images.append(np.einsum("kz,zcym->ckym", rows.r, by_level).reshape(2 * rows.r.shape[0], -1))
-            log_error += 2.0 * float(np.log(rows.error_std).sum())
+            log_error += 2.0 * rows.noise.log_scale
     design, image = np.concatenate(designs), np.concatenate(images)
     covariance = design @ image.T
     covariance = 0.5 * (covariance + covariance.T)

@@ -97,17 +97,25 @@ class Look:
     cov: Array
     absorb: Absorb
 
-    def posterior(self, innovation: Array, error_scale: float) -> tuple[Posterior, Array]:
-        """Return the posterior after the rows, and the rows' mean in it, shape (2 k,).
+    def posterior(self, innovation: Array, error_scale: float) -> Posterior:
+        """Return the posterior after the rows.
 
         Args:
             innovation: shape (2 k,), rows minus their mean.
             error_scale: Standard deviation of the rows' independent noise.
         """
-        lower = np.asarray(np.linalg.cholesky(self.cov / error_scale**2 + np.eye(innovation.size)), dtype=np.float64)
+        lower = self._factor(innovation.size, error_scale)
         whitened = scipy.linalg.solve_triangular(lower, innovation / error_scale, lower=True)
-        gained = scipy.linalg.solve_triangular(lower, whitened, lower=True, trans=1)
-        return self.absorb(lower, np.asarray(whitened), error_scale), self.mean + self.cov @ gained / error_scale
+        return self.absorb(lower, np.asarray(whitened), error_scale)
+
+    def mean_after(self, innovation: Array, error_scale: float) -> Array:
+        """Return the rows' mean in that posterior, shape (2 k,); arguments as in ``posterior``."""
+        lower = self._factor(innovation.size, error_scale)
+        gained = scipy.linalg.cho_solve((lower, True), innovation / error_scale)
+        return np.asarray(self.mean + self.cov @ gained / error_scale)
+
+    def _factor(self, size: int, error_scale: float) -> Array:
+        return np.asarray(np.linalg.cholesky(self.cov / error_scale**2 + np.eye(size)), dtype=np.float64)
 
     def nis(self, innovation: Array) -> float:
         """Return the normalised innovation squared of the rows, with noise of unit variance."""

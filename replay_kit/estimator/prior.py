@@ -177,16 +177,43 @@ def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, set
     # least squares, because the kernel's nugget leaves the modes only nearly orthonormal at the nodes
     projector = np.asarray(np.linalg.pinv(velocity_modes), dtype=np.float64)
     anomalies = (member_weights - mean) / np.sqrt(n_members - 1.0)
-    if settings.shift > 0.0:
-        anomalies = shifted_copies(anomalies @ velocity_modes.T, nodes, settings.shift) @ projector.T
+    anomalies = shifted_in_modes(anomalies, velocity_modes, projector, nodes, settings.shift)
     if share == 1.0:
         return HybridPrior(mean.ravel(), anomalies, np.empty((0, n_levels)), np.empty((0, n_modes, n_modes)), settings)
+    vertical, horizontal = localised_part(anomalies, velocity_modes, projector, nodes, settings.radius)
+    return HybridPrior(mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings)
+
+
+def shifted_in_modes(anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, shift: float) -> Array:
+    """Return anomalies and their shifted copies, weighted, in modes: shape (5 E, Z, r); the anomalies alone where ``shift`` is 0.
+
+    Args:
+        anomalies: shape (E, Z, r).
+        velocity_modes: shape (2N, r).
+        projector: shape (r, 2N), from velocities at the nodes to modes.
+        nodes: shape (N, 2) [m].
+        shift: [m].
+    """
+    if shift == 0.0:
+        return anomalies
+    return np.asarray(shifted_copies(anomalies @ velocity_modes.T, nodes, shift) @ projector.T)
+
+
+def localised_part(anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float) -> tuple[Array, Array]:
+    """Return the covariance of anomalies, tapered, in their vertical functions: shapes (q, Z) and (q, r, r).
+
+    Args:
+        anomalies: shape (F, Z, r); their outer products sum to the covariance.
+        velocity_modes: shape (2N, r).
+        projector: shape (r, 2N).
+        nodes: shape (N, 2) [m].
+        radius: Where the taper reaches zero [m].
+    """
     _, vectors = np.linalg.eigh(np.einsum("ezr,eyr->zy", anomalies, anomalies))
     vertical = vectors.T
-    taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), settings.radius), (2, 2))
+    taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), radius), (2, 2))
     in_functions: Array = np.einsum("qz,ezr->qer", vertical, anomalies, optimize=True)
-    horizontal = np.stack([_localised(field, taper, projector) for field in in_functions @ velocity_modes.T])
-    return HybridPrior(mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings)
+    return vertical, np.stack([_localised(field, taper, projector) for field in in_functions @ velocity_modes.T])
 
 
 def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:

@@ -1,18 +1,21 @@
 """Which bins of a profile an estimate of a region can use, and the innovation of a profile that has none."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.geodesy import inside_grid, to_local, wet_column
-from replay_kit.types import Array, Flag, Grid, Innovation, Observation, Reason
+from replay_kit.types import Array, Flag, Grid, Innovation, Observation, PathMean, Reason
 
 
-def screen(observation: Observation, grid: Grid) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
+def screen(observation: Observation, grid: Grid, relative: bool = False) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
     """Return flags and reasons of a profile's bins with the region's own checks added.
 
     Args:
         observation: The profile.
         grid: The region.
+        relative: Whether a profile relative to a platform of unknown velocity can be used.
     """
     flags, reasons = observation.flags.copy(), observation.reasons.copy()
     east, north = to_local(grid.projection, observation.longitude, observation.latitude)
@@ -21,13 +24,17 @@ def screen(observation: Observation, grid: Grid) -> tuple[NDArray[np.int8], NDAr
     level = np.argmin(np.abs(observation.depth[:, None] - grid.levels), axis=1)
     dry = ~outside & ~wet_column(grid, float(east), float(north))[level]
     below = observation.depth > grid.levels[-1]
-    # a velocity relative to a platform of unknown velocity says nothing of the current itself
-    relative = np.full(flags.shape, not np.isfinite(observation.common_std))
+    # relative to a platform of unknown velocity, bins say something of their differences, and one alone says nothing
+    unknown = not np.isfinite(observation.common_std)
+    alone = unknown and np.count_nonzero(flags == Flag.GOOD) < 2
+    useless = np.full(flags.shape, unknown and (alone or not relative))
+    wrong = ~np.isfinite(observation.velocity).all(axis=1) | ~(observation.error_std > 0.0) | ~np.isfinite(observation.error_std)
     for failed, reason in (
         (below, Reason.BELOW_GRID),
         (outside, Reason.OUTSIDE_REGION),
         (dry, Reason.ON_LAND),
-        (relative, Reason.PLATFORM_REFERENCE),
+        (useless, Reason.PLATFORM_REFERENCE),
+        (wrong, Reason.MALFORMED),
     ):
         reasons[failed] |= reason
         flags[failed & (flags == Flag.GOOD)] = Flag.FAIL
@@ -52,7 +59,46 @@ def rejected(observation: Observation, flags: NDArray[np.int8], reasons: NDArray
         reasons=reasons,
         dive=observation.dive,
         source=observation.source,
+        decision="unusable",
     )
+
+
+def as_profile(observation: Observation | PathMean) -> Observation:
+    """Return a profile as it is, a mean along a path as one of one bin: at its mean depth, where it was in the middle of its time."""
+    if isinstance(observation, Observation):
+        return observation
+    mean = observation
+    middle = int(np.searchsorted(np.cumsum(mean.weight), 0.5))
+    middle = min(middle, mean.weight.size - 1)
+    return Observation(
+        mean.time_ns,
+        float(mean.longitude[middle]),
+        float(mean.latitude[middle]),
+        np.array([float(mean.weight @ mean.depth)]),
+        np.array([mean.velocity]),
+        np.array([mean.error_std]),
+        "earth",
+        np.array([Flag.GOOD], np.int8),
+        np.zeros(1, np.int32),
+        mean.dive,
+        mean.source,
+    )
+
+
+def is_repeated(last: Observation | PathMean | None, observation: Observation | PathMean) -> bool:
+    """Return whether an observation is the last one once more, in every number: logged twice, it says nothing new."""
+    if last is None or type(last) is not type(observation) or last.time_ns != observation.time_ns:
+        return False
+    if not (np.array_equal(last.longitude, observation.longitude) and np.array_equal(last.latitude, observation.latitude)):
+        return False
+    same = np.array_equal(last.depth, observation.depth, equal_nan=True)
+    return same and np.array_equal(last.velocity, observation.velocity, equal_nan=True)
+
+
+def repeated(said: Innovation, reason: Reason) -> Innovation:
+    """Return the innovation, made by ``rejected``, of an observation that came twice, or too late."""
+    flags = np.where(said.flags == Flag.GOOD, Flag.FAIL, said.flags).astype(np.int8)
+    return replace(said, flags=flags, reasons=said.reasons | np.int32(reason), decision="rejected")
 
 
 def scatter(size: int, used: NDArray[np.intp], values: Array) -> Array:

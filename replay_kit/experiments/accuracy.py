@@ -18,6 +18,7 @@ from rich.table import Table
 from replay_kit import __version__
 from replay_kit.baselines import BASELINES, build_baseline
 from replay_kit.config import EstimatorConfig
+from replay_kit.config_trust import TrustConfig
 from replay_kit.errors import ConfigError
 from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.estimator.modes import LENGTH_IN_CELLS, cell_size
@@ -148,7 +149,7 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
         ConfigError: The name is unknown.
     """
     if name == "default":
-        return build_estimator(ensemble, config.model_copy(update={"preset": "default"}))
+        return build_estimator(ensemble, config.model_copy(update={"preset": "default"}), TrustConfig())
     if name == "paper":
         return build_estimator(ensemble, config.model_copy(update={"preset": "paper"}))
     if name == "paper_cells":

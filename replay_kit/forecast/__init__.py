@@ -2,5 +2,6 @@
 
 from replay_kit.forecast.changing import read_changing_truth
 from replay_kit.forecast.reader import read_ensemble, read_truth
+from replay_kit.forecast.series import read_series
 
-__all__ = ["read_changing_truth", "read_ensemble", "read_truth"]
+__all__ = ["read_changing_truth", "read_ensemble", "read_series", "read_truth"]

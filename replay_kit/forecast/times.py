@@ -53,6 +53,15 @@ def choose_time(ds: xr.Dataset, config: ForecastConfig, near_ns: int | None, whe
     return ds.isel({lead: position}), valid_ns, (f"lead {chosen} of {ds.sizes[lead]} leads", *_notes(valid_ns, near_ns, ""))
 
 
+def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple[float, int]]:
+    """Return each lead with the time it is valid for [ns, UTC]; none where no reference time is known."""
+    reference = parse_time(config.reference_time) if config.reference_time else _scalar_time(ds, "forecast_reference_time")
+    valid = None if reference is None else _periods_ns(ds[lead])
+    if valid is None or reference is None:
+        return []
+    return [(float(value), int(reference + period)) for value, period in zip(ds[lead].values, valid, strict=True)]
+
+
 def _choose_lead(lead: xr.DataArray, config: ForecastConfig, reference: int | None, near_ns: int | None) -> tuple[int, int | None]:
     """Return the lead's position and the time it is valid for [ns, UTC]."""
     valid = None if reference is None else _periods_ns(lead)

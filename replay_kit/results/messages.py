@@ -90,6 +90,11 @@ def innovation(value: Innovation) -> bytes:
         "error_inflation": value.error_inflation,
         "flags": value.flags.tolist(),
         "reasons": value.reasons.tolist(),
+        "decision": value.decision,
+        "gate_statistic": value.gate_statistic,
+        "gate": value.gate,
+        "signal_dof": value.signal_dof,
+        "prior_inflation": value.prior_inflation,
     }
     for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
         values[f"{name}_east"], values[f"{name}_north"] = getattr(value, name).T

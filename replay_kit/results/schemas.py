@@ -70,6 +70,11 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         Field("error_inflation", "double"),
         Field("flags", "int32", repeated=True),
         Field("reasons", "uint32", repeated=True),
+        Field("decision", "string"),
+        Field("gate_statistic", "double"),
+        Field("gate", "double"),
+        Field("signal_dof", "double"),
+        Field("prior_inflation", "double"),
     ),
     "Place": (
         Field("longitude", "double"),

@@ -17,6 +17,8 @@ from replay_kit.types import Array, Ensemble, Grid
 
 _TOLERANCE = 1e-6  # m; places nearer than this are the same
 _ITERATIONS = 30
+# Places evaluated at once: SciPy's tensor splines take some 12 kB a place.
+_CHUNK = 50_000
 _EDGE = 1e-7  # of a cell; rounding does not put a point of the edge outside
 
 
@@ -55,16 +57,26 @@ class Field:
         """
         east, north, depth = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64), np.asarray(depth, np.float64))
         shape = east.shape
-        j, i, inside = grid_indices(self, east.ravel(), north.ravel())
+        places = np.stack([east.ravel(), north.ravel(), depth.ravel()])
+        times = np.broadcast_to(np.asarray(time_ns, np.int64), shape).ravel()
+        values = np.empty((times.size, 2))
+        for start in range(0, times.size, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            at_east, at_north, at_depth = places[:, part]
+            values[part] = self._velocity(at_east, at_north, at_depth, times[part])
+        return values.reshape(*shape, 2)
+
+    def _velocity(self, east: Array, north: Array, depth: Array, time_ns: NDArray[np.int64]) -> Array:
+        """Return ``velocity`` of places, shape (n, 2)."""
+        j, i, inside = grid_indices(self, east, north)
         levels = self.grid.levels
-        z = np.maximum(depth.ravel(), levels[0])
+        z = np.maximum(depth, levels[0])
         usable = inside & (z <= levels[-1])
         usable[usable] = _cell_is_wet(self.grid, z[usable], j[usable], i[usable])
         values = np.full((east.size, 2), np.nan)
         if usable.any():
-            times = np.broadcast_to(np.asarray(time_ns, np.int64), shape).ravel()[usable]
-            values[usable] = self._at(np.column_stack([z, j, i])[usable], times)
-        return values.reshape(*shape, 2)
+            values[usable] = self._at(np.column_stack([z, j, i])[usable], time_ns[usable])
+        return values
 
     def _at(self, index: Array, time_ns: NDArray[np.int64]) -> Array:
         """Return the current at grid indices, shape (n, 3), and times, shape (n,)."""

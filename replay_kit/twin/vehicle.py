@@ -147,9 +147,9 @@ def random_places(field: Field, count: int, rng: np.random.Generator) -> Array:
 
 def _nearest_first(places: Array) -> Array:
     """Return places, shape (n, 2), each followed by the nearest one not yet visited."""
-    order, left = [places[0]], places[1:]
-    while len(left):
-        nearest = int(np.argmin(((left - order[-1]) ** 2).sum(axis=1)))
-        order.append(left[nearest])
-        left = np.delete(left, nearest, axis=0)
-    return np.array(order)
+    order, left = [0], np.arange(1, len(places))
+    while left.size:
+        nearest = int(np.argmin(((places[left] - places[order[-1]]) ** 2).sum(axis=1)))
+        order.append(int(left[nearest]))
+        left = np.delete(left, nearest)
+    return places[order]

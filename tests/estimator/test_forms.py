@@ -50,8 +50,8 @@ def textbook(estimator, observations, inflation):
     mean, cov = estimator.prior.mean, estimator.prior.dense()
     for observation, factor in zip(observations, inflation, strict=True):
         rows, values = estimator.rows(observation, np.arange(observation.depth.size))
-        design = np.vstack([np.kron(rows.q @ rows.r * rows.error_std[:, None], rows.basis[c]) for c in range(2)])
-        noise = np.diag(np.tile(rows.error_std**2 * factor, 2))
+        design = np.vstack([np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)])
+        noise = np.diag(np.tile(rows.noise.std**2 * factor, 2))
         mean, cov, _, _ = slow.kalman_update(mean, cov, design, values.T.ravel(), noise)
     return mean, cov
 

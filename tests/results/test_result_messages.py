@@ -50,7 +50,8 @@ def test_innovation(result, innovation: Innovation) -> None:
         )
     np.testing.assert_array_equal(value.depth, innovation.depth)
     assert (value.nis, value.dof, value.accepted, value.dive) == (innovation.nis, innovation.dof, innovation.accepted, innovation.dive)
-    assert value.error_inflation == innovation.error_inflation
+    for name in ("error_inflation", "decision", "gate_statistic", "gate", "signal_dof", "prior_inflation"):
+        assert getattr(value, name) == getattr(innovation, name)
     assert (list(value.flags), list(value.reasons)) == (innovation.flags.tolist(), innovation.reasons.tolist())
     source = innovation.source
     assert (value.source_input, value.source_topic, value.source_position) == (source.input, source.topic, source.position)

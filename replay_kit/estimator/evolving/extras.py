@@ -1,0 +1,159 @@
+"""What a profile holds besides the sea's slow current: oscillations, and errors that the instrument makes again and again."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from replay_kit.config_time import TimeConfig
+from replay_kit.kernels.depth import DepthFunctions, depth_weights
+from replay_kit.types import Array
+
+# rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
+EARTH_ROTATION = 7.292115e-5
+_TIDES = {"M2": 28.9841042, "S2": 30.0, "K1": 15.0410686, "O1": 13.9430356}
+# Knots of an oscillation in each of its depth lengths.
+_KNOTS_A_LENGTH = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Oscillations:
+    """Currents uniform over the region that turn or swing at a known frequency, each with a depth structure of its own.
+
+    A near-inertial one turns as a vector, clockwise in the north: one pair, (east, north). A tide has an ellipse: a pair for each
+    component, of which the first is the current now and the second what it will be a quarter period later.
+
+    Attributes:
+        knots: shape (K,) [m], depths between which an oscillation is linear; empty without oscillations.
+        root: shape (K, K) [m/s], knots from independent unknowns.
+        omega: shape (q,), of each pair [rad/s].
+        inertial: shape (q,), whether the pair is (east, north) of one that turns.
+        component: shape (q,), of a tide's pair: 0 east, 1 north.
+    """
+
+    knots: Array
+    root: Array
+    omega: Array
+    inertial: Sequence[bool]
+    component: Sequence[int]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: two for each pair and knot."""
+        return 2 * self.omega.size * self.knots.size
+
+    def weights(self, depth: Array) -> Array:
+        """Return hat functions of the knots at depths, shape (n, K)."""
+        if self.knots.size == 0:
+            return np.empty((depth.size, 0))
+        return depth_weights(DepthFunctions("hat", 1.0), depth, self.knots)
+
+    def factor(self, component: int) -> Array:
+        """Return what one of each unknown does to a component at the knots, shape (K, size) [m/s]; pair after pair, first then second."""
+        nothing = np.zeros_like(self.root)
+        blocks: list[Array] = []
+        for inertial, of_pair in zip(self.inertial, self.component, strict=True):
+            if inertial:
+                blocks += [self.root, nothing] if component == 0 else [nothing, self.root]
+            else:
+                blocks += [self.root if component == of_pair else nothing, nothing]
+        return np.hstack(blocks) if blocks else np.empty((self.knots.size, 0))
+
+    def at(self, rows: Array, seconds: float) -> Array:
+        """Return rows, shape (size,), for unknowns that are given at another time, ``seconds`` later when negative."""
+        pairs = rows.reshape(-1, 2, self.knots.size)
+        cosine, sine = np.cos(self.omega * seconds)[:, None], np.sin(self.omega * seconds)[:, None]
+        # x(t + s) = R(s) x(t), so h x(t + s) = (R(s)' h) x(t)
+        return np.stack([cosine * pairs[:, 0] - sine * pairs[:, 1], sine * pairs[:, 0] + cosine * pairs[:, 1]], axis=1).ravel()
+
+
+def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscillations:
+    """Return the oscillations asked for.
+
+    Args:
+        config: Which, how strong, and how alike in depth.
+        latitude: Of the region's centre [degrees north], for the inertial frequency.
+        deepest: [m].
+    """
+    omega: list[float] = []
+    inertial: list[bool] = []
+    component: list[int] = []
+    for name in config.oscillators:
+        if name == "inertial":
+            omega.append(2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)))
+            inertial.append(True)
+            component.append(0)
+        else:
+            omega += [np.deg2rad(_TIDES[name]) / 3600.0] * 2
+            inertial += [False, False]
+            component += [0, 1]
+    length = config.oscillator_depth_length
+    n_knots = max(2, int(np.ceil(_KNOTS_A_LENGTH * deepest / length)) + 1) if omega else 0
+    knots = np.linspace(0.0, deepest, n_knots)
+    alike = np.exp(-0.5 * ((knots[:, None] - knots) / length) ** 2) + 1e-9 * np.eye(n_knots)
+    root = np.asarray(config.oscillator_std * np.linalg.cholesky(alike), dtype=np.float64)
+    return Oscillations(knots, root, np.array(omega), inertial, component)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasBins:
+    """What one of each bias does to a profile.
+
+    Attributes:
+        depth: shape (n, 2), functions of depth that both components share: one, and the distance from the first bin; none without biases.
+        factor: For each component, shape (2, biases).
+    """
+
+    depth: Array
+    factor: tuple[Array, Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Biases:
+    """Errors that the instrument makes again and again, by name.
+
+    ``heading``: the compass reads too much [rad]; what is measured relative to the platform is turned clockwise. ``scale``: it is
+    too long, by a share. ``shear``: it is off along the way through water, by so much for each metre of distance (Todd et al. 2017,
+    JTECH 34). They go with the profile's mean relative velocity: with each bin's own its noise would look like a scale error.
+
+    Attributes:
+        names: Of the biases.
+        std: shape (b,), prior standard deviations: rad, 1, 1/s.
+    """
+
+    names: tuple[str, ...]
+    std: Array
+
+    @property
+    def size(self) -> int:
+        """Number of biases."""
+        return len(self.names)
+
+    def bins(self, depth: Array, relative: Array | None) -> BiasBins:
+        """Return what one prior standard deviation of each bias does to a profile.
+
+        Args:
+            depth: shape (n,) [m].
+            relative: shape (n, 2) [m/s], velocity relative to the platform, local axes; None when the log does not say.
+        """
+        if not self.names:
+            return BiasBins(np.empty((depth.size, 0)), (np.empty((0, 0)), np.empty((0, 0))))
+        functions = np.column_stack([np.ones(depth.size), np.abs(depth - depth[0])])
+        east, north = (0.0, 0.0) if relative is None else relative.mean(axis=0)
+        speed = float(np.hypot(east, north))
+        factors = []
+        for along, across in ((east, north), (north, -east)):
+            columns = {
+                "heading": (across, 0.0),
+                "scale": (along, 0.0),
+                # the water moves backwards relative to the platform
+                "shear": (0.0, -along / speed if speed > 0.0 else 0.0),
+            }
+            factors.append(np.column_stack([columns[name] for name in self.names]) * self.std)
+        return BiasBins(functions, (factors[0], factors[1]))
+
+
+def biases(config: TimeConfig) -> Biases:
+    """Return the biases asked for."""
+    std = {"heading": np.deg2rad(config.heading_bias_std), "scale": config.scale_bias_std, "shear": config.shear_bias_std}
+    return Biases(tuple(config.biases), np.array([std[name] for name in config.biases], dtype=np.float64))

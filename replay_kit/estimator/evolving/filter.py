@@ -1,0 +1,187 @@
+"""The estimator whose estimate changes between observations: state in, observation in; state and innovation out."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config_trust import TrustConfig
+from replay_kit.estimator.evolving.seen import Model, Seen
+from replay_kit.estimator.evolving.state import Layout, update
+from replay_kit.estimator.gate import Watch, judge
+from replay_kit.estimator.kalman import dependence_inflation
+from replay_kit.estimator.modes import Basis
+from replay_kit.estimator.said import Expected, innovation_of
+from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
+from replay_kit.flow import FlowEstimate
+from replay_kit.types import Array, Flag, Innovation, Observation, PathMean, Reason
+
+_NS = 1e9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EvolvingState:
+    """What is known at one time.
+
+    Attributes:
+        mean: shape (n,), of the unknowns.
+        cov: shape (n, n).
+        time_ns: Of the last observation used [ns, UTC]; None before the first.
+        watch: Over the latest verdicts.
+        last: Observation offered last.
+    """
+
+    mean: Array
+    cov: Array
+    time_ns: int | None
+    watch: Watch
+    last: Observation | PathMean | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EvolvingEstimator:
+    """The default estimate through time.
+
+    Attributes:
+        model: What observations see.
+        layout: The unknowns and how they change.
+        trust: Gate and watch; None believes every observation as it is.
+        time_ns: Of the estimate before any observation [ns, UTC].
+    """
+
+    model: Model
+    layout: Layout
+    trust: TrustConfig | None
+    time_ns: int | None
+
+    takes_paths = True
+
+    @property
+    def basis(self) -> Basis:
+        """Basis flows."""
+        return self.model.basis
+
+    @property
+    def state_size(self) -> int:
+        """Number of unknowns."""
+        return self.layout.size
+
+    def initial(self) -> EvolvingState:
+        """Return the state before any observation."""
+        return EvolvingState(np.zeros(self.layout.size), np.eye(self.layout.size), None, Watch())
+
+    def steps(self, state: EvolvingState, observations: Iterable[Observation | PathMean]) -> Iterator[tuple[EvolvingState, Innovation]]:
+        """Yield the state after each observation, and what it said."""
+        for observation in observations:
+            state, innovation = self.step(state, observation)
+            yield state, innovation
+
+    def step(self, state: EvolvingState, observation: Observation | PathMean) -> tuple[EvolvingState, Innovation]:
+        """Return the state after an observation, and the innovation.
+
+        An observation without a usable bin, older than the state, or the same as the one before, leaves the state untouched.
+        """
+        whole = as_profile(observation)
+        flags, reasons = screen(whole, self.model.basis.grid, relative=True)
+        said = rejected(whole, flags, reasons)
+        used = np.flatnonzero(flags == Flag.GOOD)
+        if used.size == 0:
+            return state, said
+        if state.time_ns is not None and observation.time_ns < state.time_ns:
+            return state, repeated(said, Reason.OUT_OF_ORDER)
+        if is_repeated(state.last, observation):
+            return state, repeated(said, Reason.DUPLICATE)
+        seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
+        return self._absorbed(self.predicted(state, observation.time_ns), state, seen, observation, said, used)
+
+    def predicted(self, state: EvolvingState, time_ns: int) -> EvolvingState:
+        """Return the state at a later time without observations in between: less is known of it."""
+        if state.time_ns is None:
+            return replace(state, time_ns=time_ns)
+        mean, cov = self.layout.predict(state.mean, state.cov, (time_ns - state.time_ns) / _NS)
+        return replace(state, mean=mean, cov=cov, time_ns=time_ns)
+
+    def _absorbed(
+        self,
+        before: EvolvingState,
+        untouched: EvolvingState,
+        seen: Seen,
+        observation: Observation | PathMean,
+        said: Innovation,
+        used: NDArray[np.intp],
+    ) -> tuple[EvolvingState, Innovation]:
+        """Return the state after an observation's rows; ``before`` is that at its time, ``untouched`` that before any prediction."""
+        expected = Expected(seen.design @ before.mean, seen.design @ before.cov @ seen.design.T, np.zeros(len(seen.design)))
+        compressed, left_out = seen.compress(seen.values)
+        innovation = compressed - expected.mean
+        verdict = judge(innovation, expected.cov, left_out, seen.dof - compressed.size, self.trust)
+        believed, inflation, after, rows = verdict.decision != "rejected", 1.0, untouched, expected.mean
+        if believed:
+            inflation = verdict.inflation
+            mean, cov = update(before.mean, before.cov, seen.design, innovation, np.sqrt(inflation))
+            further = dependence_inflation(seen.deviation(seen.values, seen.design @ mean) / np.sqrt(inflation)) if used.size > 1 else 1.0
+            if further > 1.0:
+                inflation *= further
+                mean, cov = update(before.mean, before.cov, seen.design, innovation, np.sqrt(inflation))
+            after, rows = replace(before, mean=mean, cov=cov), seen.design @ mean
+        watch, grown = before.watch.after(verdict, self.trust)
+        after = replace(after, cov=grown * after.cov, watch=watch, last=observation)
+        return after, innovation_of(said, used, seen, seen.values, expected, rows, verdict, inflation, grown)
+
+    def usable(self, observation: Observation | PathMean) -> bool:
+        """Return whether an observation has a bin that ``step`` would use."""
+        flags, _ = screen(as_profile(observation), self.model.basis.grid, relative=True)
+        return bool(np.any(flags == Flag.GOOD))
+
+    def misfit(self, state: EvolvingState, observation: Observation | PathMean) -> Array:
+        """Return measured minus predicted by a state for the observation's time, shape (n, 2) [m/s], local axes; NaN where not usable."""
+        whole = as_profile(observation)
+        flags, _ = screen(whole, self.model.basis.grid, relative=True)
+        used = np.flatnonzero(flags == Flag.GOOD)
+        if used.size == 0:
+            return np.full((whole.depth.size, 2), np.nan)
+        seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
+        at = observation.time_ns if state.time_ns is None else max(observation.time_ns, state.time_ns)
+        mean = self.layout.forecast_mean(state.mean, 0.0 if state.time_ns is None else (at - state.time_ns) / _NS)
+        return scatter(whole.depth.size, used, seen.misfit(seen.values, seen.design @ mean))
+
+    def weights(self, state: EvolvingState) -> Array:
+        """Return the mean of the weights at the state's time, shape (Z r,)."""
+        sea = self.model.sea
+        return sea.weights(state.mean[: sea.size], self._time(state)).ravel()
+
+    def biases(self, state: EvolvingState) -> dict[str, tuple[float, float]]:
+        """Return each bias of the instrument that is estimated, with its standard deviation: rad, 1, 1/s."""
+        part, of = self.layout.parts["biases"], self.model.biases
+        std = np.sqrt(np.diag(state.cov)[part])
+        return {
+            name: (float(unit * mean), float(unit * one))
+            for name, unit, mean, one in zip(of.names, of.std, state.mean[part], std, strict=True)
+        }
+
+    def at(self, state: EvolvingState, time_ns: int) -> FlowEstimate:
+        """Return the current estimate for a time: that of the state if it is not later.
+
+        Oscillations are no part of it: it is what stays when they are taken off.
+        """
+        later = state if state.time_ns is not None and time_ns <= state.time_ns else self.predicted(state, time_ns)
+        return self.flow(later)
+
+    def flow(self, state: EvolvingState) -> FlowEstimate:
+        """Return the current estimate that a state stands for, at its time; its covariance is computed when first asked for."""
+        basis, sea, at = self.model.basis, self.model.sea, self._time(state)
+
+        def covariance() -> Array:
+            loading = sea.loading(at).reshape(sea.size, -1)
+            return np.asarray(loading.T @ state.cov[: sea.size, : sea.size] @ loading)
+
+        latent = basis.offset + basis.modes @ self.weights(state).reshape(basis.grid.levels.size, -1).T
+        known = None if state.time_ns is None and self.time_ns is None else at
+        return FlowEstimate(
+            basis.grid, basis.kernel, basis.depth_functions, latent, basis.modes, covariance, known, lambda time_ns: self.at(state, time_ns)
+        )
+
+    def _time(self, state: EvolvingState) -> int:
+        at = self.time_ns if state.time_ns is None else state.time_ns
+        return int(self.model.sea.times_ns[0]) if at is None else at

@@ -1,0 +1,199 @@
+"""The estimate through time: against one joint Gaussian, against the static filter, and by what time does to it."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from replay_kit.config import EstimatorConfig
+from replay_kit.config_time import TimeConfig
+from replay_kit.config_trust import TrustConfig
+from replay_kit.errors import EstimatorError
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.state import Layout, update
+from replay_kit.types import Ensemble, Reason
+from tests import synthetic
+from tests.reference import evolving as slow
+
+DAY = 86_400 * 10**9
+LEVELS = np.array([5.0, 90.0, 220.0])
+CONFIG = EstimatorConfig(modes=12, sample_share=0.6)
+WHOLE = TimeConfig(dropped_std=0.0)
+
+
+def forecasts(n_times=3, n_members=6, days=4.0):
+    """An ensemble whose members drift from what they are to something else, more and more."""
+    first, last = (synthetic.ensemble(seed, n_members=n_members, shape=(4, 5), levels=LEVELS) for seed in (0, 50))
+    out = []
+    for k in range(n_times):
+        share = k / max(n_times - 1, 1)
+        velocity = np.cos(share) * first.velocity + np.sin(share) * last.velocity
+        out.append(Ensemble(first.grid, (0.5 + share) * velocity, int(k * days * DAY / max(n_times - 1, 1)), "synthetic"))
+    return out
+
+
+def profiles(n, days=4.0, seed=2):
+    grid = forecasts(1)[0].grid
+    return [replace(p, time_ns=int((k + 0.5) * days * DAY / n)) for k, p in enumerate(synthetic.random_profiles(grid, n, seed, speed=0.1))]
+
+
+def rows_of(estimator, observation, static):
+    """The observation's rows of the weights, and its values about the offset."""
+    used = np.flatnonzero(observation.depth <= LEVELS[-1])
+    rows, values = static.rows(observation, used)
+    return rows.design(), rows.compress(values)[0]
+
+
+def test_the_filter_is_the_joint_gaussian_of_all_observations():
+    members = forecasts()
+    estimator = build_evolving(members, CONFIG, TimeConfig(scale=2 * 86_400.0, dropped_std=0.0))
+    pooled = replace(members[0], velocity=np.concatenate([m.velocity for m in members]))
+    static = build_estimator(pooled, CONFIG)
+    observations = profiles(9)
+    state = estimator.initial()
+    designs, values, factors = [], [], []
+    for observation in observations:
+        state, said = estimator.step(state, observation)
+        design, value = rows_of(estimator, observation, static)
+        designs.append(design / np.sqrt(said.error_inflation))
+        values.append(value / np.sqrt(said.error_inflation))
+        factors.append(said.error_inflation)
+    times = [o.time_ns for o in observations]
+    for at in (times[-1], times[-1] + DAY):
+        mean, cov = slow.joint(estimator.model.sea, designs, times, values, at)
+        later = estimator.predicted(state, at)
+        flow = estimator.at(state, at)
+        np.testing.assert_allclose(estimator.weights(later), mean, atol=1e-9 * np.abs(mean).max())
+        np.testing.assert_allclose(flow.weight_cov, cov, atol=1e-9 * np.abs(cov).max())
+        assert flow.time_ns == at
+
+
+@pytest.mark.parametrize("n_times", [1, 3])
+def test_without_forgetting_and_change_it_is_the_static_filter(n_times):
+    (only,) = forecasts(1)
+    members = [replace(only, time_ns=k * DAY) for k in range(n_times)]
+    estimator = build_evolving(members, CONFIG, TimeConfig(scale="static", dropped_std=0.0))
+    static = build_estimator(only, CONFIG)
+    state, still = estimator.initial(), static.initial()
+    for observation in profiles(12):
+        state, said = estimator.step(state, observation)
+        still, expected = static.step(still, observation)
+        assert said.nis == pytest.approx(expected.nis, rel=1e-9)
+        assert said.dof == expected.dof
+        np.testing.assert_allclose(said.innovation_std, expected.innovation_std, rtol=1e-10)
+        np.testing.assert_allclose(said.residual, expected.residual, atol=1e-12)
+    grid = only.grid
+    at = grid.east, grid.north, np.full(grid.east.shape, 60.0)
+    flow, other = estimator.flow(state), static.flow(still)
+    np.testing.assert_allclose(flow.velocity(*at), other.velocity(*at), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(flow.standard_error(*at), other.standard_error(*at), rtol=0.0, atol=1e-12)
+
+
+def test_a_very_long_scale_is_none():
+    states = []
+    for scale in ("static", 1e22):
+        estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=scale, dropped_std=0.0))
+        *_, (state, _) = estimator.steps(estimator.initial(), profiles(12))
+        states.append(state)
+    np.testing.assert_allclose(states[0].mean, states[1].mean, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(states[0].cov, states[1].cov, rtol=0.0, atol=1e-12)
+
+
+def test_uncertainty_grows_from_the_last_observation_towards_the_forecast_s():
+    estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=86_400.0))
+    *_, (state, _) = estimator.steps(estimator.initial(), profiles(12))
+    grid = forecasts(1)[0].grid
+    at = grid.east.ravel(), grid.north.ravel(), np.full(grid.east.size, 60.0)
+    # beyond the last forecast its spread stays, so what grows is forgetting alone
+    errors = [estimator.at(state, 4 * DAY + k * DAY).standard_error(*at) for k in range(5)]
+    for before, after in pairwise(errors):
+        assert np.all(after > before)
+    prior = estimator.at(estimator.initial(), 40 * DAY).standard_error(*at)
+    np.testing.assert_allclose(estimator.flow(state).at(40 * DAY).standard_error(*at), prior, rtol=1e-6)
+
+
+def test_before_any_observation_the_estimate_is_the_forecast_between_its_times():
+    members = forecasts()
+    estimator = build_evolving(members, CONFIG, WHOLE)
+    grid = members[0].grid
+    flow = estimator.at(estimator.initial(), DAY)  # halfway between the first two
+    between = 0.5 * (members[0].velocity.mean(axis=0) + members[1].velocity.mean(axis=0))
+    velocity = flow.velocity(grid.east[None], grid.north[None], LEVELS[:, None, None])
+    rest = np.sqrt(np.mean((np.moveaxis(velocity, -1, 0) - between) ** 2))
+    assert rest < 0.1 * np.sqrt(np.mean(between**2))
+
+
+def test_the_scale_is_read_off_the_members_own_change():
+    """Anomalies that keep a share of themselves a day."""
+    rng = np.random.default_rng(0)
+    (only,) = forecasts(1, n_members=40)
+    kept, fields = 0.7, [rng.standard_normal(only.velocity.shape)]
+    for _ in range(5):
+        fields.append(kept * fields[-1] + np.sqrt(1 - kept**2) * rng.standard_normal(only.velocity.shape))
+    members = [replace(only, velocity=field, time_ns=k * DAY) for k, field in enumerate(fields)]
+    estimator = build_evolving(members, EstimatorConfig(modes=None, sample_share=0.6), TimeConfig())
+    assert estimator.model.sea.local_scale == pytest.approx(-86_400.0 / np.log(kept), rel=0.1)
+    assert estimator.model.sea.trajectory_scale == 5 * estimator.model.sea.local_scale
+
+
+def test_dropped_directions_are_as_small_as_promised():
+    members = forecasts(n_members=8)
+    whole, few = (build_evolving(members, CONFIG, TimeConfig(dropped_std=bound)) for bound in (0.0, 0.02))
+    assert few.layout.size < whole.layout.size
+    grid = members[0].grid
+    at = grid.east.ravel()[:, None], grid.north.ravel()[:, None], LEVELS[None, :]
+    for time_ns in (0, 4 * DAY):
+        variances = [estimator.at(estimator.initial(), time_ns).standard_error(*at) ** 2 for estimator in (whole, few)]
+        assert 0.0 < (variances[0] - variances[1]).max() <= 0.02**2 * 1.01
+
+
+def test_an_observation_older_than_the_state_is_left_out_and_says_so():
+    estimator = build_evolving(forecasts(), CONFIG, WHOLE)
+    first, second = profiles(2)
+    state, _ = estimator.step(estimator.initial(), second)
+    after, said = estimator.step(state, first)
+    assert after is state
+    assert said.decision == "rejected"
+    assert np.all(said.reasons & Reason.OUT_OF_ORDER)
+
+
+def test_a_rejected_profile_leaves_the_state_untouched():
+    estimator = build_evolving(forecasts(), CONFIG, WHOLE, TrustConfig())
+    state = estimator.initial()
+    for observation in profiles(6):
+        state, _ = estimator.step(state, observation)
+    wrong = replace(observation, velocity=observation.velocity + 3.0, time_ns=observation.time_ns + DAY // 10)
+    after, said = estimator.step(state, wrong)
+    assert said.decision == "rejected"
+    assert after.time_ns == state.time_ns
+    np.testing.assert_array_equal(after.mean, state.mean)
+    np.testing.assert_array_equal(after.cov, state.cov)
+
+
+def test_a_flow_without_a_model_of_time_refuses_another_time():
+    flow = build_evolving(forecasts(), CONFIG, WHOLE).flow(build_evolving(forecasts(), CONFIG, WHOLE).initial()).certain()
+    with pytest.raises(EstimatorError, match="does not say how it changes"):
+        flow.at(DAY)
+
+
+def test_a_million_updates_keep_the_covariance_symmetric_and_positive():
+    """The update itself, on few unknowns: what a log of weeks at 1 Hz asks of it."""
+    rng = np.random.default_rng(5)
+    n, none = 6, np.empty(0, dtype=np.intp)
+    scales = np.array([np.inf, np.inf, np.inf, 1e4, 1e5, 1e7])
+    layout = Layout(scales, none, none, np.empty(0), {})
+    mean, cov = np.zeros(n), np.eye(n)
+    designs = rng.standard_normal((64, 2, n)) * 10.0
+    designs[:8] *= 1e3  # nearly without error
+    designs[8:16] = designs[0]  # the same direction over and over
+    smallest = []
+    for k in range(20_000):
+        mean, cov = layout.predict(mean, cov, 1.0)
+        mean, cov = update(mean, cov, designs[k % 64], rng.standard_normal(2), 1.0)
+        if k % 500 == 0:
+            smallest.append(np.linalg.eigvalsh(cov).min() / np.linalg.eigvalsh(cov).max())
+    np.testing.assert_array_equal(cov, cov.T)
+    assert min(smallest) > 0.0
+    assert np.isfinite(mean).all()

@@ -1,0 +1,35 @@
+"""Slow twins of the estimate through time: all observations at once, as one Gaussian."""
+
+import numpy as np
+
+
+def joint(sea, designs, times, values, at):
+    """Mean and covariance of the weights at a time, from rows at their own times.
+
+    Args:
+        sea: The prior through time.
+        designs: for each observation (m, Z r), rows of the weights with unit noise.
+        times: for each observation [ns].
+        values: for each observation (m,), about the offset.
+        at: [ns].
+    """
+
+    def loading(t):
+        return sea.loading(t).reshape(sea.size, -1)
+
+    def covariance(t, s):
+        kept = np.exp(-abs(t - s) / 1e9 / sea.scales)
+        return loading(t).T @ (kept[:, None] * loading(s))
+
+    blocks = [[h @ covariance(t, s) @ g.T for g, s in zip(designs, times, strict=True)] for h, t in zip(designs, times, strict=True)]
+    c = np.block(blocks) + np.eye(sum(map(len, designs)))
+    cross = np.hstack([covariance(at, s) @ g.T for g, s in zip(designs, times, strict=True)])
+    innovation = np.concatenate([v - h @ sea.mean_at(t).ravel() for h, t, v in zip(designs, times, values, strict=True)])
+    gain = cross @ np.linalg.inv(c)
+    return sea.mean_at(at).ravel() + gain @ innovation, covariance(at, at) - gain @ cross.T
+
+
+def turned(pairs, omega, seconds):
+    """A vector of (first, second) turned by omega dt, with the complex exponential."""
+    z = (pairs[..., 0] + 1j * pairs[..., 1]) * np.exp(-1j * omega * seconds)
+    return np.stack([z.real, z.imag], axis=-1)
