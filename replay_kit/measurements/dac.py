@@ -140,7 +140,7 @@ def passed(dives: Dives, position: VehicleState, submerged: bool, dive: int, con
     if path is None or not dived:
         return _drifted(dives, position, dive, config)
     after = replace(dives, path=begin(position), done=(path, position), anchor=position)
-    if config.dead_reckoning == "corrected" or dives.stated or not path.reckoned:
+    if config.dead_reckoning == "corrected" or not config.use_dac or dives.stated or not path.reckoned:
         return after, []
     seconds = (position.time_ns - path.start.time_ns) * 1e-9
     east, north = reckoned_drift(path, position)

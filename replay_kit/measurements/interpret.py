@@ -37,6 +37,7 @@ _NO_REFERENCE = (
     "when the message has no place for it"
 )
 _ATTITUDE = "attitude: kept for pings that do not state theirs"
+_NO_DAC = "depth-averaged current: not used (measurements.use_dac)"
 _NO_ATTITUDE = "DVL: no attitude within a second"
 _NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
 _NO_LAYER = "DVL: water track, whose layer's depth it does not say; state measurements.water_track_distance"
@@ -194,6 +195,8 @@ def _dvl(state: MeasurementState, message: Message, stated: Dvl, config: Measure
 def _mean_current(
     state: MeasurementState, message: Message, stated: MeanCurrent, config: MeasurementConfig
 ) -> tuple[MeasurementState, list[Event]]:
+    if not config.use_dac:
+        return state, [Skipped(message.topic, _NO_DAC)]
     dives, mean = stated_mean(state.dives, stated, dive_of(stated.dive, state.dive), source_of(message), config)
     said: list[Event] = [Skipped(message.topic, mean)] if isinstance(mean, str) else [Used(message.topic), mean]
     return replace(state, dives=dives), said
