@@ -72,7 +72,7 @@ def whole(ocean, tmp_path_factory):
 def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(ocean, tmp_path, whole):
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
     stops = 0
-    for stop_after in (130, 50, 41, None):
+    for stop_after in (130, 40, 20, None):
         try:
             summary, _ = run(ocean, out, checkpoint, stop_after)
         except Killed:
