@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.evolving.seen import Model, Seen
-from replay_kit.estimator.evolving.state import Layout, update
-from replay_kit.estimator.gate import Watch, judge
-from replay_kit.estimator.kalman import dependence_inflation
+from replay_kit.estimator.evolving.state import Layout, look_along
+from replay_kit.estimator.gate import Watch
+from replay_kit.estimator.looked import look_at
 from replay_kit.estimator.modes import Basis
-from replay_kit.estimator.said import Expected, innovation_of
 from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Flag, Innovation, Observation, PathMean, Reason
@@ -112,22 +111,14 @@ class EvolvingEstimator:
         used: NDArray[np.intp],
     ) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation's rows; ``before`` is that at its time, ``untouched`` that before any prediction."""
-        expected = Expected(seen.design @ before.mean, seen.design @ before.cov @ seen.design.T, np.zeros(len(seen.design)))
-        compressed, left_out = seen.compress(seen.values)
-        innovation = compressed - expected.mean
-        verdict = judge(innovation, expected.cov, left_out, seen.dof - compressed.size, self.trust)
-        believed, inflation, after, rows = verdict.decision != "rejected", 1.0, untouched, expected.mean
-        if believed:
-            inflation = verdict.inflation
-            mean, cov = update(before.mean, before.cov, seen.design, innovation, np.sqrt(inflation))
-            further = dependence_inflation(seen.deviation(seen.values, seen.design @ mean) / np.sqrt(inflation)) if used.size > 1 else 1.0
-            if further > 1.0:
-                inflation *= further
-                mean, cov = update(before.mean, before.cov, seen.design, innovation, np.sqrt(inflation))
-            after, rows = replace(before, mean=mean, cov=cov), seen.design @ mean
-        watch, grown = before.watch.after(verdict, self.trust)
-        after = replace(after, cov=grown * after.cov, watch=watch, last=observation)
-        return after, innovation_of(said, used, seen, seen.values, expected, rows, verdict, inflation, grown)
+        looked = look_at(seen, seen.values, look_along(before.mean, before.cov, seen.design), self.trust, True)
+        after = untouched
+        if looked.believed:
+            mean, cov = looked.look.posterior(looked.innovation, looked.error_scale)
+            after = replace(before, mean=mean, cov=cov)
+        watch, grown = before.watch.after(looked.verdict, self.trust)
+        after = replace(after, cov=after.cov if grown == 1.0 else grown * after.cov, watch=watch, last=observation)
+        return after, looked.said(said, used, np.zeros(len(seen.design)), grown)
 
     def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
