@@ -96,6 +96,7 @@ class MeasurementConfig(_Section):
         default=None, description="what profiles are relative to whose message does not say so; without it they are not used"
     )
     use_relative: bool = Field(default=True, description="whether profiles are used that nothing makes absolute, for their shear")
+    use_dac: bool = Field(default=True, description="whether dives' depth-averaged currents are used")
     use_inverted: bool = Field(
         default=True,
         description="whether profiles that were computed from a dive's pings and mean current are used instead of these",

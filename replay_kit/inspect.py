@@ -15,7 +15,7 @@ from replay_kit.geodesy import unwrap_longitude
 from replay_kit.logs import open_log
 from replay_kit.logs.losses import loss_json, loss_words, unchecked_words
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
-from replay_kit.types import Flag, LogReport, Observation, VehicleState
+from replay_kit.types import Flag, LogReport, Observation, PathMean, VehicleState
 
 
 @dataclass(slots=True)
@@ -44,6 +44,7 @@ class LogInfo:
         topics: By name.
         profiles: Profiles of the current it gives.
         bins: Usable bins in them.
+        mean_currents: Mean currents between fixes that it gives.
         positions: Positions it gives.
         dives: Dives begun.
         box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
@@ -56,6 +57,7 @@ class LogInfo:
     topics: dict[str, TopicInfo]
     profiles: int
     bins: int
+    mean_currents: int
     positions: int
     dives: int
     box: tuple[float, float, float, float] | None
@@ -68,6 +70,8 @@ class LogInfo:
         """What the log can be used for, in words."""
         if self.bins:
             return "replay: it has positions and profiles of the current"
+        if self.mean_currents:
+            return "mean currents between fixes, without profiles, for estimators that take them"
         if self.positions:
             return "positions only: no usable profile of the current"
         return "nothing yet: neither positions nor profiles of the current"
@@ -77,6 +81,7 @@ class LogInfo:
 class _Found:
     profiles: int = 0
     bins: int = 0
+    mean_currents: int = 0
     positions: int = 0
     # what is met is folded at once: a log may hold more positions than fit in memory
     depths: tuple[float, float] | None = None
@@ -92,6 +97,8 @@ class _Found:
             if good.size:
                 low, high = self.depths or (np.inf, -np.inf)
                 self.depths = min(low, float(good.min())), max(high, float(good.max()))
+        elif isinstance(event, PathMean):
+            self.mean_currents += 1
         elif isinstance(event, VehicleState):
             self.positions += 1
             self._extend_box(event.longitude, event.latitude)
@@ -137,6 +144,7 @@ def inspect_log(path: Path, config: RunConfig) -> LogInfo:
         topics=dict(sorted(topics.items())),
         profiles=found.profiles,
         bins=found.bins,
+        mean_currents=found.mean_currents,
         positions=found.positions,
         dives=state.dive,
         box=found.box,
@@ -154,6 +162,7 @@ def info_json(info: LogInfo) -> dict[str, Any]:
         "use": info.use,
         "profiles": info.profiles,
         "bins": info.bins,
+        "mean_currents": info.mean_currents,
         "positions": info.positions,
         "dives": info.dives,
         "box": info.box,
@@ -184,6 +193,8 @@ def print_info(log: LogInfo, console: Console) -> None:
     console.print(f"Use: {log.use}. {log.profiles} profiles with {log.bins} usable bins, {log.positions} positions, {log.dives} dives")
     if log.box is not None:
         console.print(f"Positions: {log.box[0]:.4f}..{log.box[2]:.4f} E, {log.box[1]:.4f}..{log.box[3]:.4f} N")
+    if log.mean_currents:
+        console.print(f"Mean currents between fixes: {log.mean_currents}")
     if log.depths is not None:
         console.print(f"Bins: {log.depths[0]:.0f}..{log.depths[1]:.0f} m")
     for topic_name, reasons in log.not_used.items():

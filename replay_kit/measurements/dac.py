@@ -111,8 +111,7 @@ def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, conf
     error = mean.error_std if math.isfinite(mean.error_std) else _error(path, end, config.dac_std, config)
     done = None if dives.done is not None and dives.done[1].time_ns <= end.time_ns else dives.done
     whole = path_mean(path, end, mean.velocity, error, "dac", dive, source)
-    # between opposite sides of the Earth there is no way that is the shortest
-    if not np.isfinite(whole.longitude + whole.latitude).all():
+    if not _is_path(whole):
         return dives, "depth-averaged current: no way leads from its first fix to its last"
     return replace(dives, done=done), whole
 
@@ -138,12 +137,10 @@ def passed(dives: Dives, position: VehicleState, submerged: bool, dive: int, con
     if path is not None and position.time_ns <= path.start.time_ns:
         return dives, []
     dived = path is not None and path.deepest > 2.0 * config.surface_depth
-    after = replace(dives, path=begin(position))
     if path is None or not dived:
-        after, drift = _drifted(after, position, dive, config)
-        return after, drift
-    after = replace(after, done=(path, position), anchor=position)
-    if config.dead_reckoning == "corrected" or dives.stated or not path.reckoned:
+        return _drifted(dives, position, dive, config)
+    after = replace(dives, path=begin(position), done=(path, position), anchor=position)
+    if config.dead_reckoning == "corrected" or not config.use_dac or dives.stated or not path.reckoned:
         return after, []
     seconds = (position.time_ns - path.start.time_ns) * 1e-9
     east, north = reckoned_drift(path, position)
@@ -151,27 +148,32 @@ def passed(dives: Dives, position: VehicleState, submerged: bool, dive: int, con
     if not _believed(velocity, config):
         return after, []
     mean = path_mean(path, position, velocity, _error(path, position, config.dac_std, config), "dac", dive, position.source)
-    return replace(after, done=None, computed_ns=position.time_ns), [mean]
+    return replace(after, done=None, computed_ns=position.time_ns), [mean] if _is_path(mean) else []
 
 
 def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConfig) -> tuple[Dives, list[PathMean]]:
     """Return what is remembered after a fix at the surface that ends no dive, and the drift to it."""
     anchor = dives.anchor
     too_long = anchor is not None and fix.time_ns - anchor.time_ns > config.position_max_age * 1e9
+    path = begin(fix)
     if anchor is None or too_long or not config.use_drift:
-        return replace(dives, anchor=fix), []
+        return replace(dives, path=path, anchor=fix), []
     if fix.time_ns - anchor.time_ns < _LEAST_DRIFT_NS:
-        return dives, []
+        return replace(dives, path=path), []
     east, north = to_local(Projection(anchor.longitude, anchor.latitude), fix.longitude, fix.latitude)
     seconds = (fix.time_ns - anchor.time_ns) * 1e-9
     velocity = float(east) / seconds, float(north) / seconds
     if not _believed(velocity, config):
-        return replace(dives, anchor=fix), []
-    at = (replace(place, depth=config.drift_depth) for place in (anchor, fix))
-    first, last = at
-    path = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
-    mean = path_mean(path, last, velocity, _error(path, fix, config.drift_std, config), "drift", dive, fix.source)
-    return replace(dives, anchor=fix), [mean]
+        return replace(dives, path=path, anchor=fix), []
+    first, last = (replace(place, depth=config.drift_depth) for place in (anchor, fix))
+    adrift = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
+    mean = path_mean(adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive, fix.source)
+    return replace(dives, path=path, anchor=fix), [mean]
+
+
+def _is_path(mean: PathMean) -> bool:
+    """Return whether a path leads from place to place; between opposite sides of the Earth no way is the shortest."""
+    return bool(np.isfinite(mean.longitude + mean.latitude + mean.depth).all())
 
 
 def _believed(velocity: tuple[float, float], config: MeasurementConfig) -> bool:
@@ -216,6 +218,6 @@ def _fix(stated: Any) -> Fix | None:
         return None
     seconds, rest = (number(stated["time"].get(name)) for name in ("sec", "nsec"))
     longitude, latitude = number(stated.get("lon")), number(stated.get("lat"))
-    if not (math.isfinite(seconds + rest + longitude) and 0.0 <= seconds < 2**33 and abs(latitude) <= 90.0):
+    if not (0.0 <= seconds < 2**33 and 0.0 <= rest < 2 * _NS and math.isfinite(longitude) and abs(latitude) <= 90.0):
         return None
     return Fix(int(seconds) * _NS + int(rest), longitude, latitude)

@@ -37,6 +37,7 @@ _NO_REFERENCE = (
     "when the message has no place for it"
 )
 _ATTITUDE = "attitude: kept for pings that do not state theirs"
+_NO_DAC = "depth-averaged current: not used (measurements.use_dac)"
 _NO_ATTITUDE = "DVL: no attitude within a second"
 _NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
 _NO_LAYER = "DVL: water track, whose layer's depth it does not say; state measurements.water_track_distance"
@@ -79,7 +80,7 @@ def interpret(state: MeasurementState, message: Message, config: MeasurementConf
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
     events: list[Event] = [Skipped(frame.topic, _INCOMPLETE) for _, frames in state.frames for frame in frames.values()]
-    return events + [event for ping in state.waiting for event in placed(state, ping, None, config)]
+    return events + [event for ping in state.waiting for event in placed(ping, state.fix, None, state.track, config)]
 
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -88,7 +89,7 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
     if not state.waiting or state.waiting[0].message.time_ns >= oldest_ns:
         return state, []
     expired, left = split(state.waiting, oldest_ns)
-    return replace(state, waiting=left), [event for ping in expired for event in placed(state, ping, None, config)]
+    return replace(state, waiting=left), [event for ping in expired for event in placed(ping, state.fix, None, state.track, config)]
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -150,11 +151,14 @@ def _mavlink_vehicle(state: MeasurementState, message: Message, config: Measurem
     if state.system is not None and system not in (None, state.system):
         return state, [Skipped(message.topic, f"of MAVLink system {system}, where {state.system} counts; system in [logs] chooses")]
     said, fixes = mavlink_vehicle.read(state.fixes, message)
-    state = replace(state, fixes=fixes)
+    if fixes is not state.fixes:
+        state = replace(state, fixes=fixes)
     if isinstance(said, str):
         return state, [Skipped(message.topic, said)]
     if isinstance(said, vehicle.Position):
-        return _position(replace(state, system=system or state.system), message, said, config)
+        if state.system is None:
+            state = replace(state, system=system)
+        return _position(state, message, said, config)
     return state if said is None else at_depth(state, said, config), [Used(message.topic)]
 
 
@@ -164,14 +168,12 @@ def _position(
     if np.isfinite(position.depth):
         state = at_depth(state, position.depth, config)
     fix = VehicleState(message.time_ns, position.longitude, position.latitude, state.depth, position.dead_reckoned, source_of(message))
-    if not position.dead_reckoned:
-        state = replace(state, origins={})
-    if not (fix.dead_reckoned or state.submerged):
-        state = replace(state, track=sailed(state.track, fix))
+    track = state.track if fix.dead_reckoned or state.submerged else sailed(state.track, fix)
+    origins = state.origins if fix.dead_reckoned else {}
     released, left = ready(state.waiting, fix.time_ns)
-    events = [event for ping in released for event in placed(state, ping, fix, config)]
+    events = [event for ping in released for event in placed(ping, state.fix, fix, track, config)]
     dives, means = passed(state.dives, fix, state.submerged, state.dive, config)
-    return replace(state, fix=fix, waiting=left, dives=dives), [Used(message.topic), fix, *events, *means]
+    return replace(state, fix=fix, waiting=left, dives=dives, track=track, origins=origins), [Used(message.topic), fix, *events, *means]
 
 
 def _dvl(state: MeasurementState, message: Message, stated: Dvl, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -193,6 +195,8 @@ def _dvl(state: MeasurementState, message: Message, stated: Dvl, config: Measure
 def _mean_current(
     state: MeasurementState, message: Message, stated: MeanCurrent, config: MeasurementConfig
 ) -> tuple[MeasurementState, list[Event]]:
+    if not config.use_dac:
+        return state, [Skipped(message.topic, _NO_DAC)]
     dives, mean = stated_mean(state.dives, stated, dive_of(stated.dive, state.dive), source_of(message), config)
     said: list[Event] = [Skipped(message.topic, mean)] if isinstance(mean, str) else [Used(message.topic), mean]
     return replace(state, dives=dives), said

@@ -149,8 +149,8 @@ def _stretches(start: VehicleState, before: VehicleState, after: VehicleState) -
     seconds = (after.time_ns - before.time_ns) * 1e-9
     if seconds <= 0.0:
         return []
-    pieces = math.ceil(max(abs(after.depth - before.depth) / _LONGEST_DEPTH, seconds / _LONGEST_S))
-    pieces = min(max(pieces, 1), _MOST_PIECES)
+    wanted = max(abs(after.depth - before.depth) / _LONGEST_DEPTH, seconds / _LONGEST_S)
+    pieces = max(math.ceil(min(wanted, _MOST_PIECES)), 1)
     since = (before.time_ns - start.time_ns) * 1e-9
     west, east = (float(unwrap_longitude(place.longitude, start.longitude)) for place in (before, after))
     middles = [(k + 0.5) / pieces for k in range(pieces)]

@@ -65,16 +65,26 @@ def take_ping(
     return replace(state, waiting=add(state.waiting, ping)), []
 
 
-def placed(state: MeasurementState, ping: WaitingPing, after: VehicleState | None, config: MeasurementConfig) -> list[Event]:
-    """Return the events of a ping that waits no longer; ``after`` is the position that released it."""
+def placed(
+    ping: WaitingPing, before: VehicleState | None, after: VehicleState | None, track: tuple[VehicleState, ...], config: MeasurementConfig
+) -> list[Event]:
+    """Return the events of a ping that waits no longer.
+
+    Args:
+        ping: The ping.
+        before: Last position before the one that released it.
+        after: The position that released it; None when none did.
+        track: Latest fixes at the surface, that one among them.
+        config: How messages become observations.
+    """
     time_ns = ping.message.time_ns
     if ping.until_ns == time_ns:
-        return observe(ping, state.fix, after, config)
-    message = under_way(ping.message, state.track, config)
+        return observe(ping, before, after, config)
+    message = under_way(ping.message, track, config)
     refused = _refused(message, config)
     if refused is not None:
         return [Skipped(message.topic, refused)] * ping.n_messages
-    return observe(replace(ping, message=message), *around(state.track, time_ns), config)
+    return observe(replace(ping, message=message), *around(track, time_ns), config)
 
 
 def _refused(message: Message, config: MeasurementConfig) -> str | None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from replay_kit.config import MeasurementConfig
 from replay_kit.geodesy import to_geographic, to_local
-from replay_kit.measurements import Skipped
+from replay_kit.measurements import Skipped, Used
 from replay_kit.measurements.path import begin, extend, path_mean
 from replay_kit.types import Message, PathMean, Projection, Source, VehicleState
 from tests.measurements.messages import CONFIG, SECOND, fix, only, run
@@ -77,6 +77,9 @@ def test_a_stated_current_takes_the_dead_reckoned_path_moved_to_end_at_the_fix()
     np.testing.assert_allclose(east[under_way], (0.25 + (420.0 - 285.0) / 1200.0) * seconds[under_way], atol=0.1)
     np.testing.assert_allclose(north, -0.2 * seconds, atol=0.01)
     assert mean.weight @ mean.depth == pytest.approx(100.0, abs=1.0)
+    refused = run([*dive(), dac(1200)], MeasurementConfig(use_dac=False, dead_reckoning="through_water"))
+    assert not only(PathMean, refused)
+    assert "use_dac" in only(Skipped, refused)[0].reason
 
 
 @pytest.mark.parametrize("order", ["fix first", "current first", "much later"])
@@ -148,3 +151,30 @@ def test_a_drift_at_the_surface_counts_where_it_is_asked_for():
     # a dive between is no drift, nor is a long silence
     between = [*dive(), fix(8000, depth=0.0)]
     assert not [mean for mean in only(PathMean, run(between, MeasurementConfig(use_drift=True))) if mean.kind == "drift"]
+
+
+JUNK = [
+    None,
+    True,
+    -1,
+    10**400,
+    1e308,
+    float("nan"),
+    "x",
+    [],
+    {},
+    {"time": {"sec": 1e308, "nsec": 0}, "lon": 1e308, "lat": 0.0},
+    {"time": 3},
+]
+
+
+def test_junk_in_any_field_of_a_current_is_used_or_skipped_once():
+    there = [*dive()[:-1], fix(1200, depth=1e308), fix(1201, depth=0.0)]
+    for messages, field in ((messages, field) for messages in (dive(), there) for field in dac(1200).payload):
+        for value in JUNK:
+            events = run([*messages, dac(1202, **{field: value})], THROUGH_WATER)
+            assert len([event for event in only(Used, events) + only(Skipped, events) if event.topic == "/dac"]) == 1, (field, value)
+            for mean in only(PathMean, events):
+                numbers = np.concatenate([mean.longitude, mean.latitude, mean.depth, mean.weight, mean.velocity, [mean.error_std]])
+                assert np.isfinite(numbers).all(), (field, value)
+                assert mean.error_std > 0.0

@@ -28,7 +28,7 @@ SCHEMAS = {
     "imc.GpsFix": {"lat": -0.7, "lon": 2.6, "validity": 4, "type": 0},
     "imc.EstimatedState": {"lat": -0.7, "lon": 2.6, "x": 1.0, "y": 2.0, "depth": 3.0},
     "geometry_msgs/msg/PoseStamped": pose(1.0, 1.0, -1.0),
-    "marine_acoustic_msgs/msg/Dvl": {"velocity_mode": 1},
+    "marine_acoustic_msgs/msg/Dvl": {"velocity_mode": 1, "velocity": {"x": 1.0, "y": 0.0, "z": 0.0}, "velocity_covar": [0.1] * 9},
     "sensor_msgs/msg/Imu": {"orientation_covariance": [0.0] * 9},
 }
 
