@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
 from replay_kit.config_map import TopicMap
+from replay_kit.config_quality import QualityConfig
 from replay_kit.errors import ConfigError
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -98,6 +99,7 @@ class MeasurementConfig(_Section):
     magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(
         default=None, description="degrees east; for pings whose heading is magnetic and that state none"
     )
+    quality: QualityConfig = QualityConfig()
 
 
 class ForecastConfig(_Section):

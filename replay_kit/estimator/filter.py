@@ -15,12 +15,12 @@ from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependenc
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
 from replay_kit.estimator.posterior import Ahead, Posterior, means
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
-from replay_kit.estimator.screening import rejected, scatter, screen
+from replay_kit.estimator.screening import rejected, scatter, screen, usable
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation
+from replay_kit.types import Array, Ensemble, Innovation, Observation
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16
@@ -128,13 +128,13 @@ class ReducedBasisEstimator:
 
     def _screened(self, observation: Observation) -> "_Screened":
         flags, reasons = screen(observation, self.basis.grid)
-        used = np.flatnonzero(flags == Flag.GOOD)
+        used = np.flatnonzero(usable(flags))
         return _Screened(observation, used, rejected(observation, flags, reasons), self.rows(observation, used) if used.size else None)
 
     def usable(self, observation: Observation) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
         flags, _ = screen(observation, self.basis.grid)
-        return bool(np.any(flags == Flag.GOOD))
+        return bool(np.any(usable(flags)))
 
     def misfit(self, state: FilterState, observation: Observation) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
@@ -143,7 +143,7 @@ class ReducedBasisEstimator:
     def misfit_of(self, mean: Array, observation: Observation) -> Array:
         """Return measured minus predicted by weights, shape (Z r,); see ``misfit``."""
         flags, _ = screen(observation, self.basis.grid)
-        used = np.flatnonzero(flags == Flag.GOOD)
+        used = np.flatnonzero(usable(flags))
         out = np.full((observation.depth.size, 2), np.nan)
         if used.size:
             rows, values = self.rows(observation, used)

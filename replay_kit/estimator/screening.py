@@ -23,8 +23,13 @@ def screen(observation: Observation, grid: Grid) -> tuple[NDArray[np.int8], NDAr
     below = observation.depth > grid.levels[-1]
     for failed, reason in ((below, Reason.BELOW_GRID), (outside, Reason.OUTSIDE_REGION), (dry, Reason.ON_LAND)):
         reasons[failed] |= reason
-        flags[failed & (flags == Flag.GOOD)] = Flag.FAIL
+        flags[failed & usable(flags)] = Flag.FAIL
     return flags, reasons
+
+
+def usable(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Return which bins are used: good ones, and suspect ones, which the measurement step fails where they are not wanted."""
+    return np.asarray((flags == Flag.GOOD) | (flags == Flag.SUSPECT))
 
 
 def rejected(observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]) -> Innovation:

@@ -167,7 +167,14 @@ def _inverted(file: DiveFile) -> Iterator[_Entry]:
         velocity = np.stack([component[:, leg] for component in components], axis=-1)
         payload = _ping(file, end_ns, 2 * file.dive + leg, velocity, float(steps[0]), float(levels[0]))
         # the levels are depths: the profile hangs from the surface, not from the glider
-        payload |= {"reference": "earth", "orientation": "down", "bin_mapped": True, "pressure": 0.0, "declination_applied": True}
+        payload |= {
+            "reference": "earth",
+            "orientation": "down",
+            "bin_mapped": True,
+            "pressure": 0.0,
+            "declination_applied": True,
+            "derived": True,
+        }
         yield end_ns, "/adcp/inverted", PING, payload
 
 
