@@ -52,7 +52,7 @@ class QualityConfig(BaseModel):
     sidelobe: bool = Field(default=True, description="whether bins that the side lobes' echo of the surface spoils fail")
     beam_angle: float = Field(default=20.0, gt=0.0, lt=90.0, description="degrees from the axis, of pings without beam_unit_vectors")
     outlier_suspect: _Limit = Field(default=4.0, description="median deviations, scaled to standard deviations, from the bins around")
-    outlier_fail: _Limit = Field(default=8.0, description="the same")
+    outlier_fail: _Limit = Field(default=6.0, description="the same")
     outlier_window: int = Field(default=7, ge=5, le=99, description="bins, of which the middle one is judged")
     outlier_floor: float = Field(
         default=0.1, gt=0.0, description="m/s; least median deviation, also the bin's own error, so smooth profiles pass"

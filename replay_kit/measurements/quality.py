@@ -90,9 +90,10 @@ def sidelobe(distance: Array, cell_size: float, boundary: float, cosine: float) 
 
 
 def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
-    """Return how far each bin is from the median of those around it, in median deviations of theirs, shape (n,) (Hampel's filter).
+    """Return how far each bin is from the median of those around it, in median deviations, shape (n,): Hampel's filter.
 
-    The larger of both components. At a profile's ends the window is moved inwards. A straight profile gives 1.4 at most, however
+    The deviations are scaled to standard deviations, and are those of the window or of the whole profile, whichever are larger; of
+    both components the worse counts. At a profile's ends the window is moved inwards. A straight profile gives 1.4 at most, however
     strong its shear, and a step between two layers gives 0. NaN where the bin or all but three of its window are missing.
 
     Args:
@@ -108,8 +109,11 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
     around = np.where(finite[:, None], velocity, np.nan)[first[:, None] + np.arange(width)]
     count = finite[first[:, None] + np.arange(width)].sum(axis=1)
     middle = _median(around, count)
-    scale = _MAD * _median(np.abs(around - middle[:, None, :]), count)
-    ratio = (np.abs(velocity - middle) / np.maximum(scale, floor[:, None])).max(axis=1)
+    apart = np.abs(velocity - middle)
+    # the few bins of a window often lie close together by chance: what is usual in the profile counts too
+    usual = np.median(apart[finite], axis=0)
+    scale = _MAD * np.maximum(_median(np.abs(around - middle[:, None, :]), count), usual)
+    ratio = (apart / np.maximum(scale, floor[:, None])).max(axis=1)
     return np.where(finite & (count >= _FEWEST), ratio, np.nan)
 
 
