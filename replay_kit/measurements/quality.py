@@ -8,6 +8,7 @@ their numbers to the operator; Teledyne's commands WC, WE and its percent good; 
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,24 +102,32 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
         floor: shape (n,) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
         window: Bins in a window, odd; of a shorter profile all.
     """
-    n, width = len(velocity), min(window, len(velocity))
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=1))
-    if finite.sum() < _FEWEST:
-        return np.full(n, np.nan)
-    first = np.clip(np.arange(n) - window // 2, 0, n - width)
-    around = np.where(finite[:, None], velocity, np.nan)[first[:, None] + np.arange(width)]
-    count = finite[first[:, None] + np.arange(width)].sum(axis=1)
+    n_finite = np.count_nonzero(finite)
+    if n_finite < _FEWEST:
+        return np.full(len(velocity), np.nan)
+    at = _windows(len(velocity), window)
+    around = np.where(finite[:, None], velocity, np.nan)[at]
+    count = finite[at].sum(axis=1)
     middle = _median(around, count)
     apart = np.abs(velocity - middle)
     # the few bins of a window often lie close together by chance: what is usual in the profile counts too
-    usual = np.median(apart[finite], axis=0)
+    usual = _median(np.where(finite[:, None], apart, np.nan)[None], np.array([n_finite]))
     scale = _MAD * np.maximum(_median(np.abs(around - middle[:, None, :]), count), usual)
     ratio = (apart / np.maximum(scale, floor[:, None])).max(axis=1)
     return np.where(finite & (count >= _FEWEST), ratio, np.nan)
 
 
+@lru_cache(maxsize=64)
+def _windows(n: int, window: int) -> NDArray[np.intp]:
+    """Return the bins about each of n, shape (n, window) or, of a shorter profile, (n, n)."""
+    width = min(window, n)
+    first = np.clip(np.arange(n) - window // 2, 0, n - width)
+    return np.asarray(first[:, None] + np.arange(width))
+
+
 def _median(values: Array, count: NDArray[np.intp]) -> Array:
-    """Return medians along the second axis, shape (n, 2), of the ``count`` numbers in it; numpy's own is slow where some are NaN."""
+    """Return medians along the second axis, shape (n, 2), of the ``count`` numbers in it; numpy's own take several times as long."""
     ordered = np.sort(values, axis=1)
     rows = np.arange(len(values))
     upper, lower = np.minimum(count // 2, values.shape[1] - 1), np.maximum(count - 1, 0) // 2
