@@ -100,7 +100,8 @@ def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: flo
     with np.errstate(over="ignore", invalid="ignore"):
         depth = top + sign * distance
     depth = np.where(np.isfinite(depth), depth, np.nan)
-    return Profile(depth, distance, top, velocity, error_std(payload, depth.size, config.velocity_std), "earth")
+    reference: Reference = "platform" if known_word(payload, "reference", REFERENCES) == "platform" else "earth"
+    return Profile(depth, distance, top, velocity, error_std(payload, depth.size, config.velocity_std), reference)
 
 
 def _transducer_depth(payload: Mapping[str, Any], vehicle_depth: float, latitude: float) -> float:

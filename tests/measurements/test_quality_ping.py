@@ -6,6 +6,8 @@ import pytest
 from replay_kit.config import MeasurementConfig
 from replay_kit.config_quality import QualityConfig
 from replay_kit.measurements import Used, frames
+from replay_kit.measurements.adcp import read_profile
+from replay_kit.measurements.quality_ping import checks
 from replay_kit.types import Flag, Observation, Reason
 from tests.measurements.messages import fix, only, ping, run
 
@@ -97,6 +99,13 @@ def test_pings_at_the_surface_are_suspect_of_vehicles_that_dive_only():
     assert set(found[2].reasons.tolist()) == {Reason.AT_SURFACE}
     strict = MeasurementConfig(quality=QualityConfig(at_surface="fail"))
     assert [set(o.flags.tolist()) for o in only(Observation, run([*messages, later, fix(80)], strict))] == [{GOOD}, {GOOD}, {FAIL}]
+
+
+def test_the_speed_of_a_relative_profile_says_nothing():
+    payload = ping(0, **SOUND, reference="platform").payload | {"velocity": [[4.0, 0.0, 0.0]] * 6}
+    config = MeasurementConfig()
+    found = {check.test: check for check in checks(payload, read_profile(payload, 0.0, 0.0, config), 0.0, 0, config)}
+    assert found["speed"].why_not == "velocity is relative to the platform"
 
 
 def test_suspect_bins_fail_where_they_are_not_wanted():
