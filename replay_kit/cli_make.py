@@ -22,9 +22,9 @@ from replay_kit.cli_options import (
 )
 from replay_kit.config import load_config
 from replay_kit.fit import fit_json, fit_prior, print_fit, write_fit
-from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.forecast import read_changing_truth, read_ensemble, read_truth
 from replay_kit.job import check_paths, truth_path
-from replay_kit.twin import make_twin, write_ensemble
+from replay_kit.twin import EPOCH, Faults, Options, make_twin, write_ensemble
 
 
 def fit(
@@ -59,6 +59,16 @@ def twin(
     pings: Annotated[int, typer.Option("--pings", min=1, help="ADCP pings.")] = 450,
     noise: NoiseOption = 0.09,
     seed: Annotated[int, typer.Option("--seed", help="The same seed gives the same bytes.")] = 0,
+    interval: Annotated[float, typer.Option("--interval", metavar="S", help="From ping to ping of a glider; 120 s or a multiple.")] = 600.0,
+    changing: Annotated[bool, typer.Option("--changing", help="The sea changes through all leads or times of the truth.")] = False,
+    reference: Annotated[Literal["earth", "platform"], typer.Option("--reference", help="What the velocities are relative to.")] = "earth",
+    platform_std: Annotated[
+        float | None, typer.Option("--platform-std", metavar="S", help="Pings state the platform's velocity, with this error [m/s].")
+    ] = None,
+    heading_bias: Annotated[float, typer.Option("--heading-bias", metavar="DEG", help="Of the compass, clockwise.")] = 0.0,
+    scale_error: Annotated[float, typer.Option("--scale-error", metavar="SHARE", help="Of what is measured; 0.03 is 3 % too much.")] = 0.0,
+    outliers: Annotated[float, typer.Option("--outliers", metavar="SHARE", help="Pings that are 1 m/s off.")] = 0.0,
+    dac_only: Annotated[bool, typer.Option("--dac-only", help="A glider's positions and mean currents, no pings.")] = False,
     region: RegionOption = None,
     levels: LevelsOption = None,
     level_step: LevelStepOption = None,
@@ -67,9 +77,12 @@ def twin(
 ) -> None:
     """Make a log by flying a vehicle with a simulated ADCP through a truth."""
     check_paths([truth_path(truth)], [out], overwrite)
-    settings = load_config(None, {"forecast": forecast_part(region, levels, level_step, lead)})
-    made = make_twin(read_truth(truth, settings.forecast), vehicle, pings, noise, seed, out, overwrite)
-    console_beside(None).print(f"{out}: {made.pings} pings over {made.duration / 3600.0:.1f} h", soft_wrap=True)
+    settings = load_config(None, {"forecast": forecast_part(region, levels, level_step, lead)}).forecast
+    options = Options(Faults(reference, platform_std, heading_bias, scale_error, outliers), interval, dac_only)
+    sea = read_changing_truth(truth, settings, EPOCH) if changing else read_truth(truth, settings)
+    made = make_twin(sea, vehicle, pings, noise, seed, out, overwrite, options)
+    said = f"{made.pings} pings" if made.pings else f"{made.dives} mean currents"
+    console_beside(None).print(f"{out}: {said} over {made.duration / 3600.0:.1f} h", soft_wrap=True)
 
 
 def synthesize(

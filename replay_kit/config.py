@@ -94,6 +94,28 @@ class MeasurementConfig(_Section):
     reference: Literal["earth", "platform"] | None = Field(
         default=None, description="what profiles are relative to whose message does not say so; without it they are not used"
     )
+    use_relative: bool = Field(default=True, description="whether profiles are used that nothing makes absolute, for their shear")
+    use_inverted: bool = Field(
+        default=True,
+        description="whether profiles that were computed from a dive's pings and mean current are used instead of these",
+    )
+    dead_reckoning: Literal["corrected", "through_water"] = Field(
+        default="corrected",
+        description="through_water: it knows of no current, and gives the mean one of dives whose log states none",
+    )
+    dac_std: float = Field(default=0.02, gt=0.0, description="m/s; error of a dive's mean current that states none, beside its fixes'")
+    use_drift: bool = Field(
+        default=False, description="whether the way between fixes at the surface counts as the current's; not for vehicles under power"
+    )
+    drift_std: float = Field(default=0.07, gt=0.0, description="m/s; error of such a drift, the wind's, beside its fixes'")
+    water_track_distance: Annotated[float, Field(ge=0.0)] | None = Field(
+        default=None, description="m below the vehicle; where the layer of a DVL's water track is, which its message does not say"
+    )
+    drift_depth: float = Field(default=0.5, ge=0.0, description="m; where the current that drifts the vehicle is")
+    fix_std: float = Field(default=20.0, gt=0.0, description="m; error of each component of a fix, in mean currents between fixes")
+    correlation_depth: float = Field(
+        default=0.0, ge=0.0, description="m; e-folding distance of the correlation of a ping's own errors, where it states none"
+    )
     map: tuple[TopicMap, ...] = Field(default=(), description="how to read topics that no known kind covers; replay-kit info --suggest")
     max_speed: float = Field(default=5.0, gt=0.0, description="m/s; a bin with a faster component is not used")
     magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(

@@ -1,4 +1,4 @@
-"""``[[measurements.map]]``: which fields of a topic hold a profile, a position or a depth, for messages that no known kind covers.
+"""``[[measurements.map]]``: which fields of a topic hold a profile, a velocity, a position or a depth, for messages of no known kind.
 
 A path is field names with dots between them, list indices among them, and ``*`` for every item of a list:
 ``fix.position.0``, ``cells.*.east``.
@@ -84,4 +84,38 @@ class ProfileMap(_PlaceMap):
         return self
 
 
-TopicMap = Annotated[PositionMap | DepthMap | ProfileMap, Field(discriminator="kind")]
+class VelocityMap(_PlaceMap):
+    """A topic with one velocity at one depth: a current meter's, a mooring's, a drifter's; ``depth`` is where it was measured.
+
+    With a place of its own (paths, or ``place``) it says nothing of where the vehicle is; without one it was measured at the vehicle.
+    """
+
+    kind: Literal["velocity"]
+    reference: Literal["earth", "platform"] = Field(description="what the velocity is relative to; there is no default guess")
+    east: Path
+    north: Path
+    speed_unit: SpeedUnit = "m/s"
+    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(default=None, description="m/s, error of each component")
+    missing: tuple[float, ...] = Field(default=(), description="numbers in the message that mean no velocity, such as -32768")
+    at_depth: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description="m, where the message does not say it")
+    place: tuple[float, float] | None = Field(default=None, description="longitude and latitude of what does not move")
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.longitude is None) != (self.latitude is None) or (self.longitude is not None and self.place is not None):
+            raise ValueError("give longitude and latitude, or place, or neither")
+        if self.depth is not None and self.at_depth is not None:
+            raise ValueError("give depth or at_depth, not both")
+        if self.elsewhere and (self.depth is None) == (self.at_depth is None):
+            raise ValueError("a velocity with a place of its own needs depth or at_depth")
+        if self.place is not None and not (-180.0 <= self.place[0] <= 360.0 and abs(self.place[1]) <= 90.0):
+            raise ValueError("place is no longitude and latitude")
+        return self
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether it was measured at a place of its own, not at the vehicle."""
+        return self.longitude is not None or self.place is not None
+
+
+TopicMap = Annotated[PositionMap | DepthMap | ProfileMap | VelocityMap, Field(discriminator="kind")]

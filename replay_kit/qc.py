@@ -15,7 +15,7 @@ from replay_kit.job import open_readers
 from replay_kit.logs import merge
 from replay_kit.measurements import NOT_A_KIND, MeasurementState, Skipped, Used, finish, initial_state, interpret
 from replay_kit.measurements.adcp import number
-from replay_kit.measurements.interpret import PING_SCHEMA
+from replay_kit.measurements.pings import PING_SCHEMA
 from replay_kit.measurements.quality_ping import Check
 from replay_kit.measurements.segments import Segments, segments
 from replay_kit.types import Array, Flag, LogReport, Message, Observation, Reason

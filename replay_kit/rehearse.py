@@ -69,7 +69,7 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehears
         estimator = build_estimator(ensemble, config.estimator)
         profiles, used = 0, 0
         timed: list[Observation] = []
-        for observation in _observations(job, config):
+        for observation in _profiles(job, config):
             profiles += 1
             used += estimator.usable(observation)
             if len(timed) < n_timed and estimator.usable(observation):
@@ -92,10 +92,10 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehears
     )
 
 
-def _observations(job: ReplayJob, config: RunConfig) -> Iterator[Observation]:
+def _profiles(job: ReplayJob, config: RunConfig) -> Iterator[Observation]:
     logs = config.logs
     messages = merge(open_readers(job.logs, config), logs.reorder_window, logs.start_ns, logs.end_ns)
-    return observations(messages, config.measurements)
+    return (found for found in observations(messages, config.measurements) if isinstance(found, Observation))
 
 
 def rehearsal_json(rehearsal: Rehearsal) -> dict[str, Any]:

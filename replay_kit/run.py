@@ -10,10 +10,10 @@ from replay_kit.errors import PlanError
 from replay_kit.estimator import BLOCK, Estimator, FilterState, means_of
 from replay_kit.flow import FlowEstimate
 from replay_kit.job import Planner, ReplayJob
-from replay_kit.measurements import Skipped, Used
+from replay_kit.measurements import Event, Skipped, Used
 from replay_kit.results import ResultWriter
 from replay_kit.tally import Stopwatch, Tally
-from replay_kit.types import Array, Innovation, Observation, Place, Plan, VehicleState
+from replay_kit.types import Array, Innovation, Measurement, PathMean, Place, Plan, VehicleState
 
 # A log may hold positions and nothing else.
 _WAITING = 4096
@@ -40,9 +40,9 @@ class Run:
         next_plan_ns: When the next plan is due [ns, UTC].
         next_grid_ns: When the next depth slices are due.
         last_ns: Time of the last message.
-        positions: Longitude and latitude of each observation used.
-        waiting: Positions and observations in the order of the log, not yet published.
-        n_observations: Observations among them.
+        positions: Longitude and latitude of each measurement used; of a path, where it ended.
+        waiting: Positions and measurements in the order of the log, not yet published.
+        n_observations: Measurements among them.
     """
 
     # Any: each kind of estimator has a state of its own, which only it looks into
@@ -64,33 +64,36 @@ class Run:
     next_grid_ns: int | None = None
     last_ns: int = 0
     positions: list[tuple[float, float]] = field(default_factory=list)
-    waiting: list[VehicleState | Observation] = field(default_factory=list)
+    waiting: list[VehicleState | Measurement] = field(default_factory=list)
     n_observations: int = 0
 
 
-def handle(run: Run, event: VehicleState | Observation | Used | Skipped) -> None:
+def handle(run: Run, event: Event) -> None:
     """Count an event; what the estimate is made of waits for its like, because a block of observations takes little longer than one."""
     if isinstance(event, Used):
         run.tally.used(event.topic)
     elif isinstance(event, Skipped):
         run.tally.skipped(event.topic, event.reason)
+    elif isinstance(event, PathMean) and not getattr(run.estimator, "takes_paths", False):
+        run.tally.not_taken(event)
     else:
         run.waiting.append(event)
-        run.n_observations += isinstance(event, Observation)
+        run.n_observations += isinstance(event, Measurement)
         if run.n_observations == BLOCK or len(run.waiting) == _WAITING:
             work_off(run)
 
 
 def work_off(run: Run) -> None:
     """Assimilate the observations that wait, then publish everything in the order in which it came."""
-    observations = [event for event in run.waiting if isinstance(event, Observation)]
+    # Any: only an estimator that says so is given mean currents
+    observations: list[Any] = [event for event in run.waiting if isinstance(event, Measurement)]
     with run.clock.stage("estimate"):
         done = list(run.estimator.steps(run.state, observations))
         states = [state for state, _ in done]
         means = means_of(states) if states and isinstance(run.state, FilterState) else [None] * len(states)
     after = iter(zip(done, means, strict=True))
     for event in run.waiting:
-        if isinstance(event, Observation):
+        if isinstance(event, Measurement):
             (state, innovation), mean = next(after)
             _assimilated(run, event, state, innovation, mean)
         else:
@@ -102,8 +105,8 @@ def work_off(run: Run) -> None:
     run.n_observations = 0
 
 
-def _assimilated(run: Run, observation: Observation, state: Any, innovation: Innovation, mean: Array | None) -> None:
-    """Publish what an observation said and the state after it; ``mean`` is that of the state's weights, where it has weights."""
+def _assimilated(run: Run, observation: Any, state: Any, innovation: Innovation, mean: Array | None) -> None:
+    """Publish what a measurement said and the state after it; ``mean`` is that of the state's weights, where it has weights."""
     if observation.dive != run.dive:
         run.dive, run.dive_start = observation.dive, run.state
     with run.clock.stage("estimate"):
@@ -111,13 +114,19 @@ def _assimilated(run: Run, observation: Observation, state: Any, innovation: Inn
     run.state = state
     run.tally.observed(innovation, predicted)
     if innovation.accepted:
-        run.positions.append((observation.longitude, observation.latitude))
+        run.positions.append(_place_of(observation))
     if run.writer is not None:
         with run.clock.stage("write"):
             run.writer.innovation(innovation)
             if innovation.accepted and mean is not None:
                 run.writer.estimate(observation.time_ns, mean, run.levels)
     _publish_when_due(run, observation.time_ns)
+
+
+def _place_of(measurement: Measurement) -> tuple[float, float]:
+    if isinstance(measurement, PathMean):
+        return float(measurement.longitude[-1]), float(measurement.latitude[-1])
+    return measurement.longitude, measurement.latitude
 
 
 def _publish_when_due(run: Run, now_ns: int) -> None:

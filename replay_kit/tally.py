@@ -11,7 +11,7 @@ import numpy as np
 from replay_kit.errors import MeasurementError
 from replay_kit.estimator.screening import usable
 from replay_kit.report import DiveRow, ReplaySummary, TopicRow, TruthScore
-from replay_kit.types import Array, Grid, Innovation, LogReport, Plan, Reason, VehicleState
+from replay_kit.types import Array, Grid, Innovation, LogReport, PathMean, Plan, Reason, VehicleState
 
 # Topics named when a log turns out to be of no use; `replay-kit info` names all.
 _TOPICS_SHOWN = 10
@@ -76,6 +76,7 @@ class Tally:
     late: Mapping[str, int] = field(default_factory=dict)
     _used: Counter[str] = field(default_factory=Counter)
     _reasons: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    _not_taken: Counter[str] = field(default_factory=Counter)
     _rejected: int = 0
     _bins_rejected: Counter[str] = field(default_factory=Counter)
     _all: _Sums = field(default_factory=_Sums)
@@ -88,6 +89,10 @@ class Tally:
     def skipped(self, topic: str, reason: str) -> None:
         """Count a message that was not used."""
         self._reasons[topic][reason] += 1
+
+    def not_taken(self, mean: PathMean) -> None:
+        """Count a mean current that the estimator has no use for."""
+        self._not_taken[mean.kind] += 1
 
     def observed(self, innovation: Innovation, predicted: Array) -> None:
         """Count a profile.
@@ -137,9 +142,11 @@ class Tally:
             if report.without_stamp
         ]
         clocks = [f"{report.path}: {note}" for report in reports for note in report.notes]
+        means = [f"{count} mean currents ({kind}): not used by this estimator" for kind, count in sorted(self._not_taken.items())]
         return (
             unstamped
             + clocks
+            + means
             + [
                 f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
                 for report in reports

@@ -202,6 +202,12 @@ class Observation:
         reasons: shape (n,), bit mask of ``Reason``.
         dive: Number of the dive the profile belongs to, counted from 1; 0 before the first dive or for a surface vessel.
         source: The message it came from.
+        common_std: Error of each component that all bins share [m/s], the platform's velocity; inf when that is not known, and
+            ``velocity`` is then relative to the platform.
+        correlation_depth: Distance along the profile over which the correlation of the bins' own errors falls by e [m]; 0 for
+            independent ones.
+        platform_velocity: True east and north [m/s], what was added to the velocity measured relative to the platform; None when
+            it is not known, or when the instrument's log does not say.
     """
 
     time_ns: int
@@ -215,6 +221,44 @@ class Observation:
     reasons: NDArray[np.int32]
     dive: int
     source: Source
+    common_std: float = 0.0
+    correlation_depth: float = 0.0
+    platform_velocity: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathMean:
+    """The current's mean along a path: a dive's depth-averaged current, or the drift at the surface between two fixes.
+
+    Attributes:
+        time_ns: When the path ended and the mean was known [ns, UTC].
+        path_time_ns: shape (m,) [ns, UTC], increasing; when the vehicle was at the path's points.
+        longitude: shape (m,) [degrees east].
+        latitude: shape (m,) [degrees north].
+        depth: shape (m,) [m], positive down.
+        weight: shape (m,), share of the time spent about each point; sums to one.
+        velocity: True east and true north [m/s].
+        error_std: Error of each component [m/s].
+        kind: ``dac`` for a dive's depth-averaged current, ``drift`` for the drift at the surface.
+        dive: Number of the dive, or of the dive before the drift; as in ``Observation``.
+        source: The message that completed it.
+    """
+
+    time_ns: int
+    path_time_ns: NDArray[np.int64]
+    longitude: Array
+    latitude: Array
+    depth: Array
+    weight: Array
+    velocity: tuple[float, float]
+    error_std: float
+    kind: Literal["dac", "drift"]
+    dive: int
+    source: Source
+
+
+#: What an estimator may be given.
+Measurement = Observation | PathMean
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -53,4 +53,4 @@ def test_a_depth_averaged_current_is_no_position(tmp_path):
     )
     found = inspect_log(tmp_path / "dac.mcap", load_config(None))
     assert found.not_known == {}
-    assert found.not_used == {"/dac": {"depth-averaged current: not used yet": 1}}
+    assert found.not_used == {"/dac": {"depth-averaged current: it is not a number": 1}}

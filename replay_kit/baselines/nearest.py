@@ -55,7 +55,7 @@ class NearestMember(Estimator[MisfitState]):
         if bins.used.size == 0:
             return state, rejected(observation, bins.flags, bins.reasons)
         by_member = np.einsum("nz,czm->mnc", bins.depth_weights, self.members.at_place(bins.place))
-        misfit = (bins.values - by_member) / observation.error_std[bins.used, None]
+        misfit = (bins.values - by_member) / np.hypot(observation.error_std[bins.used, None], observation.common_std)
         after = MisfitState(state.sum_of_squares + np.sum(misfit**2, axis=(1, 2)), observation.time_ns)
         before, now, prior = (by_member[self.chosen(s)] for s in (state, after, self.initial()))
         return after, innovation_of(observation, bins, Predictions(before, now, prior, np.full_like(before, np.nan)), np.nan)

@@ -45,10 +45,10 @@ def usable_bins(observation: Observation, grid: Grid) -> UsableBins:
 
 
 def error_std(observation: Observation, used: NDArray[np.intp], config: EstimatorConfig) -> Array:
-    """Return the error of each usable bin, shape (n,) [m/s]: its own with any representation error, or the paper's."""
+    """Return the error of each usable bin, shape (n,) [m/s]: its own, the bins' common one and any representation error; or the paper's."""
     if config.preset == "paper":
         return np.full(used.size, config.paper_error_std)
-    return np.hypot(observation.error_std[used], config.representation_error_std or 0.0)
+    return np.hypot(np.hypot(observation.error_std[used], observation.common_std), config.representation_error_std or 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

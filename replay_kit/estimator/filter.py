@@ -172,7 +172,7 @@ class ReducedBasisEstimator:
         east, north = to_local(projection, observation.longitude, observation.latitude)
         kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), self.basis.grid.nodes)
         weights = depth_weights(self.basis.depth_functions, observation.depth[used], self.basis.grid.levels)
-        own = observation.error_std[used]
+        own = np.hypot(observation.error_std[used], observation.common_std)
         if self.error_std is not None:
             error_std = np.full(used.size, self.error_std)
         else:

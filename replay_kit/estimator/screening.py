@@ -21,7 +21,14 @@ def screen(observation: Observation, grid: Grid) -> tuple[NDArray[np.int8], NDAr
     level = np.argmin(np.abs(observation.depth[:, None] - grid.levels), axis=1)
     dry = ~outside & ~wet_column(grid, float(east), float(north))[level]
     below = observation.depth > grid.levels[-1]
-    for failed, reason in ((below, Reason.BELOW_GRID), (outside, Reason.OUTSIDE_REGION), (dry, Reason.ON_LAND)):
+    # a velocity relative to a platform of unknown velocity says nothing of the current itself
+    relative = np.full(flags.shape, not np.isfinite(observation.common_std))
+    for failed, reason in (
+        (below, Reason.BELOW_GRID),
+        (outside, Reason.OUTSIDE_REGION),
+        (dry, Reason.ON_LAND),
+        (relative, Reason.PLATFORM_REFERENCE),
+    ):
         reasons[failed] |= reason
         flags[failed & usable(flags)] = Flag.FAIL
     return flags, reasons

@@ -33,7 +33,7 @@ def read_ensemble(
         ForecastError: The file is missing or unreadable, or has no member dimension, current or coordinates, or nothing is
             inside the region.
     """
-    with _open(path) as ds:
+    with open_forecast(path) as ds:
         u, _, _ = find_velocity(ds, str(path))
         member = find_member(ds, u.dims)
         if member is None:
@@ -56,7 +56,7 @@ def read_truth(spec: str, config: ForecastConfig, *, near_ns: int | None = None,
         ForecastError: As in ``read_ensemble``, or the member is not there, or is needed and not named.
     """
     name, _, label = spec.partition("#")
-    with _open(Path(name)) as ds:
+    with open_forecast(Path(name)) as ds:
         u, v, _ = find_velocity(ds, name)
         member = find_member(ds, u.dims)
         if member is None:
@@ -73,7 +73,12 @@ def read_truth(spec: str, config: ForecastConfig, *, near_ns: int | None = None,
         return _read(field, member, config, near_ns, place_at, spec)
 
 
-def _open(path: Path) -> xr.Dataset:
+def open_forecast(path: Path) -> xr.Dataset:
+    """Return a forecast's file, opened.
+
+    Raises:
+        ForecastError: It is missing, or neither NetCDF nor Zarr.
+    """
     if not path.exists():
         raise ForecastError(f"{path}: no such file; {_HINT}")
     if path.is_dir():

@@ -14,11 +14,12 @@ from replay_kit.config import LogConfig
 from replay_kit.errors import LogError
 from replay_kit.logs.payloads import FIX, PING, location_fix, number, numbers, stamp
 from replay_kit.logs.raw_adcp_dolfyn import read_datasets
-from replay_kit.logs.raw_adcp_gps import Track, clock_offset_ns, declination_deg, vessel_velocity
+from replay_kit.logs.raw_adcp_gps import clock_offset_ns, declination_deg
 from replay_kit.logs.raw_adcp_profiles import RawProfiles, raw_profiles
 from replay_kit.logs.raw_adcp_records import PD0_MAGIC, scan
 from replay_kit.logs.tally import Tally
 from replay_kit.types import LogReport, Message
+from replay_kit.vessel import Track, vessel_velocity
 
 _NS = 1_000_000_000
 _TOPICS = {"": "/adcp", "_avg": "/adcp/average"}

@@ -20,6 +20,7 @@ _BAD_QUALITY = (3, 4, 6, 9)  # probably bad, bad, unsampled, missing
 # (time [ns], topic, schema, payload)
 _Entry = tuple[int, str, str, dict[str, Any]]
 _DAC = "replay_kit.DepthAveragedCurrent"
+_INVERTED = "/adcp/inverted"
 
 
 class SeagliderReader:
@@ -58,13 +59,18 @@ class SeagliderReader:
 
         A profile's time is the end of its leg, where the position is known: the deepest point for the descent, the last
         sample or the end fix, whichever is earlier, for the ascent. The inversion itself needs the fix after the dive.
+        Because it takes the dive's pings and mean current, ``also_in`` of these and ``computed_from`` of the profiles name each other.
 
         Raises:
             LogError: A variable has a unit that is not understood.
         """
         self._tally = Tally()
         file = self._file
-        entries = [*self._fixes(file), *_positions(file), *self._mean_current(file), *_pings(file), *_inverted(file)]
+        inverted = list(_inverted(file))
+        sources = [*self._mean_current(file), *_pings(file)]
+        for _, _, _, payload in sources if inverted else ():
+            payload["also_in"] = _INVERTED
+        entries = [*self._fixes(file), *_positions(file), *sources, *inverted]
         # stable: at one time a position comes before what was measured there
         entries.sort(key=lambda entry: entry[0])
         for position, (time_ns, topic, schema, payload) in enumerate(entries):
@@ -174,8 +180,9 @@ def _inverted(file: DiveFile) -> Iterator[_Entry]:
             "pressure": 0.0,
             "declination_applied": True,
             "derived": True,
+            "computed_from": ["/adcp", "/dac"],
         }
-        yield end_ns, "/adcp/inverted", PING, payload
+        yield end_ns, _INVERTED, PING, payload
 
 
 def _leg_ends(file: DiveFile) -> tuple[int, ...]:

@@ -1,19 +1,20 @@
 """Messages to observations: what a log says of the vehicle and of the water."""
 
-from replay_kit.measurements.events import NOT_A_KIND, Skipped, Used
+from replay_kit.measurements.events import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.measurements.interpret import (
     MAVLINK_NAMES,
-    MeasurementState,
     finish,
     initial_state,
     interpret,
     observations,
 )
+from replay_kit.measurements.state import MeasurementState
 from replay_kit.measurements.suggest import suggestions
 
 __all__ = [
     "MAVLINK_NAMES",
     "NOT_A_KIND",
+    "Event",
     "MeasurementState",
     "Skipped",
     "Used",

@@ -63,17 +63,21 @@ def _compass(angle: float) -> float:
     return 0.0 if remainder == 360.0 else remainder
 
 
-def with_attitude(payload: Mapping[str, Any], orientation: Orientation, age_ns: int) -> Mapping[str, Any]:
+def attitude_within(orientation: tuple[int, Orientation] | None, time_ns: int) -> Attitude | None:
+    """Return the last attitude before a time, if it is close enough; the orientation comes after its time [ns]."""
+    if orientation is None or not 0 <= time_ns - orientation[0] <= _MOST_AGE_NS:
+        return None
+    return attitude_of(orientation[1])
+
+
+def with_attitude(payload: Mapping[str, Any], orientation: tuple[int, Orientation] | None, time_ns: int) -> Mapping[str, Any]:
     """Return a ping with the attitude that it does not state, if another message stated one close enough in time.
 
     Args:
         payload: Fields of the ping.
-        orientation: The last one before it.
-        age_ns: How much older that is [ns].
+        orientation: The last one before it, after its time [ns, UTC].
+        time_ns: The ping's.
     """
-    if not 0 <= age_ns <= _MOST_AGE_NS or math.isfinite(number(payload.get("heading"))):
-        return payload
-    attitude = attitude_of(orientation)
-    if attitude is None:
+    if math.isfinite(number(payload.get("heading"))) or (attitude := attitude_within(orientation, time_ns)) is None:
         return payload
     return {**payload, "heading": attitude.heading, "pitch": attitude.pitch, "roll": attitude.roll}

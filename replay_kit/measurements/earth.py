@@ -1,9 +1,10 @@
-"""A ping as its instrument gave it, made absolute: velocities along true east and north, over the ground.
+"""A ping as its instrument gave it, turned to true east and north, and made absolute where the platform's motion is known.
 
 What is done once is recorded in the ping, so that it is not done twice: ``coordinate_system``, ``reference``, ``bin_mapped``,
-``declination_applied``, and ``ground_reference``, which says what the platform's motion was taken from.
+``declination_applied``, and ``ground_reference``, which says what ``platform_velocity``, added to all bins, was taken from.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,11 +35,12 @@ _UNIT = 0.01
 # numbers that no instrument gives become NaN, which is a missing bin
 @np.errstate(all="ignore")
 def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> Mapping[str, Any]:
-    """Return the ping in earth coordinates with reference earth, or as it is where it does not say how its platform moves.
+    """Return the ping in earth coordinates, and with reference earth where it says how its platform moves.
 
     In this order: bins are mapped to equal depths, beams solved (three where one is missing), velocities turned by heading, pitch
-    and roll, and by the declination where the heading is magnetic; then the ground's velocity relative to the platform is taken
-    off: bottom track where the ping has it, else minus the platform's own velocity by GPS. The error grows by that of the reference.
+    and roll, and by the declination where the heading is magnetic; then the platform's velocity over the ground is added: minus the
+    bottom track where the ping has it, else what the ping states. That velocity's error is one for all bins, so it stays with
+    ``platform_velocity`` and does not enter the bins' own.
 
     Args:
         payload: Fields of the ping.
@@ -50,10 +52,9 @@ def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> M
     system = known_word(payload, "coordinate_system", COORDINATE_SYSTEMS)
     platform = known_word(payload, "reference", REFERENCES) == "platform"
     declination = _declination(payload, system, config)
-    if not platform and system == "earth" and declination == 0.0:
-        return payload
     bottom = _bottom(payload, config.max_speed) if platform else None
-    if platform and bottom is None:
+    # what is not used needs no turning, which may lack an attitude
+    if bottom is None and ((system == "earth" and declination == 0.0) or (platform and not config.use_relative)):
         return payload
     if declination is None:
         raise MeasurementError("heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination")
@@ -61,16 +62,17 @@ def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> M
     velocity, std, mapped = _rows(payload), _own_std(payload, system, config), _can_map(payload, system)
     solved = _solved(velocity, payload, rotation, system, mapped)
     earth = _turned(solved, rotation)
-    source = None
+    motion = None
     if bottom is not None:
         ground, ground_std, ground_system, source = bottom
         turn = rotation if ground_system == system else np.eye(3)
-        (east, north, _) = _turned(_solved(ground, payload, turn, ground_system, False), turn)[0]
-        earth[:, :2], std = frames.over_ground(earth[:, :2], std, np.array([east, north]), ground_std)
+        (east, north, _) = -_turned(_solved(ground, payload, turn, ground_system, False), turn)[0]
+        earth[:, :2] += (east, north)
+        motion = {"east": float(east), "north": float(north), "velocity_std": ground_std, "source": source}
     return {
         **payload,
         "coordinate_system": "earth",
-        "reference": "earth",
+        "reference": "platform" if platform and motion is None else "earth",
         "velocity": earth.tolist(),
         "velocity_std": std.tolist(),
         "turned_from": system,
@@ -78,8 +80,25 @@ def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> M
         "bin_mapped": mapped or payload.get("bin_mapped"),
         "magnetic_declination": declination or payload.get("magnetic_declination"),
         "declination_applied": True,
-        "ground_reference": source,
+        "platform_velocity": motion or payload.get("platform_velocity"),
+        "ground_reference": None if motion is None else motion["source"],
     }
+
+
+def added_velocity(payload: Mapping[str, Any], config: MeasurementConfig) -> tuple[tuple[float, float] | None, float]:
+    """Return what was added to a ping's velocities to make them absolute, true east and north [m/s], and its error [m/s].
+
+    None and no error for a ping whose velocities came absolute and that does not say how; None and an infinite error for one whose
+    velocities are still relative to the platform.
+
+    Args:
+        payload: Fields of a ping that ``earth_referenced`` gave.
+        config: The fastest motion that is believed.
+    """
+    if known_word(payload, "reference", REFERENCES) == "platform":
+        return None, math.inf
+    motion = _stated_motion(payload, config.max_speed)
+    return (None, 0.0) if motion is None else ((motion[0], motion[1]), motion[2])
 
 
 def _declination(payload: Mapping[str, Any], system: str, config: MeasurementConfig) -> float | None:
@@ -167,13 +186,19 @@ def _bottom(payload: Mapping[str, Any], max_std: float) -> tuple[Array, float, s
         needed = velocity if system == "beam" else velocity[:, : 2 if system in ("ship", "earth") else 3]
         if velocity.shape[1] >= 3 and np.isfinite(needed).sum() >= min(3, needed.size):
             return velocity, std if 0.0 < std <= max_std else _BOTTOM_STD, system, "bottom_track"
+    motion = _stated_motion(payload, max_std)
+    if motion is None:
+        return None
+    return -np.array([[motion[0], motion[1], 0.0]]), motion[2], "true", str(payload["platform_velocity"].get("source", "stated"))
+
+
+def _stated_motion(payload: Mapping[str, Any], max_std: float) -> tuple[float, float, float] | None:
+    """Return the platform's velocity that a ping states, true east and north, and its error [m/s]; None as in ``_bottom``."""
     own = payload.get("platform_velocity")
-    if isinstance(own, Mapping):
-        velocity = -np.array([[number(own.get("east")), number(own.get("north")), 0.0]])
-        std = number(own.get("velocity_std"))
-        if np.isfinite(velocity).all() and 0.0 < std <= max_std:
-            return velocity, std, "true", str(own.get("source", "stated"))
-    return None
+    if not isinstance(own, Mapping):
+        return None
+    east, north, std = (number(own.get(name)) for name in ("east", "north", "velocity_std"))
+    return (east, north, std) if math.isfinite(east + north) and 0.0 < std <= max_std else None
 
 
 def _rows(payload: Mapping[str, Any]) -> Array:

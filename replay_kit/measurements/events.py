@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from replay_kit.measurements.quality_ping import Check
-from replay_kit.types import Observation, VehicleState
+from replay_kit.types import Observation, PathMean, VehicleState
 
 # What code that trusts a payload's types raises when they are not what they should be.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)
@@ -38,7 +38,7 @@ class Skipped:
     reason: str
 
 
-Event = VehicleState | Observation | Used | Skipped
+Event = VehicleState | Observation | PathMean | Used | Skipped
 
 
 def malformed(error: Exception) -> str:

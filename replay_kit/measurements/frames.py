@@ -169,16 +169,3 @@ def map_bins(beams: Array, stretch: Array, bin0_distance: float, cell_size: floa
         between = column[lower] + (place[inside] - lower) * (column[upper] - column[lower])
         mapped[inside, beam] = np.where(np.isfinite(between), between, column[nearest])
     return mapped
-
-
-def over_ground(velocity: Array, velocity_std: Array, bottom: Array, bottom_std: float) -> tuple[Array, Array]:
-    """Return velocities over the ground and their errors, from velocities relative to a moving platform.
-
-    Args:
-        velocity: shape (n, k) [m/s], of the water relative to the platform.
-        velocity_std: shape (n,) [m/s], error of each component.
-        bottom: shape (k,) [m/s], of the ground relative to the platform along the same axes: what bottom track measures, and
-            minus the platform's velocity over the ground.
-        bottom_std: Its error [m/s], independent of the water's.
-    """
-    return velocity - bottom, np.hypot(velocity_std, bottom_std)

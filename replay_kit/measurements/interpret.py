@@ -3,9 +3,8 @@
 A ping waits until a position at or after its own time is known, then takes the position interpolated between its neighbours.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,18 +12,21 @@ from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic
 from replay_kit.measurements import mavlink_ping, mavlink_vehicle, vehicle
-from replay_kit.measurements.adcp import depth_of_pressure, number, why_not_used
-from replay_kit.measurements.attitude import Orientation, with_attitude
-from replay_kit.measurements.earth import earth_referenced
+from replay_kit.measurements.adcp import depth_of_pressure
+from replay_kit.measurements.attitude import Orientation, attitude_within, with_attitude
+from replay_kit.measurements.dac import MeanCurrent, passed, stated_mean
 from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, Used, malformed
+from replay_kit.measurements.ground import GroundVelocity, lacks_motion, sailed, with_bottom_track
 from replay_kit.measurements.kinds import statement
 from replay_kit.measurements.mapped import mapped
+from replay_kit.measurements.motion import Dvl, horizontal, water_track
+from replay_kit.measurements.pings import PING_SCHEMA, dive_of, elsewhere, placed, source_of, take_ping, twice, with_reference
 from replay_kit.measurements.profile_kinds import Ping
+from replay_kit.measurements.state import MeasurementState, at_depth
 from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure, checked
-from replay_kit.measurements.waiting import WaitingPing, add, observe, split
-from replay_kit.types import Message, Observation, Projection, Source, VehicleState
+from replay_kit.measurements.waiting import ready, split
+from replay_kit.types import Measurement, Message, Projection, VehicleState
 
-PING_SCHEMA = "replay_kit.AdcpPing"
 # What a MAVLink reader needs to decode for this module.
 MAVLINK_NAMES = mavlink_vehicle.NAMES | {mavlink_ping.SCHEMA}
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
@@ -35,38 +37,12 @@ _NO_REFERENCE = (
     "when the message has no place for it"
 )
 _ATTITUDE = "attitude: kept for pings that do not state theirs"
-_MAX_DIVE = 2**32 - 1
+_NO_ATTITUDE = "DVL: no attitude within a second"
+_NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
+_NO_LAYER = "DVL: water track, whose layer's depth it does not say; state measurements.water_track_distance"
+_NO_BOTTOM = "DVL: water track without a bottom track, which says nothing of the current"
 # 146 years: a position may be as old as the configuration likes, and ages stay int64
 _FOREVER_NS = 2.0**62
-
-
-@dataclass(frozen=True, slots=True)
-class MeasurementState:
-    """What the step remembers.
-
-    Attributes:
-        fix: Last position known.
-        depth: Last depth known [m]; NaN before the first.
-        dive: Dives begun so far.
-        submerged: Whether the vehicle is in a dive.
-        origins: By topic of poses, its first pose since the last measured fix, and the position known then.
-        waiting: Pings that wait for a position, in the order of their times.
-        orientation: Last one of a message that is no ping, after its time [ns, UTC].
-        frames: Frames of MAVLink pings that are not complete yet.
-        fixes: What the GPS of each MAVLink system last said.
-        system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
-    """
-
-    fix: VehicleState | None = None
-    depth: float = float("nan")
-    dive: int = 0
-    submerged: bool = False
-    origins: Mapping[str, tuple[VehicleState, Pose]] = field(default_factory=dict)
-    waiting: tuple[WaitingPing, ...] = ()
-    orientation: tuple[int, Orientation] | None = None
-    frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
-    fixes: tuple[mavlink_vehicle.LastFix, ...] = ()
-    system: str | None = None
 
 
 def initial_state(system: int | None = None) -> MeasurementState:
@@ -74,14 +50,14 @@ def initial_state(system: int | None = None) -> MeasurementState:
     return MeasurementState(system=None if system is None else str(system))
 
 
-def observations(messages: Iterable[Message], config: MeasurementConfig | None = None) -> Iterator[Observation]:
-    """Yield the observations in a stream of messages: what a post-mission script loops over."""
+def observations(messages: Iterable[Message], config: MeasurementConfig | None = None) -> Iterator[Measurement]:
+    """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over."""
     config = config or MeasurementConfig()
     state = initial_state()
     for message in messages:
         state, events = interpret(state, message, config)
-        yield from (event for event in events if isinstance(event, Observation))
-    yield from (event for event in finish(state, config) if isinstance(event, Observation))
+        yield from (event for event in events if isinstance(event, Measurement))
+    yield from (event for event in finish(state, config) if isinstance(event, Measurement))
 
 
 def interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -103,7 +79,7 @@ def interpret(state: MeasurementState, message: Message, config: MeasurementConf
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
     events: list[Event] = [Skipped(frame.topic, _INCOMPLETE) for _, frames in state.frames for frame in frames.values()]
-    return events + [event for ping in state.waiting for event in observe(ping, state.fix, None, config)]
+    return events + [event for ping in state.waiting for event in placed(state, ping, None, config)]
 
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -112,7 +88,7 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
     if not state.waiting or state.waiting[0].message.time_ns >= oldest_ns:
         return state, []
     expired, left = split(state.waiting, oldest_ns)
-    return replace(state, waiting=left), [event for ping in expired for event in observe(ping, state.fix, None, config)]
+    return replace(state, waiting=left), [event for ping in expired for event in placed(state, ping, None, config)]
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -121,19 +97,21 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return _ping_frame(state, message, config)
     if entry is None and message.schema in mavlink_vehicle.NAMES:
         return _mavlink_vehicle(state, message, config)
+    if entry is None and (repeated := twice(message.payload, config)):
+        return state, [Skipped(message.topic, repeated)]
     stated = statement(message) if entry is None else mapped(message.payload, entry)
     if isinstance(stated, Ping):
         events: list[Event] = []
+        if stated.position is not None and stated.elsewhere:
+            return state, elsewhere(message, stated, config)
         if stated.position is not None:
             # the message counts once, as the ping that it is
             state, (_, *events) = _position(state, message, stated.position, config)
-        payload = _with_reference(stated.payload, config)
-        if state.orientation is not None:
-            payload = with_attitude(payload, state.orientation[1], message.time_ns - state.orientation[0])
+        payload = with_attitude(with_reference(stated.payload, config), state.orientation, message.time_ns)
         if payload.get("reference") is None:
             return state, [*events, Skipped(message.topic, _NO_REFERENCE)]
         whole = message._replace(schema=PING_SCHEMA, payload=payload)
-        state, more = _ping(state, whole, 1, config)
+        state, more = take_ping(state, whole, 1, config)
         return state, [*events, *more]
     if isinstance(stated, Position):
         return _position(state, message, stated, config)
@@ -143,40 +121,11 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return replace(state, orientation=(message.time_ns, stated)), [Skipped(message.topic, _ATTITUDE)]
     if isinstance(stated, Depth | Pressure):
         return _depth(state, message, stated, config)
+    if isinstance(stated, Dvl):
+        return _dvl(state, message, stated, config)
+    if isinstance(stated, MeanCurrent):
+        return _mean_current(state, message, stated, config)
     return state, [Skipped(message.topic, stated or NOT_A_KIND)]
-
-
-def _with_reference(payload: Mapping[str, Any], config: MeasurementConfig) -> Mapping[str, Any]:
-    """Return a ping that states what its velocities are relative to, if the message or the configuration says so."""
-    if payload.get("reference") is None and config.reference is not None:
-        return {**payload, "reference": config.reference}
-    return payload
-
-
-def _ping(state: MeasurementState, message: Message, n_messages: int, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
-    """Take in a whole ping, which gives as many ``Used`` or ``Skipped`` as messages carried it."""
-    try:
-        message = message._replace(payload=earth_referenced(message.payload, config))
-        refused = why_not_used(message.payload)
-    except MeasurementError as error:
-        return state, [Skipped(message.topic, str(error))] * n_messages
-    except MALFORMED as error:
-        return state, [Skipped(message.topic, malformed(error))] * n_messages
-    if refused is not None:
-        return state, [Skipped(message.topic, refused[0])] * n_messages
-    pressure = number(message.payload.get("pressure"))
-    if not np.isfinite(state.depth) and np.isfinite(depth_of_pressure(pressure, 0.0)):
-        # a log whose only depth is the ping's own pressure still has dives
-        state = replace(_at_depth(state, pressure, config), depth=float("nan"))
-    ping = WaitingPing(message, state.depth, _dive(message.payload.get("dive"), state.dive), n_messages)
-    if state.fix is not None and state.fix.time_ns == message.time_ns:
-        return state, observe(ping, state.fix, None, config)
-    return replace(state, waiting=add(state.waiting, ping)), []
-
-
-def _dive(stated: Any, counted: int) -> int:
-    """Return the dive that a ping states, or the one counted when it states none that can be."""
-    return stated if isinstance(stated, int) and not isinstance(stated, bool) and 0 <= stated <= _MAX_DIVE else counted
 
 
 def _ping_frame(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -188,7 +137,7 @@ def _ping_frame(state: MeasurementState, message: Message, config: MeasurementCo
         frames = pings.pop(key)
         state = replace(state, frames=tuple(pings.items()))
         whole = message._replace(schema=PING_SCHEMA, payload=mavlink_ping.assemble(frames))
-        return _ping(state, whole, len(frames), config)
+        return take_ping(state, whole, len(frames), config)
     events: list[Event] = []
     if len(pings) > _OPEN_PINGS:
         oldest = pings.pop(next(iter(pings)))
@@ -206,21 +155,47 @@ def _mavlink_vehicle(state: MeasurementState, message: Message, config: Measurem
         return state, [Skipped(message.topic, said)]
     if isinstance(said, vehicle.Position):
         return _position(replace(state, system=system or state.system), message, said, config)
-    return state if said is None else _at_depth(state, said, config), [Used(message.topic)]
+    return state if said is None else at_depth(state, said, config), [Used(message.topic)]
 
 
 def _position(
     state: MeasurementState, message: Message, position: Position, config: MeasurementConfig
 ) -> tuple[MeasurementState, list[Event]]:
     if np.isfinite(position.depth):
-        state = _at_depth(state, position.depth, config)
-    source = Source(message.input, message.topic, message.position, message.time_ns)
-    fix = VehicleState(message.time_ns, position.longitude, position.latitude, state.depth, position.dead_reckoned, source)
+        state = at_depth(state, position.depth, config)
+    fix = VehicleState(message.time_ns, position.longitude, position.latitude, state.depth, position.dead_reckoned, source_of(message))
     if not position.dead_reckoned:
         state = replace(state, origins={})
-    released, left = split(state.waiting, fix.time_ns + 1)
-    events = [event for ping in released for event in observe(ping, state.fix, fix, config)]
-    return replace(state, fix=fix, waiting=left), [Used(message.topic), fix, *events]
+    if not (fix.dead_reckoned or state.submerged):
+        state = replace(state, track=sailed(state.track, fix))
+    released, left = ready(state.waiting, fix.time_ns)
+    events = [event for ping in released for event in placed(state, ping, fix, config)]
+    dives, means = passed(state.dives, fix, state.submerged, state.dive, config)
+    return replace(state, fix=fix, waiting=left, dives=dives), [Used(message.topic), fix, *events, *means]
+
+
+def _dvl(state: MeasurementState, message: Message, stated: Dvl, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
+    """Keep a bottom track for pings that lack one; a water track beside it is the current at one depth."""
+    attitude = attitude_within(state.orientation, message.time_ns)
+    if attitude is None or config.magnetic_declination is None:
+        return state, [Skipped(message.topic, _NO_ATTITUDE if attitude is None else _NO_DECLINATION)]
+    east, north = horizontal(stated, attitude, config.magnetic_declination)
+    if stated.mode == "bottom":
+        return replace(state, bottom=GroundVelocity(message.time_ns, east, north, stated.error_std)), [Used(message.topic)]
+    if config.water_track_distance is None:
+        return state, [Skipped(message.topic, _NO_LAYER)]
+    payload = with_bottom_track(water_track(east, north, stated.error_std, config.water_track_distance), state.bottom, message.time_ns)
+    if lacks_motion(payload):
+        return state, [Skipped(message.topic, _NO_BOTTOM)]
+    return take_ping(state, message._replace(schema=PING_SCHEMA, payload=payload), 1, config)
+
+
+def _mean_current(
+    state: MeasurementState, message: Message, stated: MeanCurrent, config: MeasurementConfig
+) -> tuple[MeasurementState, list[Event]]:
+    dives, mean = stated_mean(state.dives, stated, dive_of(stated.dive, state.dive), source_of(message), config)
+    said: list[Event] = [Skipped(message.topic, mean)] if isinstance(mean, str) else [Used(message.topic), mean]
+    return replace(state, dives=dives), said
 
 
 def _pose(state: MeasurementState, message: Message, pose: Pose, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
@@ -228,7 +203,7 @@ def _pose(state: MeasurementState, message: Message, pose: Pose, config: Measure
     state = replace(state, orientation=(message.time_ns, pose.orientation))
     if message.topic not in state.origins:
         if state.fix is None:
-            return _at_depth(state, pose.depth, config), [Used(message.topic)]
+            return at_depth(state, pose.depth, config), [Used(message.topic)]
         state = replace(state, origins={**state.origins, message.topic: (state.fix, pose)})
     fix, origin = state.origins[message.topic]
     longitude, latitude = to_geographic(Projection(fix.longitude, fix.latitude), pose.east - origin.east, pose.north - origin.north)
@@ -244,11 +219,4 @@ def _depth(
     if not np.isfinite(depth):
         what = "depth" if isinstance(stated, Depth) else "pressure"
         return state, [Skipped(message.topic, f"{what} is not a number")]
-    return _at_depth(state, depth, config), [Used(message.topic)]
-
-
-def _at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -> MeasurementState:
-    """Return the state with a depth noted; a dive begins at twice the surface depth and ends above it."""
-    submerged = depth > 2.0 * config.surface_depth or (state.submerged and depth > config.surface_depth)
-    begun = submerged and not state.submerged
-    return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun)
+    return at_depth(state, depth, config), [Used(message.topic)]

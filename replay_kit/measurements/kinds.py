@@ -13,18 +13,19 @@ from typing import Any
 
 from replay_kit.measurements import imc, motion, profile_kinds, vehicle
 from replay_kit.measurements.attitude import Orientation
+from replay_kit.measurements.dac import MeanCurrent, depth_averaged_current
 from replay_kit.measurements.profile_kinds import Ping
 from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure
 from replay_kit.types import Message
 
 #: What a message states, or in words why it cannot be used.
-Statement = Position | Depth | Pressure | Pose | Orientation | Ping | str
+Statement = Position | Depth | Pressure | Pose | Orientation | Ping | MeanCurrent | motion.Dvl | str
 Reader = Callable[[Mapping[str, Any]], Statement]
 
 _READERS: Mapping[str, Reader | str] = MappingProxyType(
     {
         "replay_kit.AdcpPing": profile_kinds.adcp_ping,
-        "replay_kit.DepthAveragedCurrent": "depth-averaged current: not used yet",
+        "replay_kit.DepthAveragedCurrent": depth_averaged_current,
         "ds_sensor_msgs.Adcp": profile_kinds.ds_adcp,
         "foxglove.LocationFix": vehicle.location_fix,
         "foxglove_msgs.LocationFix": vehicle.location_fix,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from replay_kit.config_map import PositionMap, ProfileMap, TopicMap
+from replay_kit.config_map import PositionMap, ProfileMap, TopicMap, VelocityMap
 from replay_kit.errors import MeasurementError
 from replay_kit.measurements.adcp import depth_of_pressure, number
 from replay_kit.measurements.kinds import Statement
@@ -32,6 +32,8 @@ def mapped(payload: Mapping[str, Any], entry: TopicMap) -> Statement:
     """
     if isinstance(entry, ProfileMap):
         return _profile(payload, entry)
+    if isinstance(entry, VelocityMap):
+        return _velocity(payload, entry)
     if isinstance(entry, PositionMap):
         return _position(payload, entry)
     return _depth(payload, entry)
@@ -72,7 +74,7 @@ def _contents(value: Any) -> str:
     return "nothing" if value is None else f"one {type(value).__name__}, no fields"
 
 
-def _position(payload: Mapping[str, Any], entry: PositionMap | ProfileMap) -> Position | str:
+def _position(payload: Mapping[str, Any], entry: PositionMap | ProfileMap | VelocityMap) -> Position | str:
     assert entry.longitude is not None and entry.latitude is not None, "asked only of mappings that have them"  # noqa: PT018
     degrees = _DEGREES[entry.angle_unit]
     longitude, latitude = (degrees(number(look_up(payload, path))) for path in (entry.longitude, entry.latitude))
@@ -115,6 +117,43 @@ def _profile(payload: Mapping[str, Any], entry: ProfileMap) -> Ping | str:
     )
 
 
+def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> Ping | str:
+    """Return one velocity as a profile of one cell, at the distance 0 from an instrument where it was measured."""
+    place: Position | str | None = None
+    if entry.place is not None:
+        place = checked(*entry.place, math.nan, False)
+    elif entry.longitude is not None:
+        place = _position(payload, entry)
+    if isinstance(place, str):
+        return place
+    fields: dict[str, Any] = {"vehicle_depth_needed": True}
+    if entry.at_depth is not None:
+        fields = {"pressure": 0.0, "transducer_depth": entry.at_depth}
+    elif entry.depth is not None:
+        fields = _instrument_depth(_depth(payload, entry))
+    return Ping(
+        {
+            "coordinate_system": "earth",
+            "reference": entry.reference,
+            "orientation": "down",
+            "n_cells": 1,
+            "velocity": [[_speed(look_up(payload, path), entry) for path in (entry.east, entry.north)]],
+            "velocity_std": entry.velocity_std,
+            "cell_distances": [0.0],
+            **fields,
+        },
+        place,
+        elsewhere=entry.elsewhere,
+    )
+
+
+def _instrument_depth(stated: Depth | Pressure) -> dict[str, Any]:
+    """Return a depth as the fields of a ping; an unknown one is the vehicle's, but not the surface."""
+    pressure, offset = (0.0, stated.depth) if isinstance(stated, Depth) else (stated.pressure_dbar, 0.0)
+    known = math.isfinite(pressure + offset)
+    return {"pressure": pressure, "transducer_depth": offset} if known else {"vehicle_depth_needed": True}
+
+
 def _cells(payload: Mapping[str, Any], entry: ProfileMap) -> list[list[float]] | str:
     """Return the cells' components [m/s], east and north first where they are of the earth."""
     if entry.velocity is None:
@@ -136,7 +175,7 @@ def _cells(payload: Mapping[str, Any], entry: ProfileMap) -> list[list[float]] |
     return [[cell[1], cell[0], *(-value for value in cell[2:3])] if len(cell) > 1 else cell for cell in cells]
 
 
-def _speed(value: Any, entry: ProfileMap) -> float:
+def _speed(value: Any, entry: ProfileMap | VelocityMap) -> float:
     speed = number(value)
     return math.nan if speed in entry.missing else speed / _PER_METRE[entry.speed_unit.removesuffix("/s")]
 
@@ -146,11 +185,7 @@ def _geometry(payload: Mapping[str, Any], entry: ProfileMap) -> dict[str, Any]:
     scale = _PER_METRE[entry.distance_unit]
     fields: dict[str, Any] = {}
     if entry.depth is not None:
-        top = _depth(payload, entry)
-        pressure, offset = (0.0, top.depth) if isinstance(top, Depth) else (top.pressure_dbar, 0.0)
-        known = math.isfinite(pressure + offset)
-        # without a depth the instrument is where the vehicle is, but not at the surface because nothing says where that is
-        fields |= {"pressure": pressure, "transducer_depth": offset} if known else {"vehicle_depth_needed": True}
+        fields |= _instrument_depth(_depth(payload, entry))
     listed = entry.depths or entry.distances
     if listed is not None:
         sign = _sign(entry) if entry.depths is not None else 1.0

@@ -32,10 +32,12 @@ class Ping:
     Attributes:
         payload: Fields of a ``replay_kit.AdcpPing``.
         position: Where the vehicle was, when the same message says so.
+        elsewhere: Whether the position is that of the measurement alone, a mooring's or a drifter's, and not the vehicle's.
     """
 
     payload: Mapping[str, Any]
     position: Position | None = None
+    elsewhere: bool = False
 
 
 def adcp_ping(payload: Mapping[str, Any]) -> Ping:

@@ -1,7 +1,7 @@
 """A first ``[[measurements.map]]`` entry for a topic that no known kind covers, guessed from names and values.
 
 Each line says why it was guessed. What cannot be known from one message gets the answer that does no harm: profiles are taken to be
-relative to the platform, which are not used, until a person states otherwise.
+relative to the platform, of which only the shear is used, until a person states otherwise.
 """
 
 import json

@@ -34,7 +34,7 @@ def profile_lines(found: Sequence[Leaf]) -> list[str]:
         return []
     lines, n_cells, values = velocity
     return [
-        line("reference", "platform", "NOT KNOWN from the message, and not used so; write earth if the vehicle's motion is removed"),
+        line("reference", "platform", "NOT KNOWN from the message, so only its shear is used; earth if the vehicle's motion is removed"),
         line("frame", "enu", "NOT KNOWN from the message: enu, ned, ship, instrument or beam"),
         *lines,
         *_speed(values),

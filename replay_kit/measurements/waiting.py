@@ -1,18 +1,20 @@
 """Pings that wait for a position, and what becomes of them: an observation, or the reason why not.
 
-The waiting pings are one tuple in the order of their times, so that those which leave are always its first ones: both to add a
-ping and to release many cost a copy of the tuple and no more.
+The waiting pings are one tuple in the order of their times: to add a ping costs a copy of the tuple and no more.
 """
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
 from replay_kit.geodesy import to_geographic, to_local, unwrap_longitude
-from replay_kit.measurements.adcp import read_profile
+from replay_kit.measurements.adcp import number, read_profile
+from replay_kit.measurements.earth import added_velocity
 from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
 from replay_kit.measurements.quality_ping import Check, checks, flags_of
 from replay_kit.types import Message, Observation, Projection, Source, VehicleState
@@ -27,12 +29,14 @@ class WaitingPing:
         depth: The vehicle's when it came [m]; NaN when unknown.
         dive: The dive it belongs to.
         n_messages: Messages that carried it: more than one in MAVLink.
+        until_ns: When the fixes are there that give its place, and its platform's velocity [ns, UTC].
     """
 
     message: Message
     depth: float
     dive: int
     n_messages: int
+    until_ns: int
 
 
 def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
@@ -45,6 +49,13 @@ def split(waiting: tuple[WaitingPing, ...], time_ns: int) -> tuple[tuple[Waiting
     """Return the pings before a time, and the others."""
     at = bisect_left(waiting, time_ns, key=_time)
     return waiting[:at], waiting[at:]
+
+
+def ready(waiting: tuple[WaitingPing, ...], now_ns: int) -> tuple[tuple[WaitingPing, ...], tuple[WaitingPing, ...]]:
+    """Return the pings that wait no longer than a time, and the others."""
+    if not waiting or waiting[0].message.time_ns > now_ns:
+        return (), waiting
+    return tuple(ping for ping in waiting if ping.until_ns <= now_ns), tuple(ping for ping in waiting if ping.until_ns > now_ns)
 
 
 def observe(ping: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig) -> list[Event]:
@@ -82,6 +93,7 @@ def _observation(ping: WaitingPing, place: tuple[float, float], config: Measurem
     profile = read_profile(message.payload, ping.depth if as_it_is else 0.0, latitude, config)
     found = checks(message.payload, profile, ping.depth, ping.dive, config)
     flags, reasons = flags_of(profile, found, config.quality.use_suspect)
+    added, common_std = added_velocity(message.payload, config)
     observation = Observation(
         message.time_ns,
         longitude,
@@ -94,8 +106,17 @@ def _observation(ping: WaitingPing, place: tuple[float, float], config: Measurem
         reasons,
         ping.dive,
         Source(message.input, message.topic, message.position, message.time_ns),
+        common_std,
+        _correlation_depth(message.payload, config),
+        added,
     )
     return observation, found
+
+
+def _correlation_depth(payload: Mapping[str, Any], config: MeasurementConfig) -> float:
+    """Return what the ping states, or else the configuration's [m]."""
+    stated = number(payload.get("correlation_depth"))
+    return stated if stated >= 0.0 else config.correlation_depth
 
 
 def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float) -> tuple[float, float] | None:

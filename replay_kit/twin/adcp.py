@@ -40,7 +40,7 @@ def measure(field: Field, pings: Pings, settings: AdcpSettings, rng: np.random.G
             another's water.
     """
     below = settings.bin0_distance + settings.cell_size * np.arange(settings.n_cells)
-    velocity = field.velocity(pings.east[:, None], pings.north[:, None], pings.depth[:, None] + below)
+    velocity = field.velocity(pings.east[:, None], pings.north[:, None], pings.depth[:, None] + below, pings.time_ns[:, None])
     longitude, latitude = to_geographic(field.grid.projection, pings.east, pings.north)
     east, north = rotate_to_geographic(field.grid.projection, longitude[:, None], latitude[:, None], velocity[..., 0], velocity[..., 1])
     noise = rng.standard_normal(velocity.shape)

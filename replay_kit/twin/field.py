@@ -1,6 +1,10 @@
-"""A truth sampled anywhere: cubic in the grid's indices, where a curvilinear grid is a product, and cubic in depth."""
+"""A truth sampled anywhere: cubic in the grid's indices, where a curvilinear grid is a product, and cubic in depth.
 
-from dataclasses import dataclass
+A truth of several times is linear between them.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,17 +26,19 @@ class Field:
 
     Attributes:
         grid: Where the current was given.
-        velocity_spline: (depth, j, i) to local east and north [m/s].
+        velocity_splines: (depth, j, i) to local east and north [m/s], one a time.
+        time_ns: shape (T,) [ns, UTC], increasing: the times; of no effect when there is one.
         place_spline: (j, i) to local east and north [m].
         nodes: The grid's nodes, for first guesses of (j, i).
     """
 
     grid: Grid
-    velocity_spline: NdBSpline
+    velocity_splines: tuple[NdBSpline, ...]
+    time_ns: NDArray[np.int64]
     place_spline: NdBSpline
     nodes: cKDTree
 
-    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
+    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, time_ns: ArrayLike = 0) -> Array:
         """Return the current along the local axes, shape (..., 2) [m/s].
 
         Above the first level it is that of the first level. It is NaN below the last level, outside the grid, and in a cell
@@ -42,6 +48,10 @@ class Field:
             east: [m], local frame; the arguments are broadcast against each other.
             north: [m], local frame.
             depth: [m], positive down.
+            time_ns: [ns, UTC], broadcast against the places; of no effect on a truth of one time.
+
+        Raises:
+            ForecastError: A time lies outside the truth's.
         """
         east, north, depth = np.broadcast_arrays(np.asarray(east, np.float64), np.asarray(north, np.float64), np.asarray(depth, np.float64))
         shape = east.shape
@@ -52,26 +62,52 @@ class Field:
         usable[usable] = _cell_is_wet(self.grid, z[usable], j[usable], i[usable])
         values = np.full((east.size, 2), np.nan)
         if usable.any():
-            values[usable] = self.velocity_spline(np.column_stack([z, j, i])[usable])
+            times = np.broadcast_to(np.asarray(time_ns, np.int64), shape).ravel()[usable]
+            values[usable] = self._at(np.column_stack([z, j, i])[usable], times)
         return values.reshape(*shape, 2)
 
+    def _at(self, index: Array, time_ns: NDArray[np.int64]) -> Array:
+        """Return the current at grid indices, shape (n, 3), and times, shape (n,)."""
+        if len(self.velocity_splines) == 1:
+            return np.asarray(self.velocity_splines[0](index))
+        if time_ns.min() < self.time_ns[0] or time_ns.max() > self.time_ns[-1]:
+            first, last = (np.datetime_as_string(np.datetime64(int(t), "ns"), unit="s") for t in self.time_ns[[0, -1]])
+            raise ForecastError(f"the truth changes from {first}Z to {last}Z, and the mission goes beyond; take fewer or closer pings")
+        before = np.clip(np.searchsorted(self.time_ns, time_ns, side="right") - 1, 0, self.time_ns.size - 2)
+        share = (time_ns - self.time_ns[before]) / (self.time_ns[before + 1] - self.time_ns[before])
+        values = np.zeros((len(index), 2))
+        for k in np.unique(before).tolist():
+            of = before == k
+            early, late = (self.velocity_splines[k + step](index[of]) for step in (0, 1))
+            values[of] = early + share[of, None] * (late - early)
+        return values
 
-def build_field(truth: Ensemble) -> Field:
-    """Return the field of a truth.
+
+def build_field(truth: Ensemble, *later: Ensemble) -> Field:
+    """Return the field of a truth, or of a truth at several times.
+
+    Args:
+        truth: An ensemble of one.
+        later: The same at later times, on the same grid.
 
     Raises:
-        ForecastError: The truth is not an ensemble of one, or has no wet point.
+        ForecastError: A truth is not an ensemble of one, has no wet point, or is of no time later than the one before.
     """
-    if truth.n_members != 1:
-        raise ForecastError(f"{truth.source}: a truth is one member, got {truth.n_members}; choose one with FILE#MEMBER")
-    grid = truth.grid
+    times = tuple(0 if each.time_ns is None else each.time_ns for each in (truth, *later))
+    if any(after <= before for before, after in pairwise(times)):
+        raise ForecastError(f"{truth.source}: a truth of several times needs times that grow, got {', '.join(map(str, times))}")
+    for each in (truth, *later):
+        if each.n_members != 1:
+            raise ForecastError(f"{each.source}: a truth is one member, got {each.n_members}; choose one with FILE#MEMBER")
+    grid = replace(truth.grid, wet=np.logical_and.reduce([each.grid.wet for each in (truth, *later)]))
     if not grid.wet.any():
         raise ForecastError(f"{truth.source}: no wet point to sample; give a truth with water in it")
     rows, columns = (np.arange(n, dtype=np.float64) for n in grid.east.shape)
-    values = np.moveaxis(_without_land(truth.velocity[0], grid.wet), 0, -1)
+    axes = (grid.levels, rows, columns)
+    splines = tuple(_tensor_spline(axes, np.moveaxis(_without_land(each.velocity[0], grid.wet), 0, -1)) for each in (truth, *later))
     places = np.stack([grid.east, grid.north], axis=-1)
     nodes = cKDTree(places.reshape(-1, 2))
-    return Field(grid, _tensor_spline((grid.levels, rows, columns), values), _tensor_spline((rows, columns), places), nodes)
+    return Field(grid, splines, np.array(times, np.int64), _tensor_spline((rows, columns), places), nodes)
 
 
 def grid_indices(field: Field, east: Array, north: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -13,6 +13,7 @@ from replay_kit.twin.vehicle import Dive, Mission, Pings, Position, log_position
 from replay_kit.types import Array
 
 STEP_S = 120
+_STEP_NS = STEP_S * 1_000_000_000
 PING_STEPS = 5  # a ping every ten minutes
 SURFACE_STEPS = 2
 _REACHED = 5_000.0  # m; a waypoint this near counts as reached: one dive goes half as far
@@ -59,7 +60,15 @@ class _Flight:
         return len(self.depth) - 1
 
 
-def mission(field: Field, pings: int, start_ns: int, rng: np.random.Generator, limits: GliderLimits = GliderLimits()) -> Mission:
+def mission(
+    field: Field,
+    pings: int,
+    start_ns: int,
+    rng: np.random.Generator,
+    limits: GliderLimits = GliderLimits(),
+    ping_steps: int = PING_STEPS,
+    to_the_end: bool = False,
+) -> Mission:
     """Return a glider's mission: dives along a course over the region, a ping every ten minutes, a fix at each surfacing.
 
     Between fixes the logged positions are dead-reckoned as a shore station does after the dive: through-water motion plus the
@@ -71,6 +80,8 @@ def mission(field: Field, pings: int, start_ns: int, rng: np.random.Generator, l
         start_ns: Time of the first ping [ns, UTC].
         rng: Chooses the corner at which the course starts.
         limits: How it flies.
+        ping_steps: From one ping to the next [steps of 120 s].
+        to_the_end: Whether positions are logged to the end of the last dive, and not to the last ping only.
 
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
@@ -79,13 +90,16 @@ def mission(field: Field, pings: int, start_ns: int, rng: np.random.Generator, l
     corner = int(rng.integers(len(_COURSE)))
     place, target = _place_of(field, _COURSE[corner]), corner + 1
     # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
-    flights.append(_surface(field, place))
-    while sum(flight.steps for flight in flights) <= (pings - 1) * PING_STEPS:
+    flights.append(_surface(field, place, start_ns))
+    flown = flights[-1].steps
+    while flown <= (pings - 1) * ping_steps:
         place = flights[-1].place[-1]
         aim, target = _aim(field, place, target)
-        flights.append(_dive(field, place, aim, limits))
-        flights.append(_surface(field, flights[-1].place[-1]))
-    return _logged(field, flights, pings, start_ns)
+        dive = _dive(field, place, start_ns + flown * _STEP_NS, aim, limits)
+        surface = _surface(field, dive.place[-1], start_ns + (flown + dive.steps) * _STEP_NS)
+        flights += [dive, surface]
+        flown += dive.steps + surface.steps
+    return _logged(field, flights, np.arange(pings) * ping_steps, start_ns, to_the_end)
 
 
 def _place_of(field: Field, fraction: Array) -> Array:
@@ -107,7 +121,7 @@ def _aim(field: Field, place: Array, target: int) -> tuple[Array, int]:
     return corner, target
 
 
-def _dive(field: Field, place: Array, aim: Array, limits: GliderLimits) -> _Flight:
+def _dive(field: Field, place: Array, start_ns: int, aim: Array, limits: GliderLimits) -> _Flight:
     angle = np.deg2rad(limits.glide_angle_deg)
     bottom = min(limits.max_depth, float(field.grid.levels[-1]))
     leg = max(1, round(bottom / (limits.speed * np.sin(angle) * STEP_S)))
@@ -116,21 +130,22 @@ def _dive(field: Field, place: Array, aim: Array, limits: GliderLimits) -> _Flig
     pitch = np.concatenate([np.full(leg + 1, -limits.glide_angle_deg), np.full(leg, limits.glide_angle_deg)])
     towards = (aim - place) / np.hypot(*(aim - place))
     through_water = limits.speed * np.cos(angle) * towards
-    return _Flight(_advected(field, place, depth, through_water), depth, through_water, pitch)
+    return _Flight(_advected(field, place, start_ns, depth, through_water), depth, through_water, pitch)
 
 
-def _surface(field: Field, place: Array) -> _Flight:
+def _surface(field: Field, place: Array, start_ns: int) -> _Flight:
     depth = np.zeros(SURFACE_STEPS + 1)
-    return _Flight(_advected(field, place, depth, np.zeros(2)), depth, np.zeros(2), depth)
+    return _Flight(_advected(field, place, start_ns, depth, np.zeros(2)), depth, np.zeros(2), depth)
 
 
-def _advected(field: Field, place: Array, depth: Array, through_water: Array) -> Array:
+def _advected(field: Field, place: Array, start_ns: int, depth: Array, through_water: Array) -> Array:
     """Return the track, shape (steps + 1, 2), by the midpoint rule."""
     track = [place]
-    for start, end in pairwise(depth):
-        here = track[-1]
-        middle = here + 0.5 * STEP_S * (through_water + field.velocity(here[0], here[1], start))
-        track.append(here + STEP_S * (through_water + field.velocity(middle[0], middle[1], 0.5 * (start + end))))
+    for k, (start, end) in enumerate(pairwise(depth)):
+        here, now = track[-1], start_ns + k * _STEP_NS
+        middle = here + 0.5 * STEP_S * (through_water + field.velocity(here[0], here[1], start, now))
+        at_middle = field.velocity(middle[0], middle[1], 0.5 * (start + end), now + _STEP_NS // 2)
+        track.append(here + STEP_S * (through_water + at_middle))
         if not np.isfinite(track[-1]).all():
             longitude, latitude = to_geographic(field.grid.projection, here[0], here[1])
             raise ForecastError(
@@ -140,30 +155,34 @@ def _advected(field: Field, place: Array, depth: Array, through_water: Array) ->
     return np.array(track)
 
 
-def _logged(field: Field, flights: list[_Flight], pings: int, start_ns: int) -> Mission:
+def _logged(field: Field, flights: list[_Flight], ping_steps: NDArray[np.int64], start_ns: int, to_the_end: bool) -> Mission:
     """Return what is logged of the flights."""
-    ping_steps = np.arange(pings) * PING_STEPS
+    end = sum(flight.steps for flight in flights) if to_the_end else int(ping_steps[-1])
+    logged_steps = np.union1d(np.arange(0, end + 1, PING_STEPS), ping_steps)
     positions: dict[int, Position] = {}
     dives: list[Dive] = []
-    parts: list[tuple[Array, Array, Array, Array]] = []
+    parts: list[tuple[Array, ...]] = []
     step = 0
     for flight in flights:
         last = step + flight.steps
-        inside = ping_steps[(ping_steps >= step) & (ping_steps < last)] - step
-        times = start_ns + (step + np.arange(flight.steps + 1)) * STEP_S * 1_000_000_000
+        inside, logged = (steps[(steps >= step) & (steps < last)] - step for steps in (ping_steps, logged_steps))
+        times = start_ns + (step + np.arange(flight.steps + 1)) * _STEP_NS
         if flight.depth.any():
-            dive, reckoned = _dead_reckoned(field, flight, times, inside, len(dives) + 1)
+            dive, reckoned = _dead_reckoned(field, flight, times, logged, len(dives) + 1)
             dives.append(dive)
         else:
             # the first and the last moment at the surface are fixes, and so is each ping there
-            steps = sorted({0, flight.steps, *inside.tolist()})
+            steps = sorted({0, flight.steps, *logged.tolist()})
             reckoned = [log_position(field, int(times[k]), flight.place[k], 0.0, False) for k in steps]
         positions.update((position.time_ns, position) for position in reckoned)
         heading = _heading(field, flight)
-        parts.append((flight.place[inside], flight.depth[inside], heading[inside], flight.pitch_deg[inside]))
+        through_water = np.tile(flight.through_water, (inside.size, 1))
+        parts.append((flight.place[inside], flight.depth[inside], heading[inside], flight.pitch_deg[inside], through_water))
         step = last
-    place, depth, heading, pitch = (np.concatenate(column) for column in zip(*parts, strict=True))
-    track = Pings(start_ns + ping_steps * STEP_S * 1_000_000_000, place[:, 0], place[:, 1], depth, heading, pitch)
+    place, depth, heading, pitch, through_water = (np.concatenate(column) for column in zip(*parts, strict=True))
+    times = start_ns + ping_steps * _STEP_NS
+    over_ground = through_water + field.velocity(place[:, 0], place[:, 1], depth, times)
+    track = Pings(times, place[:, 0], place[:, 1], depth, heading, pitch, over_ground)
     return Mission(track, tuple(positions[t] for t in sorted(positions)), tuple(dives))
 
 

@@ -2,25 +2,43 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import gsw
 import numpy as np
 
 from replay_kit.twin.adcp import AdcpSettings
+from replay_kit.twin.faults import Faults
 from replay_kit.twin.vehicle import Dive, Mission, Position
 from replay_kit.types import Array, Message
 
 _NS = 1_000_000_000
 
 
-def mission_messages(mission: Mission, velocity: Array, settings: AdcpSettings) -> Iterator[Message]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """What an instrument logs.
+
+    Attributes:
+        velocity: shape (n_pings, n_cells, 2) [m/s], true east and north; NaN where bad.
+        settings: The instrument.
+        faults: What the velocities are relative to, and with which error the platform's velocity is stated.
+        platform: shape (n_pings, 2) [m/s], the platform's velocity, true east and north; None where it is not stated.
+    """
+
+    velocity: Array
+    settings: AdcpSettings
+    faults: Faults
+    platform: Array | None
+
+
+def mission_messages(mission: Mission, record: Record | None) -> Iterator[Message]:
     """Yield the log's messages in order of time: at one time the position, then a dive's mean current, then the ping.
 
     Args:
         mission: What the vehicle did.
-        velocity: shape (n_pings, n_cells, 2) [m/s], true east and north; NaN where bad.
-        settings: The instrument.
+        record: What its instrument logs; None without one.
     """
     entries: list[tuple[int, int, str, str, dict[str, Any]]] = []
     latitudes = {}
@@ -30,8 +48,9 @@ def mission_messages(mission: Mission, velocity: Array, settings: AdcpSettings) 
         latitudes[position.time_ns] = position.latitude
     for dive in mission.dives:
         entries.append((dive.end.time_ns, 1, "/dac", "replay_kit.DepthAveragedCurrent", _depth_averaged_current(dive)))
-    for number, time_ns in enumerate(mission.pings.time_ns.tolist()):
-        ping = _adcp_ping(mission, number, velocity[number], latitudes[time_ns], settings)
+    for number, time_ns in enumerate(mission.pings.time_ns.tolist() if record is not None else ()):
+        assert record is not None
+        ping = _adcp_ping(mission, number, record, latitudes[time_ns])
         entries.append((time_ns, 2, "/adcp", "replay_kit.AdcpPing", ping))
     entries.sort(key=lambda entry: entry[:2])
     for ordinal, (time_ns, _, topic, schema, payload) in enumerate(entries):
@@ -72,17 +91,17 @@ def _depth_averaged_current(dive: Dive) -> dict[str, Any]:
     }
 
 
-def _adcp_ping(mission: Mission, number: int, velocity: Array, latitude: float, settings: AdcpSettings) -> dict[str, Any]:
-    pings = mission.pings
+def _adcp_ping(mission: Mission, number: int, record: Record, latitude: float) -> dict[str, Any]:
+    pings, settings = mission.pings, record.settings
     pressure = float(gsw.p_from_z(-pings.depth[number], latitude)) if pings.depth[number] > 0.0 else 0.0
     # a tenth of the millimetre per second that instruments resolve, so that the numbers stay short
-    cells = [[*(_number(component) for component in cell), None] for cell in np.round(velocity, 4).tolist()]
+    cells = [[*(_number(component) for component in cell), None] for cell in np.round(record.velocity[number], 4).tolist()]
     return {
         "stamp": _stamp(int(pings.time_ns[number])),
         "frame_id": "adcp",
         "ping": number,
         "coordinate_system": "earth",
-        "reference": "earth",
+        "reference": record.faults.reference,
         "orientation": "down",
         "bin_mapped": True,
         "n_cells": settings.n_cells,
@@ -105,7 +124,15 @@ def _adcp_ping(mission: Mission, number: int, velocity: Array, latitude: float, 
         "magnetic_declination": None,
         "declination_applied": True,
         "bottom_track": None,
+        **_platform_velocity(record, number),
     }
+
+
+def _platform_velocity(record: Record, number: int) -> dict[str, Any]:
+    if record.platform is None:
+        return {}
+    east, north = np.round(record.platform[number], 4).tolist()
+    return {"platform_velocity": {"east": east, "north": north, "velocity_std": record.faults.platform_std, "source": "flight_model"}}
 
 
 def _number(value: float) -> float | None:

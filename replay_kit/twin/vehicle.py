@@ -10,7 +10,8 @@ from replay_kit.geodesy import heading_deg, to_geographic
 from replay_kit.twin.field import Field
 from replay_kit.types import Array
 
-EPOCH_NS = 1_542_326_400_000_000_000  # 2018-11-16T00:00:00Z, when the truth has no time of its own
+EPOCH = "2018-11-16T00:00:00Z"  # when the truth has no time of its own
+EPOCH_NS = 1_542_326_400_000_000_000
 _NS_PER_MS = 1_000_000
 _MAX_DRAWS = 1000
 
@@ -26,6 +27,7 @@ class Pings:
         depth: shape (n,) [m], of the transducer.
         heading_deg: shape (n,), clockwise from true north.
         pitch_deg: shape (n,), nose up.
+        velocity: shape (n, 2) [m/s], of the platform over the ground, local east and north; None where nobody asks for it.
     """
 
     time_ns: NDArray[np.int64]
@@ -34,6 +36,7 @@ class Pings:
     depth: Array
     heading_deg: Array
     pitch_deg: Array
+    velocity: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +125,8 @@ def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, sp
     course = heading_deg(d_east, d_north)
     heading = np.append(course, course[-1:]) if pings > 1 else np.zeros(1)
     surface = np.zeros(pings)
-    track = Pings(time_ns, places[:, 0], places[:, 1], surface, heading, surface)
+    over_ground = speed * np.column_stack([np.sin(np.deg2rad(heading)), np.cos(np.deg2rad(heading))])
+    track = Pings(time_ns, places[:, 0], places[:, 1], surface, heading, surface, over_ground)
     positions = tuple(log_position(field, t, place, 0.0, False) for t, place in zip(time_ns.tolist(), places, strict=True))
     return Mission(track, positions, ())
 
@@ -134,7 +138,7 @@ def random_places(field: Field, count: int, rng: np.random.Generator) -> Array:
     kept = np.empty((0, 2))
     for _ in range(_MAX_DRAWS):
         drawn = rng.uniform(low, high, size=(count, 2))
-        wet = np.isfinite(field.velocity(drawn[:, 0], drawn[:, 1], 0.0)).all(axis=1)
+        wet = np.isfinite(field.velocity(drawn[:, 0], drawn[:, 1], 0.0, field.time_ns[0])).all(axis=1)
         kept = np.concatenate([kept, drawn[wet]])[:count]
         if len(kept) == count:
             return kept

@@ -122,6 +122,10 @@ def test_an_unusable_profile_changes_nothing_and_says_why():
     deep = replace(observation, depth=observation.depth + 1000.0)
     _, innovation = estimator.step(state, deep)
     assert np.all(innovation.reasons & Reason.BELOW_GRID)
+    relative = replace(observation, reference="platform", common_std=np.inf)
+    after, innovation = estimator.step(state, relative)
+    assert after is state
+    assert np.all(innovation.reasons & Reason.PLATFORM_REFERENCE)
 
 
 @pytest.mark.parametrize("preset", ["default", "paper"])

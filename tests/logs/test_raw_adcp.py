@@ -15,11 +15,12 @@ from replay_kit.errors import LogError
 from replay_kit.geodesy import to_geographic
 from replay_kit.inspect import inspect_log
 from replay_kit.logs import open_log
-from replay_kit.logs.raw_adcp_gps import Track, clock_offset_ns, declination_deg, vessel_velocity
+from replay_kit.logs.raw_adcp_gps import clock_offset_ns, declination_deg
 from replay_kit.logs.raw_adcp_profiles import raw_profiles
 from replay_kit.logs.raw_adcp_records import AD2CP_TEXT, scan
 from replay_kit.measurements import observations
 from replay_kit.types import Flag, Observation, Projection
+from replay_kit.vessel import Track, vessel_velocity
 from tests.logs import raw_adcp_samples as samples
 from tests.logs.raw_adcp_samples import Survey, adcp_messages, write
 
@@ -56,8 +57,9 @@ def test_a_vessels_file_gives_the_current_over_the_ground(tmp_path, survey):
     reached = np.isfinite(profile.velocity).all(axis=1)
     assert reached[:10].all()
     np.testing.assert_allclose(profile.velocity[reached], truth[reached, :2], atol=0.006)
-    # the error stated for the bins, and bottom track's
-    np.testing.assert_allclose(profile.error_std, np.hypot(0.09, 0.03))
+    # the error stated for the bins, and bottom track's, which is one for all of them
+    np.testing.assert_allclose(profile.error_std, 0.09)
+    assert profile.common_std == 0.03
 
 
 def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
@@ -68,11 +70,13 @@ def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
     assert (own["east"], own["north"]) == pytest.approx((1.5, 0.8), abs=3.0 * own["velocity_std"])
     profile = list(observations(open_log(path).messages()))[15]
     np.testing.assert_allclose(profile.velocity[:10], np.tile([0.6, -0.3], (10, 1)), atol=0.02)
-    np.testing.assert_allclose(profile.error_std, np.hypot(0.09, own["velocity_std"]))
+    assert profile.common_std == own["velocity_std"]
+    assert profile.platform_velocity == (own["east"], own["north"])
 
 
 def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
-    info = inspect_log(write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False))), RunConfig())
+    path = write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False)))
+    info = inspect_log(path, RunConfig(measurements=MeasurementConfig(use_relative=False)))
     assert info.not_used == {"/adcp": {"velocity relative to the platform, whose own motion is not known": 30}}
 
 

@@ -132,6 +132,9 @@ def test_profiles_are_observed_at_their_depths(tmp_path: Path) -> None:
     np.testing.assert_allclose(down.depth, np.arange(31) * 5.0)
     assert np.isfinite(down.velocity).all(axis=1).sum() == 25
     assert (down.dive, up.dive) == (7, 7)
+    # the same water is not counted twice: either the profiles, or what they were computed from
+    pings = [o for o in observations(messages, MeasurementConfig(use_inverted=False)) if o.source.topic != "/dac"]
+    assert [(o.source.topic, o.reference) for o in pings] == [("/adcp", "platform")] * 3
     assert down.longitude == pytest.approx(85.0055, abs=1e-4)
     assert up.longitude == pytest.approx(85.01, abs=1e-4)
 

@@ -51,7 +51,7 @@ def test_north_east_down(ypr):
 @pytest.mark.parametrize("bad", [None, [], {}, {"x": 0, "y": 0, "z": 0, "w": 0}, {"x": math.nan, "y": 0, "z": 0, "w": 1}, {"w": 2.0}])
 def test_what_is_no_attitude(bad):
     assert attitude_of(Orientation(bad)) is None
-    assert with_attitude({}, Orientation(bad), 0) == {}
+    assert with_attitude({}, (0, Orientation(bad)), 0) == {}
 
 
 EAST = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
@@ -59,9 +59,9 @@ NORTH = {"x": 0.0, "y": 0.0, "z": math.sqrt(0.5), "w": math.sqrt(0.5)}
 
 
 def test_a_ping_takes_a_recent_attitude_only_when_it_states_none():
-    assert with_attitude({"heading": None}, Orientation(EAST), 10**9) == {"heading": 90.0, "pitch": 0.0, "roll": 0.0}
+    assert with_attitude({"heading": None}, (0, Orientation(EAST)), 10**9) == {"heading": 90.0, "pitch": 0.0, "roll": 0.0}
     for payload, age in (({"heading": 5.0}, 0), ({}, 2 * 10**9), ({}, -1)):
-        assert with_attitude(payload, Orientation(EAST), age) == payload
+        assert with_attitude(payload, (0, Orientation(EAST)), age) == payload
 
 
 def test_a_heading_is_below_360():

@@ -8,7 +8,7 @@ import pytest
 from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
 from replay_kit.measurements import Skipped, Used, frames
-from replay_kit.measurements.earth import earth_referenced
+from replay_kit.measurements.earth import added_velocity, earth_referenced
 from replay_kit.types import Observation, Reason
 from tests.measurements.messages import CONFIG, fix, only, ping, run
 from tests.reference import frames as slow
@@ -61,7 +61,8 @@ def test_every_coordinate_system_gives_the_current_over_the_ground(system, conve
     assert (absolute["coordinate_system"], absolute["reference"], absolute["ground_reference"]) == ("earth", "earth", "bottom_track")
     assert absolute["declination_applied"] is True
     assert bool(absolute["bin_mapped"]) == (system == "beam")
-    np.testing.assert_allclose(absolute["velocity_std"], 0.5)
+    np.testing.assert_allclose(absolute["velocity_std"], 0.3)
+    assert absolute["platform_velocity"]["velocity_std"] == 0.4
 
 
 def test_what_is_absolute_stays_as_it_is():
@@ -110,7 +111,8 @@ def test_gps_stands_in_for_a_lost_bottom():
         absolute = earth_referenced(_raw("beam", bottom_track=track, platform_velocity=own), MeasurementConfig(velocity_std=0.3))
         np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
         assert absolute["ground_reference"] == "gps"
-        np.testing.assert_allclose(absolute["velocity_std"], 0.5)
+        np.testing.assert_allclose(absolute["velocity_std"], 0.3)
+        assert added_velocity(absolute, CONFIG) == (tuple(VESSEL[:2]), 0.4)
 
 
 @pytest.mark.parametrize(
@@ -118,13 +120,19 @@ def test_gps_stands_in_for_a_lost_bottom():
 )
 def test_without_a_motion_a_ping_stays_relative(own):
     raw = _raw("beam", bottom_track=None, platform_velocity=own)
-    assert earth_referenced(raw, CONFIG) is raw
+    relative = earth_referenced(raw, CONFIG)
+    np.testing.assert_allclose(_horizontal(relative), np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
+    assert (relative["coordinate_system"], relative["reference"], relative["ground_reference"]) == ("earth", "platform", None)
+    assert added_velocity(relative, CONFIG) == (None, np.inf)
+    assert earth_referenced(relative, CONFIG) is relative
+    # what is not used is not turned
+    assert earth_referenced(raw, MeasurementConfig(use_relative=False)) is raw
 
 
 def test_a_beams_stated_error_grows_in_the_solution():
     absolute = earth_referenced(_raw("beam", velocity_std=[0.1, 0.2, 0.3]), CONFIG)
     # two beams at 20 degrees from the vertical give a component: 1 / (sqrt(2) sin 20)
-    expected = np.hypot(np.array([0.1, 0.2, 0.3]) / (np.sqrt(2.0) * np.sin(np.deg2rad(20.0))), 0.4)
+    expected = np.array([0.1, 0.2, 0.3]) / (np.sqrt(2.0) * np.sin(np.deg2rad(20.0)))
     np.testing.assert_allclose(absolute["velocity_std"], expected)
 
 
@@ -186,9 +194,27 @@ def test_junk_in_any_field_is_used_or_skipped_once(system):
 
 def test_a_raw_ping_becomes_an_observation():
     message = ping(0)
-    (observation,) = only(Observation, run([fix(0), message._replace(payload=_raw("beam"))]))
+    raw = _raw("beam", correlation_depth=16.0)
+    (observation,) = only(Observation, run([fix(0), message._replace(payload=raw)], MeasurementConfig(velocity_std=0.3)))
     np.testing.assert_allclose(observation.velocity, np.tile(WATER[:2], (3, 1)), atol=1e-12)
-    assert observation.reference == "earth"
+    # the reference's error is one for all bins, not each bin's own
+    np.testing.assert_allclose(observation.error_std, 0.3)
+    assert (observation.reference, observation.common_std, observation.correlation_depth) == ("earth", 0.4, 16.0)
+    np.testing.assert_allclose(observation.platform_velocity, VESSEL[:2], atol=1e-12)
+
+
+def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
+    relative = ping(0)._replace(payload=_raw("ship", bottom_track=None))
+    config = MeasurementConfig(correlation_depth=8.0)
+    (observation,) = only(Observation, run([fix(0), relative], config))
+    np.testing.assert_allclose(observation.velocity, np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
+    assert (observation.reference, observation.common_std, observation.platform_velocity) == ("platform", np.inf, None)
+    assert observation.correlation_depth == 8.0
+    refused = run([fix(0), relative], MeasurementConfig(use_relative=False))
+    assert "relative to the platform" in only(Skipped, refused)[0].reason
+    # a ping that came absolute says nothing of a platform
+    (plain,) = only(Observation, run([fix(0), ping(0)]))
+    assert (plain.reference, plain.common_std, plain.platform_velocity) == ("earth", 0.0, None)
 
 
 def test_bins_below_the_bottom_are_flagged():

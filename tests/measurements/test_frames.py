@@ -100,9 +100,3 @@ def test_without_tilt_bins_stay_where_they_are_missing_ones_too():
     np.testing.assert_array_equal(frames.map_bins(beams, np.ones(4), 2.0, 0.5), beams)
     # a beam that has become level measures no depth but its own
     assert np.isnan(frames.map_bins(beams, np.zeros(4), 2.0, 0.5)).all()
-
-
-def test_over_ground_is_water_minus_bottom_and_less_certain():
-    velocity, std = frames.over_ground(np.array([[0.5, 0.1], [np.nan, 0.2]]), np.array([0.3, 0.4]), np.array([0.2, -0.1]), 0.4)
-    np.testing.assert_allclose(velocity, [[0.3, 0.2], [np.nan, 0.3]])
-    np.testing.assert_allclose(std, [0.5, np.hypot(0.4, 0.4)])

@@ -69,7 +69,6 @@ def test_dives_are_counted_from_depths():
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"reference": "platform"}, "relative to the platform"),
         ({"reference": None}, "expected reference"),
         ({"coordinate_system": "beam"}, "heading is magnetic"),
         ({"coordinate_system": "sideways"}, "expected coordinate_system"),

@@ -9,6 +9,7 @@ import pytest
 from replay_kit.config import MeasurementConfig
 from replay_kit.measurements import Skipped
 from replay_kit.measurements.kinds import canonical, statement
+from replay_kit.measurements.motion import Dvl
 from replay_kit.types import Flag, Message, Observation, VehicleState
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements import definitions as msg
@@ -33,7 +34,8 @@ def test_ds_adcp_in_earth_coordinates(tmp_path, schema):
     assert profile.flags.tolist() == [Flag.GOOD, Flag.MISSING, Flag.GOOD]
     np.testing.assert_array_equal(profile.depth, [13.5, 15.5, 17.5])
     assert "measurements.reference" in skipped(message)
-    assert "relative to the platform" in skipped(message, MeasurementConfig(reference="platform"))
+    (relative,) = only(Observation, run([fix(0, depth=10.0), message], MeasurementConfig(reference="platform")))
+    assert (relative.reference, relative.common_std) == ("platform", np.inf)
 
 
 @pytest.mark.parametrize(("mode", "system"), [(0, "beam"), (1, "instrument"), (2, "ship")])
@@ -83,7 +85,7 @@ def test_nucleus_profile(tmp_path, schema):
     assert ping["amplitude"] == [[70, 71, 72], [73, 74, 75]]
     assert ping["correlation"] == [[90, 91, 92], [93, 94, 95]]
     assert ping["bin0_distance"] == 0.5
-    assert "relative to the platform" in skipped(message)
+    assert "declination unknown" in skipped(message)
     assert "three beams" in skipped(message._replace(payload={**NUCLEUS, "number_of_cells": 3}))
 
 
@@ -106,7 +108,8 @@ def test_imc_profile(tmp_path, schema, coord_sys, system, cell):
     assert ping["velocity"] == [cell]
     assert ping["cell_distances"] == [5.0]
     assert ping["correlation"] == [[90] * 4]
-    assert "relative to the platform" in skipped(message)
+    events = run([fix(0), message])
+    assert [o.reference for o in only(Observation, events)] == ["platform"] * (system == "earth")
 
 
 def test_imc_profiles_that_are_none():
@@ -124,13 +127,12 @@ def test_cells_at_listed_distances():
     assert "cell_distances" in skipped(ping._replace(payload={**payload, "cell_distances": [4.0]}))
 
 
-@pytest.mark.parametrize(("mode", "words"), [(1, "bottom track"), (2, "without bins"), (0, "neither 1")])
-def test_a_dvl_is_said_to_be_one(tmp_path, mode, words):
-    payload = {"velocity_mode": mode, "velocity": {"x": 0.5, "y": 0.0, "z": 0.0}, "velocity_covar": [-1.0] * 9}
+def test_a_dvl_is_read(tmp_path):
+    payload = {"velocity_mode": 2, "velocity": {"x": 0.5, "y": 0.1, "z": -0.2}, "velocity_covar": [4e-4] * 9}
     payload |= {"range": [9.0] * 4, "range_covar": [-1.0] * 4, "beam_quality": [1.0] * 4, "beam_velocity": [0.1] * 4}
     payload |= {"beam_velocity_covar": [-1.0] * 4, "beam_unit_vec": vectors(BEAMS)}
     (message,) = read_mcap(tmp_path, ros2_mcap("marine_acoustic_msgs/msg/Dvl", msg.DVL, [payload]))
-    assert words in skipped(message)
+    assert statement(message) == Dvl("water", (0.5, 0.1, -0.2), 0.02)
 
 
 @pytest.mark.parametrize(("covariance", "words"), [([-1.0] + [0.0] * 8, "states no orientation"), ([0.0] * 9, "do not state theirs")])

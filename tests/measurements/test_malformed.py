@@ -173,7 +173,7 @@ def test_mavlink_frames_with_odd_fields_are_each_counted_once():
 
 
 def test_the_frames_of_a_mavlink_ping_share_one_fate():
-    refused = run([position_int(5), *mavlink_frames(reference=1.0)])
+    refused = run([position_int(5), *mavlink_frames(reference=1.0)], MeasurementConfig(use_relative=False))
     assert len(only(Used, refused)) == 1
     assert [event.reason for event in only(Skipped, refused)] == ["velocity relative to the platform, whose own motion is not known"] * 5
     alone = run(list(mavlink_frames()))

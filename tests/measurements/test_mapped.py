@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.config import MeasurementConfig, RunConfig, load_config
@@ -154,7 +155,6 @@ def test_where_the_cells_are(fields, payload, expected):
         ({"v": [0.1, 0.2, 0.3]}, {"velocity": "v", "components": 2}, "how many components"),
         ({"v": 0.1}, {"velocity": "v"}, "no list"),
         ({"e": [1.0], "n": [1.0, 2.0]}, {"east": "e", "north": "n"}, "not lists of one length"),
-        ({"v": [[0.1, 0.2]]}, {"velocity": "v", "reference": "platform"}, "relative to the platform"),
         ({"v": []}, {"velocity": "v"}, "n_cells >= 1"),
         ({"v": [[0.1]]}, {"velocity": "v", "frame": "ned"}, "expected cells"),
     ],
@@ -273,3 +273,35 @@ def test_a_mapping_goes_before_a_known_kind_of_mavlink(tmp_path):
     assert depths["mavlink/1/1/VFR_HUD"] == 12.5
     assert depths["dataflash/CTUN"] == pytest.approx(2.1, abs=1e-6)
     assert depths["dataflash/IMU"] == pytest.approx(9.8, abs=1e-6)
+
+
+def test_one_velocity_at_one_depth():
+    mooring = {
+        "topic": "/m",
+        "kind": "velocity",
+        "reference": "earth",
+        "east": "v.0",
+        "north": "v.1",
+        "speed_unit": "cm/s",
+        "velocity_std": 0.02,
+    }
+    message = Message(5 * 10**9, "/m", "", {"v": [10.0, -20.0], "lon": 151.0, "lat": -39.0, "p": 101.0}, 0, 0)
+    config = MeasurementConfig.model_validate({"map": [{**mooring, "place": [150.5, -41.0], "at_depth": 80.0}]})
+    # it says where it is itself, and nothing of the vehicle
+    (found,) = only(Observation, run([message, fix(600, depth=100.0)], config))
+    assert (found.longitude, found.latitude, found.depth.tolist(), found.dive) == (150.5, -41.0, [80.0], 0)
+    np.testing.assert_allclose(found.velocity, [[0.1, -0.2]])
+    np.testing.assert_allclose(found.error_std, [0.02])
+    drifter = {**mooring, "longitude": "lon", "latitude": "lat", "depth": "p", "depth_unit": "dbar"}
+    (found,) = only(Observation, run([message], MeasurementConfig.model_validate({"map": [drifter]})))
+    assert (found.longitude, found.latitude, round(float(found.depth[0]))) == (151.0, -39.0, 100)
+    (found,) = only(Observation, run([fix(0, depth=40.0), message, fix(10)], MeasurementConfig.model_validate({"map": [mooring]})))
+    assert (found.longitude, found.depth.tolist()) == (152.0, [40.0])
+    for wrong in (
+        {"place": [150.5, -41.0]},
+        {"place": [150.5, -91.0], "at_depth": 1.0},
+        {"longitude": "lon"},
+        {"depth": "p", "at_depth": 1.0},
+    ):
+        with pytest.raises(ValidationError):
+            MeasurementConfig.model_validate({"map": [{**mooring, **wrong}]})

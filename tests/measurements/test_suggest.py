@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from replay_kit.config import load_config
-from replay_kit.measurements import Skipped, suggestions
+from replay_kit.measurements import suggestions
 from replay_kit.measurements.payload_leaves import leaves
 from replay_kit.types import Message, Observation, VehicleState
 from tests.measurements.messages import only, run
@@ -100,7 +100,7 @@ CELLS = [{"east": 120, "north": -50, "depth": 10.0}, {"east": -32768, "north": 7
 def test_profiles_are_not_used_until_a_person_states_the_reference(tmp_path, payload, velocity, depth, answers):
     payload = {**payload, "position": {"lat": -40.0, "lon": 152.0}}
     config, text = suggested(tmp_path, payload)
-    assert "relative to the platform" in only(Skipped, events(config, payload))[0].reason
+    assert all(observation.reference == "platform" for observation in only(Observation, events(config, payload)))
     assert "NOT KNOWN" in text
     config, _ = suggested(tmp_path, payload, reference='"earth"', **answers)
     (observation,) = only(Observation, events(config, payload))
