@@ -27,7 +27,14 @@ CELLS = {"n_cells": 5, "cell_size": 20.0, "bin0_distance": 10.0, "velocity": [[0
 def log(tmp_path):
     """A vessel's log: a sound ping, one with a failed and a suspect bin, one that leans so far that it loses everything."""
     low = ping(2, **CELLS, correlation=[90.0, 10.0, 90.0, 90.0, 90.0], percent_good=[90.0, 90.0, 40.0, 90.0, 90.0])
-    messages = [fix(0), ping(1, **CELLS), low, ping(3, **CELLS, pitch=50.0, roll=0.0), ping(4, **CELLS, reference="platform"), fix(5)]
+    messages = [
+        fix(0),
+        ping(1, **CELLS),
+        low,
+        ping(3, **CELLS, pitch=50.0, roll=0.0),
+        ping(4, **CELLS, coordinate_system="instrument"),
+        fix(5),
+    ]
     path = tmp_path / "survey.mcap"
     path.write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
     return path
@@ -59,7 +66,7 @@ def test_each_test_says_what_it_did(capsys, monkeypatch, log):
     assert answer["settings"]["quality"]["tilt_fail"] == 30.0
     assert "8 the ping has no correlation" in said.err
     assert "Pings that lose every bin: 1" in said.err
-    assert "Not used: 1 x /adcp: velocity relative to the platform" in said.err
+    assert "Not used: 1 x /adcp: heading is magnetic" in said.err
 
 
 def test_the_configuration_moves_the_limits(capsys, log, tmp_path):
@@ -85,9 +92,9 @@ def test_a_dive_is_told(capsys, tmp_path):
 
 
 def test_a_log_without_pings_is_unusable_and_says_what_it_has(tmp_path):
-    alone = [fix(0), ping(1, **CELLS, reference="platform")]
+    alone = [fix(0), ping(1, **CELLS, coordinate_system="instrument")]
     (tmp_path / "none.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in alone]))
-    with pytest.raises(MeasurementError, match=r"expected ADCP pings.*1 x /adcp: velocity relative") as found:
+    with pytest.raises(MeasurementError, match=r"expected ADCP pings.*1 x /adcp: heading is magnetic") as found:
         check_quality([tmp_path / "none.mcap"], RunConfig())
     assert found.value.exit_code == 3
 
