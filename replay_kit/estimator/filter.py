@@ -20,12 +20,12 @@ from replay_kit.estimator.noise import bin_noise
 from replay_kit.estimator.paths import PathRows, look_along, path_rows
 from replay_kit.estimator.posterior import Ahead, Look, Posterior, means
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
-from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
+from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation, PathMean, Reason
+from replay_kit.types import Array, Ensemble, Innovation, Observation, PathMean, Reason
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16
@@ -141,7 +141,7 @@ class ReducedBasisEstimator:
     def _screened(self, observation: Observation | PathMean) -> "_Screened":
         whole = as_profile(observation)
         flags, reasons = screen(whole, self.basis.grid, relative=True)
-        used, said = np.flatnonzero(flags == Flag.GOOD), rejected(whole, flags, reasons)
+        used, said = np.flatnonzero(usable(flags)), rejected(whole, flags, reasons)
         if used.size == 0:
             return _Screened(observation, used, said, None, np.empty((0, 2)))
         return _Screened(observation, used, said, *self._rows_of(observation, used))

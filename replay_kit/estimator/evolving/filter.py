@@ -12,9 +12,9 @@ from replay_kit.estimator.evolving.state import Layout, look_along
 from replay_kit.estimator.gate import Watch
 from replay_kit.estimator.looked import look_at
 from replay_kit.estimator.modes import Basis
-from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
+from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
 from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array, Flag, Innovation, Observation, PathMean, Reason
+from replay_kit.types import Array, Innovation, Observation, PathMean, Reason
 
 _NS = 1e9
 
@@ -84,7 +84,7 @@ class EvolvingEstimator:
         whole = as_profile(observation)
         flags, reasons = screen(whole, self.model.basis.grid, relative=True)
         said = rejected(whole, flags, reasons)
-        used = np.flatnonzero(flags == Flag.GOOD)
+        used = np.flatnonzero(usable(flags))
         if used.size == 0:
             return state, said
         if state.time_ns is not None and observation.time_ns < state.time_ns:
@@ -123,13 +123,13 @@ class EvolvingEstimator:
     def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
         flags, _ = screen(as_profile(observation), self.model.basis.grid, relative=True)
-        return bool(np.any(flags == Flag.GOOD))
+        return bool(np.any(usable(flags)))
 
     def misfit(self, state: EvolvingState, observation: Observation | PathMean) -> Array:
         """Return measured minus predicted by a state for the observation's time, shape (n, 2) [m/s], local axes; NaN where not usable."""
         whole = as_profile(observation)
         flags, _ = screen(whole, self.model.basis.grid, relative=True)
-        used = np.flatnonzero(flags == Flag.GOOD)
+        used = np.flatnonzero(usable(flags))
         if used.size == 0:
             return np.full((whole.depth.size, 2), np.nan)
         seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
