@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
 from replay_kit.config_map import TopicMap
+from replay_kit.config_quality import QualityConfig
 from replay_kit.config_time import TimeConfig
 from replay_kit.config_trust import TrustConfig
 from replay_kit.errors import ConfigError
@@ -123,6 +124,7 @@ class MeasurementConfig(_Section):
     magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(
         default=None, description="degrees east; for pings whose heading is magnetic and that state none"
     )
+    quality: QualityConfig = QualityConfig()
 
 
 class ForecastConfig(_Section):

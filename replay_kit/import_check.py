@@ -21,7 +21,7 @@ from replay_kit.config import MeasurementConfig, RunConfig
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.filter import ReducedBasisEstimator
 from replay_kit.estimator.likelihood import JointPrediction, Likelihood, predict_jointly
-from replay_kit.estimator.screening import screen
+from replay_kit.estimator.screening import screen, usable
 from replay_kit.forecast import read_ensemble
 from replay_kit.job import look_ahead, open_readers
 from replay_kit.logs import merge
@@ -44,7 +44,7 @@ _ODD_SCALE = 8.0
 _LEAST_SHIFT = 10.0
 # of the bins
 _MOSTLY, _HARDLY = 0.5, 0.1
-_REPAIRABLE = Reason.GROSS_RANGE | Reason.ABOVE_SURFACE
+_REPAIRABLE = Reason.GROSS_RANGE | Reason.ABOVE_SURFACE | Reason.HIGH_SPEED | Reason.OUTLIER
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +244,7 @@ def _relative_speed(observations: Sequence[Observation], bins: Sequence[NDArray[
 def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArray[np.intp]:
     """Return the bins in the ensemble's water that are good, or bad only in a way that a fault could have made them."""
     repairable = (observation.reasons & ~np.int32(_REPAIRABLE)) == 0
-    possible = repairable & np.isfinite(observation.velocity).all(axis=1) & (observation.depth >= 0.0)
+    possible = (usable(observation.flags) | repairable) & np.isfinite(observation.velocity).all(axis=1) & (observation.depth >= 0.0)
     flags, _ = screen(replace(observation, flags=np.where(possible, Flag.GOOD, Flag.FAIL).astype(np.int8)), estimator.basis.grid)
     return np.flatnonzero(flags == Flag.GOOD)
 

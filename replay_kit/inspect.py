@@ -11,11 +11,12 @@ from rich.console import Console
 from rich.table import Table
 
 from replay_kit.config import RunConfig
+from replay_kit.estimator.screening import usable
 from replay_kit.geodesy import unwrap_longitude
 from replay_kit.logs import open_log
 from replay_kit.logs.losses import loss_json, loss_words, unchecked_words
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
-from replay_kit.types import Flag, LogReport, Observation, PathMean, VehicleState
+from replay_kit.types import LogReport, Observation, PathMean, VehicleState
 
 
 @dataclass(slots=True)
@@ -91,7 +92,7 @@ class _Found:
 
     def add(self, event: object) -> None:
         if isinstance(event, Observation):
-            good = event.depth[event.flags == Flag.GOOD]
+            good = event.depth[usable(event.flags)]
             self.profiles += 1
             self.bins += good.size
             if good.size:

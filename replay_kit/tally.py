@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from replay_kit.errors import MeasurementError
+from replay_kit.estimator.screening import usable
 from replay_kit.report import DiveRow, ReplaySummary, TopicRow, TruthScore
 from replay_kit.types import Array, Grid, Innovation, LogReport, PathMean, Plan, Reason, VehicleState
 
@@ -106,8 +107,9 @@ class Tally:
             innovation: What it said.
             predicted: shape (n, 2) [m/s], measured minus predicted from all dives before its own.
         """
+        not_used = innovation.reasons[~usable(innovation.flags)]
         for reason in Reason:
-            count = int(np.count_nonzero(innovation.reasons & reason))
+            count = int(np.count_nonzero(not_used & reason))
             if count and reason:
                 self._bins_rejected[str(reason.name).lower()] += count
         self._gated += innovation.decision == "rejected"

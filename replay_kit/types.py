@@ -122,7 +122,7 @@ class Flag(IntEnum):
 
 
 class Reason(IntFlag):
-    """Why a bin or a ping was not used."""
+    """Why a bin or a ping was not used, or why it is suspect: its flag says which."""
 
     NONE = 0
     MISSING = 1
@@ -136,8 +136,18 @@ class Reason(IntFlag):
     GROSS_RANGE = 256
     ON_LAND = 512
     BELOW_BOTTOM = 1024
-    DUPLICATE = 1 << 24
-    OUT_OF_ORDER = 1 << 25
+    LOW_CORRELATION = 2048
+    LOW_AMPLITUDE = 4096
+    LOW_SNR = 8192
+    LOW_PERCENT_GOOD = 16384
+    ERROR_VELOCITY = 32768
+    HIGH_SPEED = 65536
+    TILT = 131072
+    SIDELOBE = 262144
+    OUTLIER = 524288
+    AT_SURFACE = 1048576
+    DUPLICATE = 2097152
+    OUT_OF_ORDER = 4194304
 
 
 @dataclass(frozen=True, slots=True)

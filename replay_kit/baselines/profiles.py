@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
-from replay_kit.estimator.screening import rejected, scatter, screen
+from replay_kit.estimator.screening import rejected, scatter, screen, usable
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import DepthFunctions, depth_weights
-from replay_kit.types import Array, Flag, Grid, Innovation, Observation
+from replay_kit.types import Array, Grid, Innovation, Observation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class UsableBins:
 def usable_bins(observation: Observation, grid: Grid) -> UsableBins:
     """Return the bins of a profile that an estimate on a grid can be compared with; hats in depth."""
     flags, reasons = screen(observation, grid)
-    used = np.flatnonzero(flags == Flag.GOOD)
+    used = np.flatnonzero(usable(flags))
     place = np.array(to_local(grid.projection, observation.longitude, observation.latitude))
     weights = depth_weights(DepthFunctions("hat", 1.0), observation.depth[used], grid.levels)
     velocity = observation.velocity[used]

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg.lapack
 
 from replay_kit.estimator.kalman import ProfileRows
-from replay_kit.estimator.posterior import Ahead, Look, add_gram, means, times_columns, times_rows
+from replay_kit.estimator.posterior import Ahead, Look, Posterior, add_gram, means, times_columns, times_rows
 from replay_kit.estimator.prior import Prior
 from replay_kit.types import Array
 
@@ -208,7 +208,7 @@ class Dual:
         ends = np.cumsum([len(cross) for cross in crosses])
         return [Ahead(cross, solved[:, end - len(cross) : end], n_solved) for cross, end in zip(crosses, ends, strict=True)]
 
-    def look(self, rows: ProfileRows, ahead: Ahead) -> Look:
+    def look(self, rows: ProfileRows, ahead: Ahead) -> Look[Posterior]:
         """Return what the posterior expects of a profile's rows."""
         before = self.log.solve(self.n, self._rows_times(ahead.cross, ahead.n_solved, self.n), ahead.solved)
         cov = rows.times(ahead.cross) - before.T @ before

@@ -12,20 +12,20 @@ from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.dual import initial
 from replay_kit.estimator.fit import choose_settings, members_in
 from replay_kit.estimator.forms import in_cheaper_form, inflated
-from replay_kit.estimator.gate import Watch, judge
-from replay_kit.estimator.kalman import ProfileRows, compress_profile, dependence_inflation
+from replay_kit.estimator.gate import Watch
+from replay_kit.estimator.kalman import ProfileRows, compress_profile
+from replay_kit.estimator.looked import look_at
 from replay_kit.estimator.modes import Basis, build_basis, correlation_length
 from replay_kit.estimator.noise import bin_noise
 from replay_kit.estimator.paths import PathRows, look_along, path_rows
 from replay_kit.estimator.posterior import Ahead, Look, Posterior, means
 from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
-from replay_kit.estimator.said import Expected, innovation_of
-from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
+from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import rotate_to_local, to_local
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Ensemble, Flag, Innovation, Observation, PathMean, Reason
+from replay_kit.types import Array, Ensemble, Innovation, Observation, PathMean, Reason
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16
@@ -124,35 +124,24 @@ class ReducedBasisEstimator:
                 yield state, innovation
 
     def _absorbed(
-        self, state: FilterState, screened: "_Screened", rows: ProfileRows | PathRows, look: Look
+        self, state: FilterState, screened: "_Screened", rows: ProfileRows | PathRows, look: Look[Posterior]
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation that is expected to be as ``look`` says, and the innovation."""
-        values, used = screened.values, screened.used
-        compressed, left_out = rows.compress(values)
-        compressed -= look.mean
-        verdict = judge(compressed, look.cov, left_out, rows.dof - compressed.size, self.trust)
-        believed, inflation, mean, posterior = verdict.decision != "rejected", 1.0, look.mean, state.posterior
-        if believed:
-            inflation = verdict.inflation
-            mean = look.mean_after(compressed, np.sqrt(inflation))
-            if self.error_std is None and used.size > 1:
-                further = dependence_inflation(rows.deviation(values, mean) / np.sqrt(inflation))
-                inflation *= further
-                mean = mean if further == 1.0 else look.mean_after(compressed, np.sqrt(inflation))
-            posterior = in_cheaper_form(look.posterior(compressed, np.sqrt(inflation)))
-        watch, grown = state.watch.after(verdict, self.trust)
+        looked = look_at(rows, screened.values, look, self.trust, self.error_std is None)
+        posterior = in_cheaper_form(look.posterior(looked.innovation, looked.error_scale)) if looked.believed else state.posterior
+        watch, grown = state.watch.after(looked.verdict, self.trust)
         if grown > 1.0:
             posterior = inflated(posterior, grown)
         # the state's own prior may be an earlier posterior
-        expected = Expected(look.mean, look.cov, rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1)))
-        said = innovation_of(screened.said, used, rows, values, expected, mean, verdict, inflation, grown)
-        time_ns = screened.observation.time_ns if believed else state.time_ns
+        prior = rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1))
+        time_ns = screened.observation.time_ns if looked.believed else state.time_ns
+        said = looked.said(screened.said, screened.used, prior, grown)
         return FilterState(posterior, time_ns, watch, screened.observation), said
 
     def _screened(self, observation: Observation | PathMean) -> "_Screened":
         whole = as_profile(observation)
         flags, reasons = screen(whole, self.basis.grid, relative=True)
-        used, said = np.flatnonzero(flags == Flag.GOOD), rejected(whole, flags, reasons)
+        used, said = np.flatnonzero(usable(flags)), rejected(whole, flags, reasons)
         if used.size == 0:
             return _Screened(observation, used, said, None, np.empty((0, 2)))
         return _Screened(observation, used, said, *self._rows_of(observation, used))

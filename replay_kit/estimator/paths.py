@@ -69,7 +69,7 @@ def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRo
     return PathRows(np.ones((1, 1)), noise, (by_level @ basis.modes) / noise.std[0], local_mean(mean, basis) - offset)
 
 
-def look_along(posterior: Posterior, rows: PathRows) -> Look:
+def look_along(posterior: Posterior, rows: PathRows) -> Look[Posterior]:
     """Return what a posterior expects of a mean along a path; it becomes a dense one, as its rows have no one place."""
     assert isinstance(posterior, Dual | Span)
     dense = folded(posterior)

@@ -7,7 +7,7 @@ covariance is met through ``spread``, its product with G at each level, so a pro
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -53,7 +53,7 @@ class Posterior(Protocol):
         """Return what can be computed of coming profiles before any of them counts."""
         ...
 
-    def look(self, rows: ProfileRows, ahead: "Ahead") -> "Look":
+    def look(self, rows: ProfileRows, ahead: "Ahead") -> "Look[Posterior]":
         """Return what the posterior expects of a profile's rows.
 
         Args:
@@ -78,26 +78,25 @@ class Ahead:
     n_solved: int
 
 
-# Makes the posterior after the rows that were looked at, each over an error scale (the last argument), from the Cholesky factor of the
-# scaled innovation's covariance and the innovation whitened by it.
-Absorb = Callable[[Array, Array, float], Posterior]
+After = TypeVar("After")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Look:
-    """What a posterior expects of a profile's rows, before they count.
+@dataclass(frozen=True, eq=False)
+class Look(Generic[After]):
+    """What an estimate expects of an observation's rows, before they count.
 
     Attributes:
         mean: shape (2 k,), of the rows.
         cov: shape (2 k, 2 k), of the rows without their own noise.
-        absorb: Makes the posterior after them.
+        absorb: Makes the estimate after the rows, each over an error scale (the last argument), from the Cholesky factor of the scaled
+            innovation's covariance and the innovation whitened by it.
     """
 
     mean: Array
     cov: Array
-    absorb: Absorb
+    absorb: Callable[[Array, Array, float], After]
 
-    def posterior(self, innovation: Array, error_scale: float) -> Posterior:
+    def posterior(self, innovation: Array, error_scale: float) -> After:
         """Return the posterior after the rows.
 
         Args:

@@ -26,7 +26,7 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
     below = observation.depth > grid.levels[-1]
     # relative to a platform of unknown velocity, bins say something of their differences, and one alone says nothing
     unknown = not np.isfinite(observation.common_std)
-    alone = unknown and np.count_nonzero(flags == Flag.GOOD) < 2
+    alone = unknown and np.count_nonzero(usable(flags)) < 2
     useless = np.full(flags.shape, unknown and (alone or not relative))
     wrong = ~np.isfinite(observation.velocity).all(axis=1) | ~(observation.error_std > 0.0) | ~np.isfinite(observation.error_std)
     for failed, reason in (
@@ -37,8 +37,13 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
         (wrong, Reason.MALFORMED),
     ):
         reasons[failed] |= reason
-        flags[failed & (flags == Flag.GOOD)] = Flag.FAIL
+        flags[failed & usable(flags)] = Flag.FAIL
     return flags, reasons
+
+
+def usable(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Return which bins are used: good ones, and suspect ones, which the measurement step fails where they are not wanted."""
+    return np.asarray((flags == Flag.GOOD) | (flags == Flag.SUSPECT))
 
 
 def rejected(observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]) -> Innovation:
@@ -97,7 +102,7 @@ def is_repeated(last: Observation | PathMean | None, observation: Observation | 
 
 def repeated(said: Innovation, reason: Reason) -> Innovation:
     """Return the innovation, made by ``rejected``, of an observation that came twice, or too late."""
-    flags = np.where(said.flags == Flag.GOOD, Flag.FAIL, said.flags).astype(np.int8)
+    flags = np.where(usable(said.flags), Flag.FAIL, said.flags).astype(np.int8)
     return replace(said, flags=flags, reasons=said.reasons | np.int32(reason), decision="rejected")
 
 

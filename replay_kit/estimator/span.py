@@ -26,7 +26,7 @@ import scipy.linalg
 
 from replay_kit.estimator.dual import Dual
 from replay_kit.estimator.kalman import ProfileRows
-from replay_kit.estimator.posterior import Ahead, Look, add_gram, add_symmetric, means, times_columns, times_rows
+from replay_kit.estimator.posterior import Ahead, Look, Posterior, add_gram, add_symmetric, means, times_columns, times_rows
 from replay_kit.estimator.prior import Prior
 from replay_kit.types import Array
 
@@ -136,11 +136,11 @@ class Span:
         nothing = np.empty((0, 0))
         return [Ahead(times_rows(spread[:, 2 * i : 2 * i + 2], rows.r), nothing, 0) for i, rows in enumerate(profiles)]
 
-    def look(self, rows: ProfileRows, ahead: Ahead) -> Look:
+    def look(self, rows: ProfileRows, ahead: Ahead) -> Look[Posterior]:
         """Return what the posterior expects of a profile's rows."""
         return self._with_directions_of(rows.basis)._look(rows, ahead)
 
-    def _look(self, rows: ProfileRows, ahead: Ahead) -> Look:
+    def _look(self, rows: ProfileRows, ahead: Ahead) -> Look[Posterior]:
         n_levels, pending = self.n_levels, self.pending.rows[: self.n_pending]
         inside = self._with_room((rows.basis * self.mode_std) @ self.taken.T)
         spread = ahead.cross / self.mode_std

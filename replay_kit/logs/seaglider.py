@@ -173,8 +173,15 @@ def _inverted(file: DiveFile) -> Iterator[_Entry]:
         velocity = np.stack([component[:, leg] for component in components], axis=-1)
         payload = _ping(file, end_ns, 2 * file.dive + leg, velocity, float(steps[0]), float(levels[0]))
         # the levels are depths: the profile hangs from the surface, not from the glider
-        payload |= {"reference": "earth", "orientation": "down", "bin_mapped": True, "pressure": 0.0, "declination_applied": True}
-        payload["computed_from"] = ["/adcp", "/dac"]
+        payload |= {
+            "reference": "earth",
+            "orientation": "down",
+            "bin_mapped": True,
+            "pressure": 0.0,
+            "declination_applied": True,
+            "derived": True,
+            "computed_from": ["/adcp", "/dac"],
+        }
         yield end_ns, _INVERTED, PING, payload
 
 

@@ -1,6 +1,6 @@
 """One ADCP ping (``replay_kit.AdcpPing``) to a profile of the current.
 
-The field names and units of a ping are in ``replay_kit/README.md``. Flags and reasons are set here; nothing is deleted.
+The field names and units of a ping are in ``replay_kit/README.md``. Flags and reasons are set in ``quality_ping``; nothing is deleted.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,11 +10,10 @@ from typing import Any
 
 import gsw
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config import MeasurementConfig
 from replay_kit.errors import MeasurementError
-from replay_kit.types import Array, Flag, Reason, Reference
+from replay_kit.types import Array, Reason, Reference
 
 COORDINATE_SYSTEMS = ("beam", "instrument", "ship", "earth")
 REFERENCES: tuple[Reference, ...] = ("earth", "platform")
@@ -31,19 +30,19 @@ class Profile:
 
     Attributes:
         depth: shape (n,) [m], positive down.
+        distance: shape (n,) [m], vertical, from the transducer to the bins' centres.
+        transducer_depth: [m], positive down.
         velocity: shape (n, 2) [m/s], true east and north; NaN where missing.
         error_std: shape (n,) [m/s].
         reference: What the velocity is relative to.
-        flags: shape (n,), QARTOD flags.
-        reasons: shape (n,), bit mask of ``Reason``.
     """
 
     depth: Array
+    distance: Array
+    transducer_depth: float
     velocity: Array
     error_std: Array
     reference: Reference
-    flags: NDArray[np.int8]
-    reasons: NDArray[np.int32]
 
 
 def depth_of_pressure(pressure_dbar: float, latitude: float) -> float:
@@ -89,66 +88,31 @@ def read_profile(payload: Mapping[str, Any], vehicle_depth: float, latitude: flo
         payload: Fields of the ping.
         vehicle_depth: [m], from other messages; used when the ping has no pressure. NaN when unknown.
         latitude: [degrees north], for pressure to depth.
-        config: The error of bins whose ping states none, and the fastest current that is believed.
+        config: The error of bins whose ping states none.
 
     Raises:
         MeasurementError: A field is missing, of the wrong shape or not a number.
     """
     velocity = np.array([_cell(cell) for cell in velocity_cells(payload)])
-    depth = _depth(payload, velocity.shape[0], vehicle_depth, latitude)
-    flags, reasons = _checks(depth, velocity, config.max_speed, _below_bottom(payload, depth.size))
-    return Profile(depth, velocity, error_std(payload, depth.size, config.velocity_std), "earth", flags, reasons)
-
-
-def _checks(depth: Array, velocity: Array, max_speed: float, below_bottom: NDArray[np.bool_]) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Return the flags and reasons of bins; comparisons with NaN are false, so a bin without a number is missing only."""
-    flags, reasons = np.full(depth.size, Flag.GOOD, np.int8), np.zeros(depth.size, np.int32)
-    checks = (
-        (depth < 0.0, Reason.ABOVE_SURFACE, Flag.FAIL),
-        ((np.abs(velocity) > max_speed).any(axis=1), Reason.GROSS_RANGE, Flag.FAIL),
-        (below_bottom, Reason.BELOW_BOTTOM, Flag.FAIL),
-        (~np.isfinite(depth), Reason.MALFORMED, Flag.MISSING),
-        (~np.isfinite(velocity).all(axis=1), Reason.MISSING, Flag.MISSING),
-    )
-    for failed, reason, flag in checks:
-        reasons[failed] |= reason
-        flags[failed] = flag
-    return flags, reasons
-
-
-@np.errstate(all="ignore")
-def _below_bottom(payload: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
-    """Return which of n bins the bottom's echo spoils: those that reach beyond its nearest distance times a beam's cosine.
-
-    A beam's side lobe meets the bottom straight below before the beam itself does. Without bottom track no bin is known to be.
-    """
-    track, vectors = payload.get("bottom_track"), payload.get("beam_unit_vectors")
-    if not isinstance(track, Mapping) or not isinstance(track.get("distance"), list | tuple):
-        return np.zeros(n, np.bool_)
-    distances = np.array([number(value) for value in track["distance"]])
-    cosine = np.abs(np.array(vectors, np.float64).reshape(-1, 3)[:, 2]).min() if vectors else 1.0
-    if not np.isfinite(distances).any():
-        return np.zeros(n, np.bool_)
-    centres, size = _distance(payload, n), number(payload.get("cell_size"))
-    if not np.isfinite(size) and np.isfinite(steps := np.abs(np.diff(centres))).any():
-        size = np.nanmedian(steps)
-    # a single cell of unknown size is spoiled when its centre is
-    return np.asarray(centres + (0.5 * size if np.isfinite(size) else 0.0) > np.nanmin(distances) * cosine)
-
-
-def _depth(payload: Mapping[str, Any], n: int, vehicle_depth: float, latitude: float) -> Array:
-    """Return the depth of n bins; NaN where it is no number."""
-    distance = _distance(payload, n)
+    distance = _distance(payload, velocity.shape[0])
     sign = -1.0 if known_word(payload, "orientation", ORIENTATIONS) == "up" else 1.0
+    top = _transducer_depth(payload, vehicle_depth, latitude)
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth = top + sign * distance
+    depth = np.where(np.isfinite(depth), depth, np.nan)
+    reference: Reference = "platform" if known_word(payload, "reference", REFERENCES) == "platform" else "earth"
+    return Profile(depth, distance, top, velocity, error_std(payload, depth.size, config.velocity_std), reference)
+
+
+def _transducer_depth(payload: Mapping[str, Any], vehicle_depth: float, latitude: float) -> float:
+    """Return the depth of the transducer [m]."""
     pressure, offset = number(payload.get("pressure")), number(payload.get("transducer_depth"))
     top = depth_of_pressure(pressure, latitude) if np.isfinite(pressure) else vehicle_depth
     if not np.isfinite(top):
         if not np.isfinite(pressure):
             raise MeasurementError("ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth")
         raise MeasurementError("ping: no depth has the pressure it states [dbar]")
-    with np.errstate(over="ignore", invalid="ignore"):
-        depth = top + (offset if np.isfinite(offset) else 0.0) + sign * distance
-    return np.where(np.isfinite(depth), depth, np.nan)
+    return top + (offset if np.isfinite(offset) else 0.0)
 
 
 def _distance(payload: Mapping[str, Any], n: int) -> Array:

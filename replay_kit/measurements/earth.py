@@ -60,11 +60,13 @@ def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> M
         raise MeasurementError("heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination")
     rotation = _rotation(payload, system, declination)
     velocity, std, mapped = _rows(payload), _own_std(payload, system, config), _can_map(payload, system)
-    earth = _turned(velocity, payload, rotation, system, mapped)
+    solved = _solved(velocity, payload, rotation, system, mapped)
+    earth = _turned(solved, rotation)
     motion = None
     if bottom is not None:
         ground, ground_std, ground_system, source = bottom
-        (east, north, _) = -_turned(ground, payload, rotation if ground_system == system else np.eye(3), ground_system, False)[0]
+        turn = rotation if ground_system == system else np.eye(3)
+        (east, north, _) = -_turned(_solved(ground, payload, turn, ground_system, False), turn)[0]
         earth[:, :2] += (east, north)
         motion = {"east": float(east), "north": float(north), "velocity_std": ground_std, "source": source}
     return {
@@ -73,6 +75,8 @@ def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> M
         "reference": "platform" if platform and motion is None else "earth",
         "velocity": earth.tolist(),
         "velocity_std": std.tolist(),
+        "turned_from": system,
+        "error_velocity": _error_velocity(solved, mapped or system == "beam") or payload.get("error_velocity"),
         "bin_mapped": mapped or payload.get("bin_mapped"),
         "magnetic_declination": declination or payload.get("magnetic_declination"),
         "declination_applied": True,
@@ -127,19 +131,30 @@ def _rotation(payload: Mapping[str, Any], system: str, declination: float) -> Ar
     return frames.teledyne_rotation(heading + declination, pitch, roll, orientation == "up" and not level)
 
 
-def _turned(velocity: Array, payload: Mapping[str, Any], rotation: Array, system: str, mapped: bool) -> Array:
-    """Return velocities along east, north, up, shape (n, 3); see ``earth_referenced``."""
+def _solved(velocity: Array, payload: Mapping[str, Any], rotation: Array, system: str, mapped: bool) -> Array:
+    """Return velocities along the axes that the rotation turns, shape (n, at least 3); the error velocity is the fourth."""
     if mapped:
         vectors = _vectors(payload)
         beams = velocity if system == "beam" else frames.beams_of(velocity, vectors)
         beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *even_cells(payload, len(beams)))
-        velocity = frames.solve_beams(beams, vectors)
-    elif system == "beam":
-        velocity = frames.solve_beams(velocity, _vectors(payload))
+        return frames.solve_beams(beams, vectors)
+    return frames.solve_beams(velocity, _vectors(payload)) if system == "beam" else velocity
+
+
+def _turned(velocity: Array, rotation: Array) -> Array:
+    """Return velocities along east, north, up, shape (n, 3); see ``earth_referenced``."""
     if (rotation[2] == (0.0, 0.0, 1.0)).all():
         # a turn about the vertical needs no vertical velocity, which may be missing
         return np.column_stack([velocity[:, :2] @ rotation[:2, :2].T, velocity[:, 2]])
     return np.asarray(velocity[:, :3] @ rotation.T)
+
+
+def _error_velocity(solved: Array, by_us: bool) -> list[float] | None:
+    """Return the error velocity of each cell [m/s]; a solution from three beams has none, which ``solve_beams`` gives as zero."""
+    if solved.shape[1] != 4:
+        return None
+    error = solved[:, 3]
+    return [float(value) for value in np.where(by_us & (error == 0.0), np.nan, error)]
 
 
 def _can_map(payload: Mapping[str, Any], system: str) -> bool:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from replay_kit.measurements.quality_ping import Check
 from replay_kit.types import Observation, PathMean, VehicleState
 
 # What code that trusts a payload's types raises when they are not what they should be.
@@ -17,9 +18,11 @@ class Used:
 
     Attributes:
         topic: Its topic.
+        checks: What the quality tests said of the ping that it completed.
     """
 
     topic: str
+    checks: tuple[Check, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

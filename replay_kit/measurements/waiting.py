@@ -3,7 +3,6 @@
 The waiting pings are one tuple in the order of their times: to add a ping costs a copy of the tuple and no more.
 """
 
-import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from replay_kit.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.measurements.adcp import number, read_profile
 from replay_kit.measurements.earth import added_velocity
 from replay_kit.measurements.events import MALFORMED, Event, Skipped, Used, malformed
+from replay_kit.measurements.quality_ping import Check, checks, flags_of
 from replay_kit.types import Message, Observation, Projection, Source, VehicleState
 
 
@@ -72,42 +72,45 @@ def observe(ping: WaitingPing, before: VehicleState | None, after: VehicleState 
     if place is None:
         return [Skipped(topic, f"no position within {config.position_max_age:g} s")] * ping.n_messages
     try:
-        observation = _observation(ping, place, config)
+        observation, found = _observation(ping, place, config)
     except MeasurementError as error:
         return [Skipped(topic, str(error))] * ping.n_messages
     # a ping is read long after it came: what is wrong with it must not be blamed on the position that released it
     except MALFORMED as error:
         return [Skipped(topic, malformed(error))] * ping.n_messages
-    return [*[Used(topic)] * ping.n_messages, observation]
+    return [*[Used(topic)] * (ping.n_messages - 1), Used(topic, found), observation]
 
 
 def _time(ping: WaitingPing) -> int:
     return ping.message.time_ns
 
 
-def _observation(ping: WaitingPing, place: tuple[float, float], config: MeasurementConfig) -> Observation:
+def _observation(ping: WaitingPing, place: tuple[float, float], config: MeasurementConfig) -> tuple[Observation, tuple[Check, ...]]:
     longitude, latitude = place
     message = ping.message
     # a log that never states a depth is a surface vessel's
     as_it_is = np.isfinite(ping.depth) or message.payload.get("vehicle_depth_needed") is True
     profile = read_profile(message.payload, ping.depth if as_it_is else 0.0, latitude, config)
+    found = checks(message.payload, profile, ping.depth, ping.dive, config)
+    flags, reasons = flags_of(profile, found, config.quality.use_suspect)
     added, common_std = added_velocity(message.payload, config)
-    return Observation(
+    observation = Observation(
         message.time_ns,
         longitude,
         latitude,
         profile.depth,
         profile.velocity,
         profile.error_std,
-        "platform" if math.isinf(common_std) else "earth",
-        profile.flags,
-        profile.reasons,
+        profile.reference,
+        flags,
+        reasons,
         ping.dive,
         Source(message.input, message.topic, message.position, message.time_ns),
         common_std,
         _correlation_depth(message.payload, config),
         added,
     )
+    return observation, found
 
 
 def _correlation_depth(payload: Mapping[str, Any], config: MeasurementConfig) -> float:

@@ -12,7 +12,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 
-CONTRACT_VERSION = 1
+CONTRACT_VERSION = 2
 
 _PACKAGE = "replay_kit"
 _TIME = ".google.protobuf.Timestamp"

@@ -140,8 +140,8 @@ def test_a_dive_that_can_be_none_is_ignored(dive, used):
 def test_a_current_that_cannot_be_fails():
     speeds = [[5.1, 0.0], [0.0, -5.1], [5.0, -5.0]]
     (observation,) = only(Observation, run([fix(0), ping(0, velocity=speeds)]))
-    assert observation.flags.tolist() == [Flag.FAIL, Flag.FAIL, Flag.GOOD]
-    assert observation.reasons.tolist() == [Reason.GROSS_RANGE, Reason.GROSS_RANGE, 0]
+    assert observation.flags.tolist() == [Flag.FAIL, Flag.FAIL, Flag.SUSPECT]
+    assert observation.reasons.tolist() == [Reason.GROSS_RANGE | Reason.HIGH_SPEED] * 2 + [Reason.HIGH_SPEED]
     (slow,) = observations([fix(0), ping(0, velocity=speeds)], MeasurementConfig(max_speed=1.0))
     assert slow.flags.tolist() == [Flag.FAIL] * 3
 

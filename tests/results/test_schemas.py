@@ -5,6 +5,7 @@ import pytest
 
 import replay_kit.results
 from replay_kit.results.schemas import CONTRACT_VERSION, MESSAGES
+from replay_kit.types import Reason
 
 README = (Path(replay_kit.results.__file__).parent / "README.md").read_text(encoding="utf-8")
 
@@ -23,6 +24,11 @@ def test_readme_lists_every_field_in_order(message: str) -> None:
 
 def test_readme_names_the_contract_version() -> None:
     assert f"Contract version {CONTRACT_VERSION}." in README
+
+
+def test_readme_lists_every_reason() -> None:
+    listed = dict(re.findall(r"\b(\d+) \| ([a-z_]+) (?=\|)", README))
+    assert listed == {str(reason.value): str(reason.name).lower() for reason in Reason if reason}
 
 
 def test_readme_examples_run(capsys: pytest.CaptureFixture[str]) -> None:

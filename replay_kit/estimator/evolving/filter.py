@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 
 from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.evolving.seen import Model, Seen
-from replay_kit.estimator.evolving.state import Layout, update
-from replay_kit.estimator.gate import Watch, judge
-from replay_kit.estimator.kalman import dependence_inflation
+from replay_kit.estimator.evolving.state import Layout, look_along
+from replay_kit.estimator.gate import Watch
+from replay_kit.estimator.looked import look_at
 from replay_kit.estimator.modes import Basis
-from replay_kit.estimator.said import Expected, innovation_of
-from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen
+from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
 from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array, Flag, Innovation, Observation, PathMean, Reason
+from replay_kit.types import Array, Innovation, Observation, PathMean, Reason
 
 _NS = 1e9
 
@@ -85,7 +84,7 @@ class EvolvingEstimator:
         whole = as_profile(observation)
         flags, reasons = screen(whole, self.model.basis.grid, relative=True)
         said = rejected(whole, flags, reasons)
-        used = np.flatnonzero(flags == Flag.GOOD)
+        used = np.flatnonzero(usable(flags))
         if used.size == 0:
             return state, said
         if state.time_ns is not None and observation.time_ns < state.time_ns:
@@ -112,33 +111,25 @@ class EvolvingEstimator:
         used: NDArray[np.intp],
     ) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation's rows; ``before`` is that at its time, ``untouched`` that before any prediction."""
-        expected = Expected(seen.design @ before.mean, seen.design @ before.cov @ seen.design.T, np.zeros(len(seen.design)))
-        compressed, left_out = seen.compress(seen.values)
-        innovation = compressed - expected.mean
-        verdict = judge(innovation, expected.cov, left_out, seen.dof - compressed.size, self.trust)
-        believed, inflation, after, rows = verdict.decision != "rejected", 1.0, untouched, expected.mean
-        if believed:
-            inflation = verdict.inflation
-            mean, cov = update(before.mean, before.cov, seen.design, innovation, np.sqrt(inflation))
-            further = dependence_inflation(seen.deviation(seen.values, seen.design @ mean) / np.sqrt(inflation)) if used.size > 1 else 1.0
-            if further > 1.0:
-                inflation *= further
-                mean, cov = update(before.mean, before.cov, seen.design, innovation, np.sqrt(inflation))
-            after, rows = replace(before, mean=mean, cov=cov), seen.design @ mean
-        watch, grown = before.watch.after(verdict, self.trust)
-        after = replace(after, cov=grown * after.cov, watch=watch, last=observation)
-        return after, innovation_of(said, used, seen, seen.values, expected, rows, verdict, inflation, grown)
+        looked = look_at(seen, seen.values, look_along(before.mean, before.cov, seen.design), self.trust, True)
+        after = untouched
+        if looked.believed:
+            mean, cov = looked.look.posterior(looked.innovation, looked.error_scale)
+            after = replace(before, mean=mean, cov=cov)
+        watch, grown = before.watch.after(looked.verdict, self.trust)
+        after = replace(after, cov=after.cov if grown == 1.0 else grown * after.cov, watch=watch, last=observation)
+        return after, looked.said(said, used, np.zeros(len(seen.design)), grown)
 
     def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
         flags, _ = screen(as_profile(observation), self.model.basis.grid, relative=True)
-        return bool(np.any(flags == Flag.GOOD))
+        return bool(np.any(usable(flags)))
 
     def misfit(self, state: EvolvingState, observation: Observation | PathMean) -> Array:
         """Return measured minus predicted by a state for the observation's time, shape (n, 2) [m/s], local axes; NaN where not usable."""
         whole = as_profile(observation)
         flags, _ = screen(whole, self.model.basis.grid, relative=True)
-        used = np.flatnonzero(flags == Flag.GOOD)
+        used = np.flatnonzero(usable(flags))
         if used.size == 0:
             return np.full((whole.depth.size, 2), np.nan)
         seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)

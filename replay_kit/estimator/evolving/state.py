@@ -9,8 +9,10 @@ by omega dt; what is forgotten comes back as noise, so the variance stays:
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
+from replay_kit.estimator.posterior import Look
 from replay_kit.types import Array
 
 
@@ -47,12 +49,21 @@ class Layout:
         """
         if seconds == 0.0:
             return mean, cov
-        kept = np.exp(-seconds / self.scales)
-        mean, cov = kept * self.turned(mean, seconds), self.turned(self.turned(cov, seconds).T, seconds)
+        mean = self.forecast_mean(mean, seconds)
         if self.first.size:
-            # a turn of rows and columns in turn rounds differently on the two sides of the diagonal
+            cov = self.turned(self.turned(cov, seconds).T, seconds)
+            # a turn of rows, then of columns, rounds differently on the two sides of the diagonal
             cov = 0.5 * (cov + cov.T)
-        cov = cov * np.outer(kept, kept)
+        else:
+            cov = cov.copy()
+        # unknowns of one scale follow one another: one number scales their block
+        ends = np.append(np.flatnonzero(self.scales[1:] != self.scales[:-1]) + 1, self.size)
+        starts = np.append(0, ends[:-1])
+        for first, last in zip(starts, ends, strict=True):
+            for other, end in zip(starts, ends, strict=True):
+                kept = np.exp(-seconds / self.scales[first]) * np.exp(-seconds / self.scales[other])
+                if kept != 1.0:
+                    cov[first:last, other:end] *= kept
         cov[np.diag_indices_from(cov)] += -np.expm1(-2.0 * seconds / self.scales)
         return mean, cov
 
@@ -72,18 +83,19 @@ class Layout:
         return out
 
 
-def update(mean: Array, cov: Array, design: Array, innovation: Array, error_scale: float) -> tuple[Array, Array]:
-    """Return mean and covariance after rows with independent noise.
+def look_along(mean: Array, cov: Array, design: Array) -> Look[tuple[Array, Array]]:
+    """Return what is expected of rows, and how they change mean and covariance.
 
     Args:
         mean: shape (n,).
         cov: shape (n, n).
         design: shape (m, n).
-        innovation: shape (m,), rows minus their mean.
-        error_scale: Standard deviation of the noise.
     """
     cross = design @ cov
-    lower = np.linalg.cholesky(cross @ design.T + error_scale**2 * np.eye(innovation.size))
-    both = np.linalg.solve(lower, np.column_stack([cross, innovation]))
-    gain, whitened = both[:, :-1], both[:, -1]
-    return mean + gain.T @ whitened, cov - gain.T @ gain
+
+    def absorb(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
+        gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
+        return mean + whitened @ gain, cov - gain.T @ gain
+
+    spread = cross @ design.T
+    return Look(design @ mean, 0.5 * (spread + spread.T), absorb)

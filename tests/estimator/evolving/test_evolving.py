@@ -12,7 +12,7 @@ from replay_kit.config_trust import TrustConfig
 from replay_kit.errors import EstimatorError
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving.state import Layout, update
+from replay_kit.estimator.evolving.state import Layout, look_along
 from replay_kit.types import Ensemble, Reason
 from tests import synthetic
 from tests.reference import evolving as slow
@@ -191,7 +191,7 @@ def test_a_million_updates_keep_the_covariance_symmetric_and_positive():
     smallest = []
     for k in range(20_000):
         mean, cov = layout.predict(mean, cov, 1.0)
-        mean, cov = update(mean, cov, designs[k % 64], rng.standard_normal(2), 1.0)
+        mean, cov = look_along(mean, cov, designs[k % 64]).posterior(rng.standard_normal(2), 1.0)
         if k % 500 == 0:
             smallest.append(np.linalg.eigvalsh(cov).min() / np.linalg.eigvalsh(cov).max())
     np.testing.assert_array_equal(cov, cov.T)

@@ -1,0 +1,82 @@
+"""``[measurements.quality]``: every threshold of the quality control, of bins and of the track; ``None`` switches a test off.
+
+A bin beyond ``*_suspect`` is flagged 3, beyond ``*_fail`` 4, as in QARTOD, "Manual for Real-Time Quality Control of In-Situ Current
+Observations" (U.S. IOOS), which names the tests and leaves the numbers to those who know the instrument. TOML has no null: a
+test is switched off there by the word ``"off"``.
+"""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
+
+
+def _off_is_none(value: object) -> object:
+    return None if value == "off" else value
+
+
+def _none_is_off(value: float | None) -> float | str:
+    """Write None as the word, so that recorded settings, which leave out what is None, read back as they were."""
+    return "off" if value is None else value
+
+
+_Limit = Annotated[
+    Annotated[float, Field(ge=0.0)] | None, BeforeValidator(_off_is_none), PlainSerializer(_none_is_off, return_type=float | str)
+]
+# units of the tests that look for values below their limits, and of those that look for values above them
+_LEAST = {"correlation": "%", "nortek_correlation": "%", "amplitude": "dB", "snr": "dB", "percent_good": "%"}
+_MOST = {"error_velocity": "m/s", "speed": "m/s", "tilt": "degrees", "outlier": "median deviations"}
+
+
+class QualityConfig(BaseModel):
+    """``[measurements.quality]``: which bins are suspect, and which fail."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    use_suspect: bool = Field(default=True, description="whether suspect bins are used; false makes them fail")
+    correlation_suspect: _Limit = Field(default=None, description="%; Teledyne states one threshold only")
+    correlation_fail: _Limit = Field(default=25.0, description="%, of the third best beam; Teledyne's WC, 64 of 255 counts")
+    nortek_correlation_suspect: _Limit = Field(default=None, description="%; for pings whose attitude_convention is nortek")
+    nortek_correlation_fail: _Limit = Field(default=50.0, description="%, of the third best beam; Nortek's own limit")
+    amplitude_suspect: _Limit = Field(default=None, description="dB; what is low depends on the instrument")
+    amplitude_fail: _Limit = Field(default=10.0, description="dB, of the third best beam; below every receiver's noise: a dead channel")
+    snr_suspect: _Limit = Field(default=6.0, description="dB over the noise, of the third best beam; for pings with snr or noise_floor")
+    snr_fail: _Limit = Field(default=3.0, description="dB; where makers end the range")
+    percent_good_suspect: _Limit = Field(default=50.0, description="%, of three- and four-beam solutions")
+    percent_good_fail: _Limit = Field(default=25.0, description="%")
+    error_velocity_suspect: _Limit = Field(default=0.8, description="m/s; usual for single pings")
+    error_velocity_fail: _Limit = Field(default=2.0, description="m/s; Teledyne's WE")
+    speed_suspect: _Limit = Field(default=3.0, description="m/s over the ground; few ocean currents are faster")
+    speed_fail: _Limit = Field(default=None, description="m/s; measurements.max_speed fails a component whatever is set here")
+    tilt_suspect: _Limit = Field(default=15.0, description="degrees from the vertical; not of vehicles that dive, which lean to glide")
+    tilt_fail: _Limit = Field(default=30.0, description="degrees; where Nortek's tilt sensor and its bin mapping end")
+    sidelobe: bool = Field(default=True, description="whether bins that the side lobes' echo of the surface spoils fail")
+    beam_angle: float = Field(default=20.0, gt=0.0, lt=90.0, description="degrees from the axis, of pings without beam_unit_vectors")
+    outlier_suspect: _Limit = Field(default=4.0, description="median deviations, scaled to standard deviations, from the bins around")
+    outlier_fail: _Limit = Field(default=6.0, description="the same")
+    outlier_window: int = Field(default=7, ge=5, le=99, description="bins, of which the middle one is judged")
+    outlier_floor: float = Field(
+        default=0.1, gt=0.0, description="m/s; least median deviation, also the bin's own error, so smooth profiles pass"
+    )
+    at_surface: Literal["off", "suspect", "fail"] = Field(
+        default="suspect", description="what becomes of pings above measurements.surface_depth of a vehicle that dives"
+    )
+    leg: float = Field(default=10.0, gt=0.0, description="m; a vehicle turns when it comes back by so much, and a leg is at least so long")
+    gap: float = Field(default=3600.0, gt=0.0, description="s; no leg goes on over a longer time without a depth")
+
+    @model_validator(mode="after")
+    def _suspect_comes_first(self) -> Self:
+        for name in (*_LEAST, *_MOST):
+            suspect, fail = self.limits(name)
+            if suspect is not None and fail is not None and (suspect < fail if name in _LEAST else suspect > fail):
+                raise ValueError(f"{name}_suspect {suspect:g} is beyond {name}_fail {fail:g}; a bin is suspect before it fails")
+        return self
+
+    def limits(self, name: str) -> tuple[float | None, float | None]:
+        """Return the thresholds of a test, suspect and fail."""
+        return getattr(self, f"{name}_suspect"), getattr(self, f"{name}_fail")
+
+    def limits_in_words(self, name: str) -> tuple[str, str]:
+        """Return the thresholds of a test with their sign and unit, suspect and fail; empty where it has none."""
+        sign, unit = ("<", _LEAST[name]) if name in _LEAST else (">", _MOST[name])
+        suspect, fail = ("" if limit is None else f"{sign} {limit:g} {unit}" for limit in self.limits(name))
+        return suspect, fail

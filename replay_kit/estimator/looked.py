@@ -1,0 +1,101 @@
+"""An observation looked at: whether it is believed, with what errors, and what it said. The same for every form of the estimate."""
+
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config_trust import TrustConfig
+from replay_kit.estimator.gate import Verdict, judge
+from replay_kit.estimator.kalman import Bins, dependence_inflation
+from replay_kit.estimator.posterior import After, Look
+from replay_kit.estimator.screening import scatter
+from replay_kit.types import Array, Innovation
+
+
+@dataclass(frozen=True, eq=False)
+class Looked(Generic[After]):
+    """What was made of an observation's rows.
+
+    Attributes:
+        bins: The rows.
+        values: shape (n, 2) [m/s], of the usable bins, about the same as the rows.
+        look: What was expected of the rows.
+        innovation: shape (m,), rows minus their expected mean.
+        verdict: On the observation.
+        inflation: Of the error variance, in the update.
+        after: shape (m,), the rows' mean once they count; as expected when they were rejected.
+    """
+
+    bins: Bins
+    values: Array
+    look: Look[After]
+    innovation: Array
+    verdict: Verdict
+    inflation: float
+    after: Array
+
+    @property
+    def believed(self) -> bool:
+        """Whether the observation counts."""
+        return self.verdict.decision != "rejected"
+
+    @property
+    def error_scale(self) -> float:
+        """Standard deviation of the rows' noise, in the update."""
+        return float(np.sqrt(self.inflation))
+
+    def said(self, said: Innovation, used: NDArray[np.intp], prior: Array, grown: float) -> Innovation:
+        """Return the innovation.
+
+        Args:
+            said: What is said of the observation before it is looked at.
+            used: Positions of the usable bins.
+            prior: shape (m,), the rows' mean without any observation.
+            grown: Factor on the estimate's covariance after it.
+        """
+        bins, values, size = self.bins, self.values, said.depth.size
+        _, left_out = bins.compress(values)
+        variance = bins.expand_variance(self.look.cov) + np.square(bins.noise.std)[:, None]
+        return replace(
+            said,
+            innovation=scatter(size, used, bins.misfit(values, self.look.mean)),
+            innovation_std=scatter(size, used, np.sqrt(variance)),
+            residual=scatter(size, used, bins.misfit(values, self.after)),
+            prior_innovation=scatter(size, used, bins.misfit(values, prior)),
+            nis=self.look.nis(self.innovation) + left_out,
+            dof=bins.dof,
+            accepted=self.believed,
+            error_inflation=self.inflation,
+            decision=self.verdict.decision,
+            gate_statistic=self.verdict.statistic,
+            gate=self.verdict.gate,
+            signal_dof=self.verdict.signal_dof(self.inflation) if self.believed else 0.0,
+            prior_inflation=grown,
+        )
+
+
+def look_at(bins: Bins, values: Array, look: Look[After], trust: TrustConfig | None, correlated: bool) -> Looked[After]:
+    """Return what is made of an observation.
+
+    Args:
+        bins: Its rows.
+        values: shape (n, 2) [m/s], of the usable bins, about the same as the rows.
+        look: What is expected of the rows.
+        trust: Gate; None believes everything.
+        correlated: Whether errors grow where residuals are correlated along the profile (not under the paper's error model).
+    """
+    compressed, left_out = bins.compress(values)
+    innovation = compressed - look.mean
+    verdict = judge(innovation, look.cov, left_out, bins.dof - innovation.size, trust)
+    if verdict.decision == "rejected":
+        return Looked(bins, values, look, innovation, verdict, 1.0, look.mean)
+    inflation = verdict.inflation
+    after = look.mean_after(innovation, np.sqrt(inflation))
+    if correlated and len(values) > 1:
+        further = dependence_inflation(bins.deviation(values, after) / np.sqrt(inflation))
+        if further > 1.0:
+            inflation *= further
+            after = look.mean_after(innovation, np.sqrt(inflation))
+    return Looked(bins, values, look, innovation, verdict, inflation, after)
