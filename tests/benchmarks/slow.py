@@ -23,7 +23,7 @@ def rows(estimator, observation):
     compressed, values = estimator.rows(observation, used)
     weights = depth_weights(estimator.basis.depth_functions, observation.depth, estimator.basis.grid.levels)
     design = np.vstack([np.kron(weights, compressed.basis[c]) for c in range(2)])
-    return design, values.T.ravel(), np.tile(compressed.error_std, 2)
+    return design, values.T.ravel(), np.tile(compressed.noise.std, 2)
 
 
 def textbook(mean, cov, design, value, error):
