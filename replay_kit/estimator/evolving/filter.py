@@ -10,7 +10,7 @@ from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.evolving.seen import Model, Seen
 from replay_kit.estimator.evolving.state import Layout, look_along
 from replay_kit.estimator.gate import Watch
-from replay_kit.estimator.looked import look_at
+from replay_kit.estimator.looked import Looked, look_at
 from replay_kit.estimator.modes import Basis
 from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
 from replay_kit.flow import FlowEstimate
@@ -81,18 +81,35 @@ class EvolvingEstimator:
 
         An observation without a usable bin, older than the state, or the same as the one before, leaves the state untouched.
         """
+        offered = self.offered(state, observation)
+        return (state, offered) if isinstance(offered, Innovation) else self.taken(state, offered)
+
+    def offered(self, state: EvolvingState, observation: Observation | PathMean) -> "Offered | Innovation":
+        """Return an observation looked at from a state, or what is said of one that cannot be used."""
         whole = as_profile(observation)
         flags, reasons = screen(whole, self.model.basis.grid, relative=True)
         said = rejected(whole, flags, reasons)
         used = np.flatnonzero(usable(flags))
         if used.size == 0:
-            return state, said
+            return said
         if state.time_ns is not None and observation.time_ns < state.time_ns:
-            return state, repeated(said, Reason.OUT_OF_ORDER)
+            return repeated(said, Reason.OUT_OF_ORDER)
         if is_repeated(state.last, observation):
-            return state, repeated(said, Reason.DUPLICATE)
+            return repeated(said, Reason.DUPLICATE)
         seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
-        return self._absorbed(self.predicted(state, observation.time_ns), state, seen, observation, said, used)
+        before = self.predicted(state, observation.time_ns)
+        look = look_along(before.mean, before.cov, seen.design)
+        return Offered(observation, before, seen, look_at(seen, seen.values, look, self.trust, True), said, used)
+
+    def taken(self, state: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
+        """Return the state after an observation that was offered to a state, and the innovation."""
+        looked, after = offered.looked, state
+        if looked.believed:
+            mean, cov = looked.look.posterior(looked.innovation, looked.error_scale)
+            after = replace(offered.before, mean=mean, cov=cov)
+        watch, grown = state.watch.after(looked.verdict, self.trust)
+        after = replace(after, cov=after.cov if grown == 1.0 else grown * after.cov, watch=watch, last=offered.observation)
+        return after, looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), grown)
 
     def predicted(self, state: EvolvingState, time_ns: int) -> EvolvingState:
         """Return the state at a later time without observations in between: less is known of it."""
@@ -100,25 +117,6 @@ class EvolvingEstimator:
             return replace(state, time_ns=time_ns)
         mean, cov = self.layout.predict(state.mean, state.cov, (time_ns - state.time_ns) / _NS)
         return replace(state, mean=mean, cov=cov, time_ns=time_ns)
-
-    def _absorbed(
-        self,
-        before: EvolvingState,
-        untouched: EvolvingState,
-        seen: Seen,
-        observation: Observation | PathMean,
-        said: Innovation,
-        used: NDArray[np.intp],
-    ) -> tuple[EvolvingState, Innovation]:
-        """Return the state after an observation's rows; ``before`` is that at its time, ``untouched`` that before any prediction."""
-        looked = look_at(seen, seen.values, look_along(before.mean, before.cov, seen.design), self.trust, True)
-        after = untouched
-        if looked.believed:
-            mean, cov = looked.look.posterior(looked.innovation, looked.error_scale)
-            after = replace(before, mean=mean, cov=cov)
-        watch, grown = before.watch.after(looked.verdict, self.trust)
-        after = replace(after, cov=after.cov if grown == 1.0 else grown * after.cov, watch=watch, last=observation)
-        return after, looked.said(said, used, np.zeros(len(seen.design)), grown)
 
     def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
@@ -176,3 +174,24 @@ class EvolvingEstimator:
     def _time(self, state: EvolvingState) -> int:
         at = self.time_ns if state.time_ns is None else state.time_ns
         return int(self.model.sea.times_ns[0]) if at is None else at
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Offered:
+    """An observation looked at.
+
+    Attributes:
+        observation: As it came.
+        before: The state at its time.
+        seen: Its rows.
+        looked: What was made of them.
+        said: What is said of it before.
+        used: Positions of its usable bins.
+    """
+
+    observation: Observation | PathMean
+    before: EvolvingState
+    seen: Seen
+    looked: Looked[tuple[Array, Array]]
+    said: Innovation
+    used: NDArray[np.intp]

@@ -1,0 +1,61 @@
+"""The smoother against one joint Gaussian of all observations, and against the filter."""
+
+import numpy as np
+import pytest
+
+from replay_kit.config import EstimatorConfig
+from replay_kit.config_time import TimeConfig
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.smoother import smooth
+from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles, rows_of
+from tests.reference import evolving as slow
+
+FORGETFUL = TimeConfig(scale=2 * 86_400.0, dropped_std=0.0)
+
+
+def pooled_static(members):
+    from dataclasses import replace
+
+    return build_estimator(replace(members[0], velocity=np.concatenate([m.velocity for m in members])), CONFIG)
+
+
+@pytest.mark.parametrize("lag_days", [None, 1.0])
+def test_the_smoother_is_the_joint_gaussian_of_what_it_may_use(lag_days):
+    members = forecasts()
+    estimator, static = build_evolving(members, CONFIG, FORGETFUL), pooled_static(members)
+    observations = profiles(9)
+    state, designs, values = estimator.initial(), [], []
+    for observation in observations:
+        state, said = estimator.step(state, observation)
+        design, value = rows_of(estimator, observation, static)
+        designs.append(design / np.sqrt(said.error_inflation))
+        values.append(value / np.sqrt(said.error_inflation))
+    times = [o.time_ns for o in observations]
+    wanted = [times[4], 0, times[2] + DAY // 7, times[-1], times[-1] + DAY]
+    flows = smooth(estimator, observations, wanted, None if lag_days is None else lag_days * 86_400.0)
+    for at, flow in zip(wanted, flows, strict=True):
+        last = times[-1] if lag_days is None else at + int(lag_days * DAY)
+        used = [k for k, time in enumerate(times) if time <= max(last, at)]
+        mean, cov = slow.joint(estimator.model.sea, [designs[k] for k in used], [times[k] for k in used], [values[k] for k in used], at)
+        latent = estimator.basis.offset + estimator.basis.modes @ mean.reshape(3, -1).T
+        np.testing.assert_allclose(flow.latent, latent, atol=1e-8 * np.abs(latent).max())
+        np.testing.assert_allclose(flow.weight_cov, cov, atol=1e-8 * np.abs(cov).max())
+        assert flow.time_ns == at
+
+
+def test_with_oscillations_and_biases_it_never_knows_less_than_the_filter_and_the_same_at_the_end():
+    members = forecasts()
+    config = TimeConfig(scale=86_400.0, oscillators=("inertial", "M2"), biases=("shear",))
+    estimator = build_evolving(members, EstimatorConfig(modes=8, sample_share=0.6), config)
+    observations = profiles(8)
+    state, states = estimator.initial(), []
+    for observation in observations:
+        state, _ = estimator.step(state, observation)
+        states.append(state)
+    flows = smooth(estimator, observations, [o.time_ns for o in observations])
+    for filtered, flow in zip(states, flows, strict=True):
+        less = estimator.flow(filtered).weight_cov - flow.weight_cov
+        assert np.linalg.eigvalsh(less).min() > -1e-10 * np.trace(less + np.eye(len(less)))
+    np.testing.assert_allclose(flows[-1].latent, estimator.flow(states[-1]).latent, atol=1e-12)
+    np.testing.assert_allclose(flows[-1].weight_cov, estimator.flow(states[-1]).weight_cov, atol=1e-12)
