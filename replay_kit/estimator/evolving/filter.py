@@ -145,7 +145,7 @@ class EvolvingEstimator:
         seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
         before = before or self.predicted(state, observation.time_ns)
         look = look_along(before.mean, before.cov, seen.design)
-        return Offered(observation, before, seen, look_at(seen, seen.values, look, self.trust, True), said, used)
+        return Offered(observation, before, seen, look_at(seen, seen.values, look, self.trust, True, state.watch.settled), said, used)
 
     def taken(self, state: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation that was offered to a state, and the innovation."""
