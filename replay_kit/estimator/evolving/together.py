@@ -16,11 +16,11 @@ _RANK = 1e-13
 
 
 def compressed(rows: Array, innovation: Array) -> tuple[Array, Array]:
-    """Return rows that say the same, at most as many as there are directions: shapes (s, n) and (s,).
+    """Return rows that say the same, at most as many as there are directions: shapes (s, n) and (s, c).
 
     Args:
         rows: shape (M, n), with independent noise of unit variance.
-        innovation: shape (M,).
+        innovation: shape (M, c).
     """
     vectors, values, directions = scipy.linalg.svd(rows, full_matrices=False)
     kept = values > _RANK * values[0]
