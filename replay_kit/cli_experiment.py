@@ -7,6 +7,7 @@ import typer
 from threadpoolctl import threadpool_limits
 
 import planners
+from replay_kit.cli_dives import dives
 from replay_kit.cli_options import (
     ConfigOption,
     JsonOption,
@@ -35,6 +36,7 @@ from replay_kit.types import Ensemble
 experiment = typer.Typer(
     help="Studies: how well the estimator does, and against what.", no_args_is_help=True, rich_markup_mode=None, add_completion=False
 )
+experiment.command()(dives)
 
 
 @experiment.command()
