@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Oscillation = Literal["inertial", "M2", "S2", "K1", "O1"]
+Oscillation = Literal["steady", "inertial", "M2", "S2", "K1", "O1"]
 Bias = Literal["heading", "scale", "shear"]
 
 
@@ -26,7 +26,11 @@ class TimeConfig(BaseModel):
         ge=0.0,
         description="m/s; directions of the localised prior are dropped whose standard deviation adds up to this at most",
     )
-    oscillators: tuple[Oscillation, ...] = Field(default=(), description="what oscillates: inertial, M2, S2, K1, O1")
+    oscillators: tuple[Oscillation, ...] = Field(
+        default=(),
+        description="uniform over the region, with a depth structure of their own: inertial, M2, S2, K1, O1; steady is what does not turn "
+        "and is finer in depth than the forecast's levels",
+    )
     oscillator_std: float = Field(default=0.1, gt=0.0, description="m/s; prior standard deviation of an oscillation's components")
     oscillator_scale: float = Field(default=259200.0, gt=0.0, description="s, over which an oscillation's phase is forgotten")
     oscillator_depth_length: float = Field(default=100.0, gt=0.0, description="m, over which oscillations stay alike in depth")

@@ -9,8 +9,9 @@ from pathlib import Path
 from replay_kit import __version__
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError
-from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.estimator.evolving import EvolvingEstimator
+from replay_kit.estimator import FilterState, ReducedBasisEstimator
+from replay_kit.estimator.biases import in_words
+from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.prior import HybridPrior
 from replay_kit.types import Ensemble
 
@@ -88,3 +89,20 @@ def prior_notes(estimator: object) -> list[str]:
     if not isinstance(estimator, ReducedBasisEstimator) or not isinstance(estimator.prior, HybridPrior):
         return []
     return [f"prior: {estimator.prior.settings}"] if estimator.prior.settings else []
+
+
+def bias_notes(estimator: object, state: object) -> list[str]:
+    """Say which errors of the instrument were estimated, and which the log speaks of though no state stands for them."""
+    notes: list[str] = []
+    estimated: tuple[str, ...] = ()
+    if isinstance(estimator, EvolvingEstimator) and isinstance(state, EvolvingState):
+        estimated = estimator.model.biases.names
+        found = [in_words(name, *value) for name, value in estimator.biases(state).items()]
+        notes += [f"the instrument's errors, estimated: {', '.join(found)}"] if found else []
+    if isinstance(state, EvolvingState | FilterState):
+        suspected = {name: value for name, value in state.evidence.suspected().items() if name not in estimated}
+        if suspected:
+            words = ", ".join(in_words(name, *value) for name, value in suspected.items())
+            names = ", ".join(f'"{name}"' for name in suspected)
+            notes.append(f"the log speaks of errors of the instrument: {words}; time.biases = [{names}] estimates them")
+    return notes

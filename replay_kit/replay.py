@@ -19,7 +19,7 @@ from replay_kit.flow_netcdf import write_grid
 from replay_kit.job import Planner, ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
 from replay_kit.logs import merge
 from replay_kit.measurements import MeasurementState, finish, initial_state, interpret
-from replay_kit.provenance import prior_notes, run_metadata, run_settings_toml
+from replay_kit.provenance import bias_notes, prior_notes, run_metadata, run_settings_toml
 from replay_kit.report import ReplaySummary, TruthScore
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.run import Run, handle, make_plan, work_off, write_grids
@@ -205,7 +205,7 @@ def _conclude(
     kernel = flow.kernel
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    notes = [*forecasts.notes, *run.tally.notes(reports), basis, *prior_notes(run.estimator)]
+    notes = [*forecasts.notes, *run.tally.notes(reports), basis, *prior_notes(run.estimator), *bias_notes(run.estimator, run.state)]
     if run.job.goal is None:
         notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
     if run.writer is not None:

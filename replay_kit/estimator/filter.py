@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.config_trust import TrustConfig
+from replay_kit.estimator.biases import Evidence
 from replay_kit.estimator.dual import initial
 from replay_kit.estimator.fit import choose_settings, members_in
 from replay_kit.estimator.forms import in_cheaper_form, inflated
@@ -29,7 +30,7 @@ from replay_kit.types import Array, Ensemble, Innovation, Observation, PathMean,
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16
-_NO_WATCH_YET = Watch()
+_NO_WATCH_YET, _NO_EVIDENCE_YET = Watch(), Evidence()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,12 +42,14 @@ class FilterState:
         time_ns: Of the last observation used [ns, UTC]; None before the first.
         watch: Over the latest verdicts.
         last: Observation offered last; the same once more is no news.
+        evidence: Of errors of the instrument.
     """
 
     posterior: Posterior
     time_ns: int | None
     watch: Watch = _NO_WATCH_YET
     last: Observation | PathMean | None = None
+    evidence: Evidence = _NO_EVIDENCE_YET
 
     @property
     def mean(self) -> Array:
@@ -136,7 +139,8 @@ class ReducedBasisEstimator:
         prior = rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1))
         time_ns = screened.observation.time_ns if looked.believed else state.time_ns
         said = looked.said(screened.said, screened.used, prior, grown)
-        return FilterState(posterior, time_ns, watch, screened.observation), said
+        evidence = looked.evidence(state.evidence, screened.observation, screened.used, self.basis.grid.projection)
+        return FilterState(posterior, time_ns, watch, screened.observation, evidence), said
 
     def _screened(self, observation: Observation | PathMean) -> "_Screened":
         whole = as_profile(observation)

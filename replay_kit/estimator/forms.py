@@ -49,6 +49,8 @@ def folded(posterior: Dual | Span) -> Dual:
     """Return the same posterior as the prior of one without rows."""
     n_levels = posterior.n_levels
     if isinstance(posterior, Dual) and isinstance(posterior.prior, DensePrior):
+        if posterior.n == 0:
+            return posterior
         return initial(posterior.prior.less(posterior.mean, posterior.whitened_cross()), n_levels)
     return initial(dense_prior(posterior.mean, posterior.covariance(), n_levels), n_levels)
 

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config_trust import TrustConfig
+from replay_kit.estimator.biases import Evidence
 from replay_kit.estimator.gate import Verdict, judge
 from replay_kit.estimator.kalman import Bins, dependence_inflation
 from replay_kit.estimator.posterior import After, Look
 from replay_kit.estimator.screening import scatter
-from replay_kit.types import Array, Innovation
+from replay_kit.types import Array, Innovation, Observation, PathMean, Projection
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,13 @@ class Looked(Generic[After]):
     def error_scale(self) -> float:
         """Standard deviation of the rows' noise, in the update."""
         return float(np.sqrt(self.inflation))
+
+    def evidence(self, before: Evidence, observation: Observation | PathMean, used: NDArray[np.intp], projection: Projection) -> Evidence:
+        """Return the evidence of the instrument's errors after the observation; one that is not believed says nothing."""
+        if not self.believed:
+            return before
+        cov = self.look.cov + self.inflation * np.eye(self.innovation.size)
+        return before.after(observation, used, projection, self.bins, self.innovation, cov)
 
     def said(self, said: Innovation, used: NDArray[np.intp], prior: Array, grown: float) -> Innovation:
         """Return the innovation.

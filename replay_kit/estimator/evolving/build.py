@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from replay_kit.config import EstimatorConfig
 from replay_kit.config_time import TimeConfig
 from replay_kit.config_trust import TrustConfig
-from replay_kit.estimator.evolving.extras import Biases, Oscillations, biases, oscillations
+from replay_kit.estimator.biases import Biases
+from replay_kit.estimator.evolving.extras import Oscillations, biases, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.sea import Sea
 from replay_kit.estimator.evolving.seen import Model

@@ -1,4 +1,4 @@
-"""What a profile holds besides the sea's slow current: oscillations, and errors that the instrument makes again and again."""
+"""What a profile holds besides the sea's slow current: oscillations, and the instrument's own errors where they are estimated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.config_time import TimeConfig
+from replay_kit.estimator.biases import Biases
 from replay_kit.kernels.depth import DepthFunctions, depth_weights
 from replay_kit.types import Array
 
@@ -21,7 +22,8 @@ class Oscillations:
     """Currents uniform over the region that turn or swing at a known frequency, each with a depth structure of its own.
 
     A near-inertial one turns as a vector, clockwise in the north: one pair, (east, north). A tide has an ellipse: a pair for each
-    component, of which the first is the current now and the second what it will be a quarter period later.
+    component, of which the first is the current now and the second what it will be a quarter period later. A
+    steady one is (east, north) that does not turn: what the forecast's levels are too far apart to show.
 
     Attributes:
         knots: shape (K,) [m], depths between which an oscillation is linear; empty without oscillations.
@@ -61,7 +63,7 @@ class Oscillations:
 
     def at(self, rows: Array, seconds: float) -> Array:
         """Return rows, shape (size,), for unknowns that are given at another time, ``seconds`` later when negative."""
-        pairs = rows.reshape(-1, 2, self.knots.size)
+        pairs = rows.reshape(self.omega.size, 2, self.knots.size)
         cosine, sine = np.cos(self.omega * seconds)[:, None], np.sin(self.omega * seconds)[:, None]
         # x(t + s) = R(s) x(t), so h x(t + s) = (R(s)' h) x(t)
         return np.stack([cosine * pairs[:, 0] - sine * pairs[:, 1], sine * pairs[:, 0] + cosine * pairs[:, 1]], axis=1).ravel()
@@ -79,8 +81,8 @@ def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscilla
     inertial: list[bool] = []
     component: list[int] = []
     for name in config.oscillators:
-        if name == "inertial":
-            omega.append(2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)))
+        if name in ("inertial", "steady"):
+            omega.append(2.0 * EARTH_ROTATION * np.sin(np.deg2rad(latitude)) if name == "inertial" else 0.0)
             inertial.append(True)
             component.append(0)
         else:
@@ -93,64 +95,6 @@ def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscilla
     alike = np.exp(-0.5 * ((knots[:, None] - knots) / length) ** 2) + 1e-9 * np.eye(n_knots)
     root = np.asarray(config.oscillator_std * np.linalg.cholesky(alike), dtype=np.float64)
     return Oscillations(knots, root, np.array(omega), inertial, component)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BiasBins:
-    """What one of each bias does to a profile.
-
-    Attributes:
-        depth: shape (n, 2), functions of depth that both components share: one, and the distance from the first bin; none without biases.
-        factor: For each component, shape (2, biases).
-    """
-
-    depth: Array
-    factor: tuple[Array, Array]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Biases:
-    """Errors that the instrument makes again and again, by name.
-
-    ``heading``: the compass reads too much [rad]; what is measured relative to the platform is turned clockwise. ``scale``: it is
-    too long, by a share. ``shear``: it is off along the way through water, by so much for each metre of distance (Todd et al. 2017,
-    JTECH 34). They go with the profile's mean relative velocity: with each bin's own its noise would look like a scale error.
-
-    Attributes:
-        names: Of the biases.
-        std: shape (b,), prior standard deviations: rad, 1, 1/s.
-    """
-
-    names: tuple[str, ...]
-    std: Array
-
-    @property
-    def size(self) -> int:
-        """Number of biases."""
-        return len(self.names)
-
-    def bins(self, depth: Array, relative: Array | None) -> BiasBins:
-        """Return what one prior standard deviation of each bias does to a profile.
-
-        Args:
-            depth: shape (n,) [m].
-            relative: shape (n, 2) [m/s], velocity relative to the platform, local axes; None when the log does not say.
-        """
-        if not self.names:
-            return BiasBins(np.empty((depth.size, 0)), (np.empty((0, 0)), np.empty((0, 0))))
-        functions = np.column_stack([np.ones(depth.size), np.abs(depth - depth[0])])
-        east, north = (0.0, 0.0) if relative is None else relative.mean(axis=0)
-        speed = float(np.hypot(east, north))
-        factors = []
-        for along, across in ((east, north), (north, -east)):
-            columns = {
-                "heading": (across, 0.0),
-                "scale": (along, 0.0),
-                # the water moves backwards relative to the platform
-                "shear": (0.0, -along / speed if speed > 0.0 else 0.0),
-            }
-            factors.append(np.column_stack([columns[name] for name in self.names]) * self.std)
-        return BiasBins(functions, (factors[0], factors[1]))
 
 
 def biases(config: TimeConfig) -> Biases:

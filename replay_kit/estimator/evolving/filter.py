@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config_trust import TrustConfig
+from replay_kit.estimator.biases import Evidence
 from replay_kit.estimator.evolving.seen import Model, Seen
 from replay_kit.estimator.evolving.state import Layout, look_along
 from replay_kit.estimator.gate import Watch
@@ -17,6 +18,7 @@ from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Innovation, Observation, PathMean, Reason
 
 _NS = 1e9
+_NO_EVIDENCE_YET = Evidence()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +31,7 @@ class EvolvingState:
         time_ns: Of the last observation used [ns, UTC]; None before the first.
         watch: Over the latest verdicts.
         last: Observation offered last.
+        evidence: Of errors of the instrument.
     """
 
     mean: Array
@@ -36,6 +39,7 @@ class EvolvingState:
     time_ns: int | None
     watch: Watch
     last: Observation | PathMean | None = None
+    evidence: Evidence = _NO_EVIDENCE_YET
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +112,9 @@ class EvolvingEstimator:
             mean, cov = looked.look.posterior(looked.innovation, looked.error_scale)
             after = replace(offered.before, mean=mean, cov=cov)
         watch, grown = state.watch.after(looked.verdict, self.trust)
-        after = replace(after, cov=after.cov if grown == 1.0 else grown * after.cov, watch=watch, last=offered.observation)
+        evidence = looked.evidence(state.evidence, offered.observation, offered.used, self.basis.grid.projection)
+        grown_cov = after.cov if grown == 1.0 else grown * after.cov
+        after = replace(after, cov=grown_cov, watch=watch, last=offered.observation, evidence=evidence)
         return after, looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), grown)
 
     def predicted(self, state: EvolvingState, time_ns: int) -> EvolvingState:

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.estimator.evolving.extras import Biases, Oscillations
+from replay_kit.estimator.biases import Biases, relative_velocity
+from replay_kit.estimator.evolving.extras import Oscillations
 from replay_kit.estimator.evolving.sea import Sea
 from replay_kit.estimator.kalman import Bins
 from replay_kit.estimator.modes import Basis
@@ -74,12 +75,7 @@ class Model:
         velocity = _local(self.basis, observation.longitude, observation.latitude, observation.velocity[used])
         representation = np.interp(depth, grid.levels, self.representation_std)
         noise = bin_noise(depth, observation.error_std[used], representation, observation.common_std, observation.correlation_depth)
-        relative = None
-        if observation.platform_velocity is not None:
-            own = _local(self.basis, observation.longitude, observation.latitude, np.array([observation.platform_velocity]))
-            relative = velocity - own
-        elif not np.isfinite(observation.common_std):
-            relative = velocity
+        relative = relative_velocity(observation, used, grid.projection)
         of_biases = self.biases.bins(depth, relative)
         joint: Array = np.hstack([weights, self.oscillations.weights(depth), of_biases.depth])
         q, r = np.linalg.qr(noise.whiten @ joint)

@@ -1,0 +1,86 @@
+"""Errors of the instrument that no state stands for: whether the log is heard to speak of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.config import EstimatorConfig
+from replay_kit.config_time import TimeConfig
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.biases import NAMES, Biases, Evidence, in_words, relative_velocity
+from replay_kit.estimator.evolving import build_evolving
+from replay_kit.experiments.pings import random_observations
+from replay_kit.twin.field import build_field
+from replay_kit.types import Ensemble
+from tests import synthetic
+from tests.estimator.evolving.test_extras import faulty
+
+LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
+ENSEMBLE = synthetic.ensemble(n_members=24, shape=(6, 7), levels=LEVELS)
+OTHERS = Ensemble(ENSEMBLE.grid, ENSEMBLE.velocity[1:], None, "the others")
+CONFIG = EstimatorConfig(modes=20)
+
+
+def mission(heading, scale, n=110):
+    """Profiles of member 0 from a vehicle that goes round, with an instrument's faults."""
+    truth = Ensemble(ENSEMBLE.grid, ENSEMBLE.velocity[:1], None, "member 0")
+    for k, profile in enumerate(random_observations(build_field(truth), n, 0.05, 7)):
+        angle = 0.7 * k
+        through_water = 0.3 * np.array([np.cos(angle), np.sin(angle)])
+        yield faulty(replace(profile, time_ns=k), heading, scale, through_water)
+
+
+def suspected(estimator, log):
+    *_, (state, _) = estimator.steps(estimator.initial(), log)
+    return state.evidence.suspected()
+
+
+@pytest.mark.parametrize("kind", ["static", "evolving"])
+def test_faults_are_named_with_their_size_and_a_sound_log_is_not_accused(kind):
+    estimator = build_estimator(OTHERS, CONFIG) if kind == "static" else build_evolving([OTHERS], CONFIG, TimeConfig())
+    assert suspected(estimator, mission(0.0, 0.0)) == {}
+    found = suspected(estimator, mission(5.0, 0.03))
+    assert set(found) == {"heading", "scale"}
+    assert np.rad2deg(found["heading"][0]) == pytest.approx(5.0, abs=1.5)
+    assert found["scale"][0] == pytest.approx(0.03, abs=0.015)
+    assert set(suspected(estimator, mission(-5.0, 0.0))) == {"heading"}
+    assert suspected(estimator, mission(-5.0, 0.0))["heading"][0] < 0.0
+
+
+def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
+    """By differences of the log-likelihood of one profile in each error's size."""
+    estimator = build_estimator(OTHERS, CONFIG)
+    (profile,) = list(mission(3.0, 0.02, 1))
+    used = np.arange(6)
+    rows, values = estimator.rows(profile, used)
+    innovation = rows.compress(values)[0] - rows.times(estimator.prior.mean.reshape(LEVELS.size, -1))
+    design = rows.design()
+    cov = design @ estimator.prior.dense() @ design.T + np.eye(len(design))
+    evidence = Evidence().after(profile, used, ENSEMBLE.grid.projection, rows, innovation, cov)
+    relative = relative_velocity(profile, used, ENSEMBLE.grid.projection)
+    for k, name in enumerate(NAMES):
+        (column,) = Biases((name,), np.ones(1)).columns(profile.depth[used], relative)
+
+        def log_likelihood(size, column=column):
+            left = innovation - size * rows.compress(column)[0]
+            return -0.5 * left @ np.linalg.inv(cov) @ left
+
+        step = 1e-4
+        slope = (log_likelihood(step) - log_likelihood(-step)) / (2 * step)
+        bend = -(log_likelihood(step) + log_likelihood(-step) - 2 * log_likelihood(0.0)) / step**2
+        assert evidence.score[k] == pytest.approx(slope, rel=1e-6, abs=1e-6)
+        assert evidence.information[k, k] == pytest.approx(bend, rel=1e-4)
+
+
+def test_a_log_that_does_not_say_how_its_platform_moved_says_nothing_of_faults():
+    estimator = build_estimator(OTHERS, CONFIG)
+    log = [replace(profile, platform_velocity=None) for profile in mission(20.0, 0.2)]
+    *_, (state, _) = estimator.steps(estimator.initial(), log)
+    assert not state.evidence.information.any()
+
+
+def test_faults_in_words():
+    assert in_words("heading", np.deg2rad(5.0), np.deg2rad(0.5)) == "heading +5.0 +- 0.5 degrees"
+    assert in_words("scale", -0.031, 0.002) == "scale -3.1 +- 0.2 %"
+    assert in_words("shear", 2e-4, 1e-5) == "shear +0.20 +- 0.01 mm/s a metre"
