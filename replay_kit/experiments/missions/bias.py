@@ -8,7 +8,7 @@ import numpy as np
 from replay_kit.config_time import Bias
 from replay_kit.estimator.evolving import EvolvingEstimator
 from replay_kit.experiments.missions.flights import measurements
-from replay_kit.experiments.missions.follow import Followed
+from replay_kit.experiments.missions.follow import Followed, Own
 from replay_kit.experiments.missions.relative import KNOWN_STD
 from replay_kit.experiments.missions.rows import Figure
 from replay_kit.experiments.missions.scene import Scene, own_estimator
@@ -31,7 +31,11 @@ def biases(scene: Scene) -> list[Figure]:
     time = scene.config.time.model_copy(update={"biases": ("heading", "scale")})
     looking = own_estimator(scene.case, scene.config.model_copy(update={"time": time}))
     clean = scene.errors("sound", scene.own, sound)
-    figures = [Figure(STUDY, "sound, not looked for", RMSE, clean.mean()), *clean.nis(STUDY, "sound, not looked for")]
+    figures = [
+        Figure(STUDY, "sound, not looked for", RMSE, clean.mean()),
+        *clean.nis(STUDY, "sound, not looked for"),
+        *_named("sound, not looked for", clean, planted=False),
+    ]
     for method, estimator, given, most in (
         ("biased, not looked for", scene.own, biased, np.nan),
         ("biased, looked for", looking, biased, _OVER_CLEAN),
@@ -42,15 +46,28 @@ def biases(scene: Scene) -> list[Figure]:
             Figure(STUDY, method, RMSE, followed.mean()),
             Figure(STUDY, method, "RMSE over the sound one's", followed.mean(), clean.mean(), at_most=most),
             *followed.nis(STUDY, method),
-            *_found(method, estimator, followed, given is biased),
+            *(_named(method, followed, planted=True) if estimator is scene.own else _found(method, looking, followed, given is biased)),
         ]
     return figures
 
 
-def _found(method: str, estimator: object, followed: Followed[float], planted: bool) -> list[Figure]:
+def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure]:
+    """Return which errors a run that does not look for any says that its log speaks of."""
+    suspected = followed.state.evidence.suspected()
+    figures = []
+    for name in PLANTED:
+        unit, factor = _UNIT[name]
+        least, most = (1.0, np.nan) if planted else (np.nan, 0.0)
+        figures.append(Figure(STUDY, method, f"{name} is named", float(name in suspected), at_least=least, at_most=most))
+        if name in suspected:
+            figures.append(Figure(STUDY, method, f"{name} as named [{unit}]", factor * suspected[name][0]))
+    figures.append(Figure(STUDY, method, "shear is named, wrongly", float("shear" in suspected), at_most=0.0))
+    return figures
+
+
+def _found(method: str, estimator: Own, followed: Followed[float], planted: bool) -> list[Figure]:
     """Return each bias as found, how far it is from nothing, and from what was planted."""
-    if not isinstance(estimator, EvolvingEstimator):
-        return []
+    assert isinstance(estimator, EvolvingEstimator), "biases are estimated through time only"
     figures = []
     for name, (mean, std) in estimator.biases(followed.state).items():
         assert name in get_args(Bias)

@@ -51,7 +51,7 @@ def _moved(sound: Sequence[Measurement], spoilt: Sequence[Measurement]) -> set[i
     """Return the times [ns, UTC] of the pings that are outliers."""
     velocity = {of.time_ns: of.velocity for of in sound if isinstance(of, Observation)}
     pairs = [(of.time_ns, of.velocity - velocity[of.time_ns]) for of in spoilt if isinstance(of, Observation)]
-    return {time_ns for time_ns, off in pairs if float(np.nanmax(np.hypot(off[:, 0], off[:, 1]))) > 0.5 * OUTLIER}
+    return {time_ns for time_ns, off in pairs if (np.hypot(off[:, 0], off[:, 1]) > 0.5 * OUTLIER).any()}
 
 
 def _rejected(said: Sequence[Innovation], but: set[int]) -> int:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from replay_kit.choose import Forecasts, build
-from replay_kit.config import RunConfig
+from replay_kit.config import EstimatorConfig, RunConfig
 from replay_kit.errors import ConfigError
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.evolving import EvolvingEstimator
@@ -14,6 +14,8 @@ from replay_kit.experiments.missions.job import MissionJob
 from replay_kit.experiments.missions.sea import Withheld
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Measurement
+
+_OWN = EstimatorConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,11 +56,13 @@ def own_estimator(case: Withheld, config: RunConfig) -> Own:
     Raises:
         ConfigError: The settings choose a baseline, or the paper's preset.
     """
-    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases)
-    built = build(Forecasts(case.forecasts, case.forecasts[0], asked or case.changes), config, None)
-    if not isinstance(built, EvolvingEstimator | ReducedBasisEstimator) or config.estimator.preset != "default":
+    name, preset = config.estimator.name, config.estimator.preset
+    if (name, preset) != (_OWN.name, _OWN.preset):
         raise ConfigError(
-            f"missions: expected the project's own estimator, got {config.estimator.name}, preset {config.estimator.preset}; "
-            "leave them out of the configuration"
+            f"missions: expected the project's own estimator, got {name}, preset {preset}; leave them out of the configuration"
         )
+    scale, time = config.time.scale, config.time
+    asked = scale not in ("auto", "static") or bool(time.oscillators or time.biases)
+    built = build(Forecasts(case.forecasts, case.forecasts[0], asked or (case.changes and scale == "auto")), config, None)
+    assert isinstance(built, EvolvingEstimator | ReducedBasisEstimator)
     return built
