@@ -130,7 +130,7 @@ class ReducedBasisEstimator:
         self, state: FilterState, screened: "_Screened", rows: ProfileRows | PathRows, look: Look[Posterior]
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation that is expected to be as ``look`` says, and the innovation."""
-        looked = look_at(rows, screened.values, look, self.trust, self.error_std is None)
+        looked = look_at(rows, screened.values, look, self.trust, self.error_std is None, state.watch.settled)
         posterior = in_cheaper_form(look.posterior(looked.innovation, looked.error_scale)) if looked.believed else state.posterior
         watch, grown = state.watch.after(looked.verdict, self.trust)
         if grown > 1.0:

@@ -84,7 +84,7 @@ class Looked(Generic[After]):
         )
 
 
-def look_at(bins: Bins, values: Array, look: Look[After], trust: TrustConfig | None, correlated: bool) -> Looked[After]:
+def look_at(bins: Bins, values: Array, look: Look[After], trust: TrustConfig | None, correlated: bool, settled: bool) -> Looked[After]:
     """Return what is made of an observation.
 
     Args:
@@ -92,11 +92,12 @@ def look_at(bins: Bins, values: Array, look: Look[After], trust: TrustConfig | N
         values: shape (n, 2) [m/s], of the usable bins, about the same as the rows.
         look: What is expected of the rows.
         trust: Gate; None believes everything.
+        settled: Whether the estimate has been right of late.
         correlated: Whether errors grow where residuals are correlated along the profile (not under the paper's error model).
     """
     compressed, left_out = bins.compress(values)
     innovation = compressed - look.mean
-    verdict = judge(innovation, look.cov, left_out, bins.dof - innovation.size, trust)
+    verdict = judge(innovation, look.cov, left_out, bins.dof - innovation.size, trust, settled)
     if verdict.decision == "rejected":
         return Looked(bins, values, look, innovation, verdict, 1.0, look.mean)
     inflation = verdict.inflation

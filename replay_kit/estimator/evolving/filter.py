@@ -1,6 +1,6 @@
 """The estimator whose estimate changes between observations: state in, observation in; state and innovation out."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.biases import Evidence
 from replay_kit.estimator.evolving.seen import Model, Seen
 from replay_kit.estimator.evolving.state import Layout, look_along
+from replay_kit.estimator.evolving.together import compressed, grouped
 from replay_kit.estimator.gate import Watch
 from replay_kit.estimator.looked import Looked, look_at
 from replay_kit.estimator.modes import Basis
@@ -51,12 +52,14 @@ class EvolvingEstimator:
         layout: The unknowns and how they change.
         trust: Gate and watch; None believes every observation as it is.
         time_ns: Of the estimate before any observation [ns, UTC].
+        window: Profiles within so long count together [s].
     """
 
     model: Model
     layout: Layout
     trust: TrustConfig | None
     time_ns: int | None
+    window: float = 0.0
 
     takes_paths = True
 
@@ -75,10 +78,41 @@ class EvolvingEstimator:
         return EvolvingState(np.zeros(self.layout.size), np.eye(self.layout.size), None, Watch())
 
     def steps(self, state: EvolvingState, observations: Iterable[Observation | PathMean]) -> Iterator[tuple[EvolvingState, Innovation]]:
-        """Yield the state after each observation, and what it said."""
+        """Yield the state after each observation, and what it said.
+
+        With a window, profiles that lie in it count together: all are held against the state before the first of them, and the state
+        changes with the last.
+        """
+        for group in grouped(observations, self.window):
+            if len(group) > 1:
+                done = self._together(state, group)
+                state = done[-1][0]
+                yield from done
+            else:
+                state, innovation = self.step(state, group[0])
+                yield state, innovation
+
+    def _together(self, state: EvolvingState, observations: Sequence[Observation | PathMean]) -> list[tuple[EvolvingState, Innovation]]:
+        """Return the states after observations that count together, and the innovations."""
+        before, current = self.predicted(state, observations[-1].time_ns), state
+        done: list[tuple[EvolvingState, Innovation]] = []
+        rows, told, grown = [], [], 1.0
         for observation in observations:
-            state, innovation = self.step(state, observation)
-            yield state, innovation
+            offered = self.offered(current, observation, before)
+            if isinstance(offered, Innovation):
+                done.append((current, offered))
+                continue
+            current, innovation = self._noted(current, offered)
+            grown *= innovation.prior_inflation
+            if offered.looked.believed:
+                rows.append(offered.seen.design / offered.looked.error_scale)
+                told.append(offered.looked.innovation / offered.looked.error_scale)
+            done.append((current, innovation))
+        if rows:
+            design, innovations = compressed(np.concatenate(rows), np.concatenate(told))
+            mean, cov = look_along(before.mean, before.cov, design).posterior(innovations, 1.0)
+            done[-1] = replace(current, mean=mean, cov=grown * cov, time_ns=before.time_ns), done[-1][1]
+        return done
 
     def step(self, state: EvolvingState, observation: Observation | PathMean) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation, and the innovation.
@@ -88,8 +122,16 @@ class EvolvingEstimator:
         offered = self.offered(state, observation)
         return (state, offered) if isinstance(offered, Innovation) else self.taken(state, offered)
 
-    def offered(self, state: EvolvingState, observation: Observation | PathMean) -> "Offered | Innovation":
-        """Return an observation looked at from a state, or what is said of one that cannot be used."""
+    def offered(
+        self, state: EvolvingState, observation: Observation | PathMean, before: EvolvingState | None = None
+    ) -> "Offered | Innovation":
+        """Return an observation looked at, or what is said of one that cannot be used.
+
+        Args:
+            state: The state so far.
+            observation: What is offered to it.
+            before: The state at the time for which the observation counts; None for its own time.
+        """
         whole = as_profile(observation)
         flags, reasons = screen(whole, self.model.basis.grid, relative=True)
         said = rejected(whole, flags, reasons)
@@ -101,9 +143,9 @@ class EvolvingEstimator:
         if is_repeated(state.last, observation):
             return repeated(said, Reason.DUPLICATE)
         seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
-        before = self.predicted(state, observation.time_ns)
+        before = before or self.predicted(state, observation.time_ns)
         look = look_along(before.mean, before.cov, seen.design)
-        return Offered(observation, before, seen, look_at(seen, seen.values, look, self.trust, True), said, used)
+        return Offered(observation, before, seen, look_at(seen, seen.values, look, self.trust, True, state.watch.settled), said, used)
 
     def taken(self, state: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation that was offered to a state, and the innovation."""
@@ -111,10 +153,15 @@ class EvolvingEstimator:
         if looked.believed:
             mean, cov = looked.look.posterior(looked.innovation, looked.error_scale)
             after = replace(offered.before, mean=mean, cov=cov)
-        watch, grown = state.watch.after(looked.verdict, self.trust)
-        evidence = looked.evidence(state.evidence, offered.observation, offered.used, self.basis.grid.projection)
-        grown_cov = after.cov if grown == 1.0 else grown * after.cov
-        after = replace(after, cov=grown_cov, watch=watch, last=offered.observation, evidence=evidence)
+        return self._noted(after, offered)
+
+    def _noted(self, after: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
+        """Return a state with what an observation said noted, its covariance grown where the watch asks for it, and the innovation."""
+        looked = offered.looked
+        watch, grown = after.watch.after(looked.verdict, self.trust)
+        evidence = looked.evidence(after.evidence, offered.observation, offered.used, self.basis.grid.projection)
+        cov = after.cov if grown == 1.0 else grown * after.cov
+        after = replace(after, cov=cov, watch=watch, last=offered.observation, evidence=evidence)
         return after, looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), grown)
 
     def predicted(self, state: EvolvingState, time_ns: int) -> EvolvingState:
