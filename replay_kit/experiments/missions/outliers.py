@@ -28,7 +28,7 @@ def outliers(scene: Scene) -> list[Figure]:
     clean = scene.errors("without outliers", scene.own, sound)
     figures = [
         Figure(STUDY, "without outliers", RMSE, clean.mean()),
-        Figure(STUDY, "without outliers", "rejected", _rejected(clean.said, set()), len(clean.said)),
+        Figure(STUDY, "without outliers", "pings rejected or softened", _doubted(clean.said, set()), len(clean.said)),
     ]
     for gate in _GATES:
         method = f"with outliers, gate {gate}"
@@ -39,10 +39,10 @@ def outliers(scene: Scene) -> list[Figure]:
             Figure(STUDY, method, "RMSE over that without outliers", followed.mean(), clean.mean(), at_most=most),
         ]
         if gate == "reject":
-            caught = sum(said.decision == "rejected" and said.time_ns in wrong for said in followed.said)
+            caught = sum(said.decision != "accepted" and said.time_ns in wrong for said in followed.said)
             figures += [
-                Figure(STUDY, method, "outliers rejected", caught, len(wrong)),
-                Figure(STUDY, method, "sound pings rejected", _rejected(followed.said, wrong), len(followed.said) - len(wrong)),
+                Figure(STUDY, method, "outliers rejected or softened", caught, len(wrong)),
+                Figure(STUDY, method, "sound pings rejected or softened", _doubted(followed.said, wrong), len(followed.said) - len(wrong)),
             ]
     return figures
 
@@ -54,8 +54,8 @@ def _moved(sound: Sequence[Measurement], spoilt: Sequence[Measurement]) -> set[i
     return {time_ns for time_ns, off in pairs if (np.hypot(off[:, 0], off[:, 1]) > 0.5 * OUTLIER).any()}
 
 
-def _rejected(said: Sequence[Innovation], but: set[int]) -> int:
-    return sum(of.decision == "rejected" and of.time_ns not in but for of in said)
+def _doubted(said: Sequence[Innovation], but: set[int]) -> int:
+    return sum(of.decision != "accepted" and of.time_ns not in but for of in said)
 
 
 def _with_gate(own: Own, trust: TrustConfig, gate: Literal["reject", "soften", "off"]) -> Own:

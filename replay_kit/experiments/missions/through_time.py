@@ -42,7 +42,7 @@ def through_time(scene: Scene) -> list[Figure]:
         Figure(STUDY, "through time", "RMSE over the best static one's", error, static, at_most=_OVER_STATIC),
         Figure(STUDY, "through time", "RMSE over the best inflated one's", error, peer, at_most=_OVER_INFLATED),
         *own.nis(STUDY, "through time", asked=True),
-        Figure(STUDY, "through time", "measurements rejected", sum(said.decision == "rejected" for said in own.said), len(own.said)),
+        Figure(STUDY, "through time", "rejected or softened", sum(said.decision != "accepted" for said in own.said), len(own.said)),
         *_smoothed(scene, given, times_ns, error),
     ]
 
