@@ -90,7 +90,8 @@ def follow(
         if innovation.decision != "unusable":
             said.append(innovation)
         if number in when:
-            seen.append(look(estimator.flow(state), measurement.time_ns))
+            # a measurement that was not used leaves the state at an earlier time
+            seen.append(look(estimator.flow(state).at(measurement.time_ns), measurement.time_ns))
     return Followed(tuple(seen), tuple(said), state)
 
 
