@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from replay_kit.errors import ConfigError, ForecastError
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.experiments.missions import STUDIES, MissionJob, run_missions, to_csv, to_json
-from replay_kit.experiments.missions.coverage import OBSERVED_M
+from replay_kit.experiments.missions import coverage as coverage_module
+from replay_kit.experiments.missions.dac import _spread
 from replay_kit.experiments.missions.flights import fly_dives, fly_pings, measurements, staying
 from replay_kit.experiments.missions.follow import due, follow
 from replay_kit.experiments.missions.rows import Figure, over_missions
@@ -163,6 +165,32 @@ def test_what_was_said_is_counted_and_a_covariance_grows_by_its_factor():
     assert grown.looks == (given[-1].time_ns,)
 
 
+def test_intervals_are_counted_apart_near_to_pings_and_far():
+    """An estimate that is off by one standard deviation everywhere is inside 90 % intervals and outside 50 % ones."""
+    truth = CASE.truth[0]
+    std = np.full(truth.shape, 0.1)
+    std[0] = np.nan  # nothing is known there
+    flow = SimpleNamespace(velocity=lambda *_: truth + 0.1, standard_error=lambda *_: std)
+    pinged = CASE.at.points[:1] + [0.0, 10_001.0]
+    near = coverage_module._near(CASE.at.points, pinged)
+    np.testing.assert_array_equal(near, np.hypot(*(CASE.at.points - pinged).T) <= 10e3)
+    assert 0 < near.sum() < near.size
+    assert not near[0]
+    hits = coverage_module._hits(SimpleNamespace(case=CASE), flow, int(CASE.times_ns[0]), near, "now")
+    observed, unobserved = 2 * int(near.sum()), 2 * int((~near).sum()) - 2
+    assert hits == {
+        ("observed", "now", 0.5): (0, observed),
+        ("observed", "now", 0.9): (observed, observed),
+        ("unobserved", "now", 0.5): (0, unobserved),
+        ("unobserved", "now", 0.9): (unobserved, unobserved),
+    }
+
+
+def test_some_of_the_dives_are_spread_over_the_mission():
+    assert _spread(tuple(range(10)), 5) == (1, 3, 5, 7, 9)
+    assert _spread(tuple(range(3)), 5) == (0, 1, 2)
+
+
 def test_every_study_says_its_figures_beside_what_is_asked(result):
     assert tuple(dict.fromkeys(row.study for row in result.rows)) == STUDIES
     for study in STUDIES:
@@ -191,7 +219,6 @@ def test_every_study_says_its_figures_beside_what_is_asked(result):
     assert value_of(result, "outliers", "with outliers, gate reject", "outliers rejected or softened").value == 1.0
     observed = value_of(result, "coverage", "observed places, now", "share inside 90 % intervals")
     assert (observed.at_least, observed.at_most) == (0.86, 0.94)
-    assert OBSERVED_M == 10e3
 
 
 def test_rows_go_to_json_and_csv_as_they_are(result):
