@@ -171,7 +171,7 @@ def test_intervals_are_counted_apart_near_to_pings_and_far():
     std = np.full(truth.shape, 0.1)
     std[0] = np.nan  # nothing is known there
     flow = SimpleNamespace(velocity=lambda *_: truth + 0.1, standard_error=lambda *_: std)
-    pinged = CASE.at.points[:1] + [0.0, 10_001.0]
+    pinged = CASE.at.points[:1] + np.array([0.0, 10_001.0])
     near = coverage_module._near(CASE.at.points, pinged)
     np.testing.assert_array_equal(near, np.hypot(*(CASE.at.points - pinged).T) <= 10e3)
     assert 0 < near.sum() < near.size
