@@ -70,13 +70,17 @@ def judge(innovation: Array, cov: Array, left_out: float, n_left_out: int, confi
     if config.gate == "off":
         return Verdict("accepted", statistic, dof, np.inf, False, scale, values)
     gate = limit(config.gate_probability, dof)
-    beyond = statistic > gate or bool(squared.max() > limit(config.gate_probability / dof, 1))
+    # where the estimate has no part in the variance, directions are arbitrary, and their sum is judged already
+    known = squared[values > _PART * scale]
+    beyond = statistic > gate or bool(np.any(known > limit(config.gate_probability / dof, 1)))
     if config.gate == "soften" or (beyond and not settled):
         softened = float(np.max(softened_variance(values, scale, along, config.soften_factor)))
         return Verdict("softened" if softened > scale * _VISIBLE else "accepted", statistic, dof, gate, beyond, softened, values)
     return Verdict("rejected" if beyond else "accepted", statistic, dof, gate, beyond, scale, values)
 
 
+# Of the noise's variance, above which the estimate's own is a direction's matter.
+_PART = 0.01
 # a softening below this share of the error variance is none
 _VISIBLE = 1.1
 
