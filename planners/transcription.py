@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
-from planners.flow import flow_function_of, graph_key
+from planners.flow import field_function, graph_key
 from planners.glider import rk4_step, velocity_through_water
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
@@ -237,13 +237,12 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
 
 
 def _step_function(flow: FlowEstimate) -> ca.Function:
-    current = flow_function_of(flow)
+    current = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
     position, velocity, length = ca.MX.sym("position", 3), ca.MX.sym("velocity", 3), ca.MX.sym("length")
     latent = ca.MX.sym("latent", *flow.latent.shape)
 
     def over_ground(at: Any) -> Any:
-        u, v = current(at[0], at[1], at[2], latent)
-        return velocity + ca.vertcat(u, v, 0.0)
+        return velocity + ca.vertcat(current(at, latent), 0.0)
 
     after = rk4_step(over_ground, position, length, over_ground(position))
     return ca.Function("step", [position, velocity, length, latent], [after], {"is_diff_in": [True, True, True, False]})
