@@ -55,6 +55,14 @@ def flow_function_of(flow: FlowEstimate, times: Array | None = None) -> ca.Funct
     return flow_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions, times)
 
 
+def layer_function(nodes: Array, kernel: HorizontalKernel, times: Array | None = None) -> ca.Function:
+    """Return the function (east and north[ and time], latent) -> velocity of one depth, whose latent velocities are (2N, 1) or (2N, T).
+
+    A vehicle that passes depths known beforehand contracts the levels once, outside of the optimiser.
+    """
+    return _field(nodes, np.zeros(1), kernel, DepthFunctions("hat", 1.0), times, ("east", "north"))
+
+
 def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
     """Return (times [s] since the first, latent velocities (2N, Z T)) of one flow at several times.
 
@@ -85,25 +93,31 @@ def field_function(
     nodes: Array, levels: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions, times: Array | None = None
 ) -> ca.Function:
     """Return ``flow_function`` on vectors, (place, latent) -> velocity, which costs less to call; a place is east, north, depth[, time]."""
-    n_axes = 3 if times is None else 4
-    place: Any = ca.MX.sym("place", n_axes)
+    return _field(nodes, levels, kernel, depth_functions, times, ("east", "north", "depth"))
+
+
+def _field(
+    nodes: Array, levels: Array, kernel: HorizontalKernel, functions: DepthFunctions, times: Array | None, axes: tuple[str, ...]
+) -> ca.Function:
+    """Return the function (place, latent) -> velocity with its own derivatives, its place having these axes and time where there is one."""
+    names = axes if times is None else (*axes, "time")
+    place: Any = ca.MX.sym("place", len(names))
     latent = ca.MX.sym("latent", 2 * len(nodes), levels.size * (1 if times is None else times.size))
     summed = _SumOverNodes(nodes, kernel, place)
 
-    def derivative(*axes: int) -> Any:
+    def derivative(*by: str) -> Any:
         """Return the velocity differentiated once by each of the axes given."""
-        east, north, depth, time = (axes.count(axis) for axis in range(4))
-        by_depth = _depth_columns(levels, depth_functions, place[2], depth)
-        by_time = [(0, 1.0)] if times is None else _hat_columns(times, place[3], time)
+        by_depth = _depth_columns(levels, functions, place[2], by.count("depth")) if "depth" in names else [(0, 1.0)]
+        by_time = [(0, 1.0)] if times is None else _hat_columns(times, place[len(names) - 1], by.count("time"))
         columns = [(z + levels.size * t, of_time * of_depth) for t, of_time in by_time for z, of_depth in by_depth]
         if not columns:
             return ca.MX(2, 1)
         combined = sum(weight * latent[:, column] for column, weight in columns)
-        return summed.velocity(combined, east, north)
+        return summed.velocity(combined, by.count("east"), by.count("north"))
 
-    first = ca.horzcat(*(derivative(i) for i in range(n_axes)))
+    first = ca.horzcat(*(derivative(i) for i in names))
     # one row for each entry of the Jacobian, column after column
-    second = ca.vertcat(*(ca.horzcat(*(derivative(i, j) for j in range(n_axes))) for i in range(n_axes)))
+    second = ca.vertcat(*(ca.horzcat(*(derivative(i, j) for j in names)) for i in names))
     return _with_derivatives(place, latent, derivative(), first, second)
 
 
