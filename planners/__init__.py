@@ -1,5 +1,10 @@
-"""Trajectory planning with CasADi over a ``FlowEstimate``: one glide (``plan``, ``fly``), or a mission of many dives (``plan_mission``)."""
+"""Trajectory planning with CasADi over a ``FlowEstimate``.
 
+``plan`` makes one glide and ``fly`` flies it in another flow; ``plan_mission`` makes a glider's mission of many dives; ``plan_path`` a free
+path of a vehicle of bounded speed.
+"""
+
+from planners.auv import Auv, AuvPlan, AuvSettings, plan_path
 from planners.mission import plan_mission
 from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo
 from planners.settings import GlideSettings
@@ -8,6 +13,9 @@ from planners.solve import plan
 from planners.vehicle import Glider, SteadyFlight, fit_flight
 
 __all__ = [
+    "Auv",
+    "AuvPlan",
+    "AuvSettings",
     "Bathymetry",
     "GlideSettings",
     "Glider",
@@ -19,4 +27,5 @@ __all__ = [
     "fly",
     "plan",
     "plan_mission",
+    "plan_path",
 ]

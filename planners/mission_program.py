@@ -19,7 +19,7 @@ from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
 
 KM, HOUR = 1e3, 3600.0
-_OPTIONS: dict[str, Any] = {
+OPTIONS: dict[str, Any] = {
     "print_time": False,
     "show_eval_warnings": False,
     "ipopt.print_level": 0,
@@ -236,7 +236,7 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
     n_equal = 3 * n_legs + 2 * n_goals
     n_within = n_planes * shape.n_places * n_legs
     lower = np.concatenate([np.zeros(n_equal), np.full(n_within, -np.inf)])
-    return _Program(ca.nlpsol("mission", "ipopt", program, _OPTIONS), lower, np.zeros(n_equal + n_within))
+    return _Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within))
 
 
 def _beyond(places: Any, planes: Any, n_planes: int) -> Any:

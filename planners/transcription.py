@@ -216,7 +216,7 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
     duration = ca.exp(unknowns[2])
     glide_angle = ca.atan(unknowns[1] * _KM / (speed * duration))
     velocity = ca.vertcat(*velocity_through_water(ca, unknowns[0], glide_angle, speed))
-    positions = ca.horzsplit(_path_function(flow, n_steps)(start, velocity, duration * steps, latent))
+    positions = ca.horzsplit(path_function(flow, n_steps)(start, velocity, duration * steps, latent))
     beyond = [_beyond_sides(position[:2] / _KM, sides) for position in positions]
     miss = (positions[-1] - goal) / _KM
     program: dict[str, Any] = {
@@ -232,7 +232,7 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
     return GlideProgram(ca.nlpsol("glide", "ipopt", program, _OPTIONS), jacobian, lower, np.zeros(n_sides))
 
 
-def _path_function(flow: FlowEstimate, n_steps: int) -> ca.Function:
+def path_function(flow: FlowEstimate, n_steps: int) -> ca.Function:
     """Return the function (start, velocity, steps, latent) -> positions after each step.
 
     The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
