@@ -41,6 +41,7 @@ from replay_kit.cli_options import (
     remapped,
     write_json,
 )
+from replay_kit.cli_plan import plan
 from replay_kit.config import PlannerConfig, load_config
 from replay_kit.convert import convert as convert_logs
 from replay_kit.convert import convert_json, print_converted
@@ -267,5 +268,5 @@ def convert(
     raise typer.Exit(4 if summary.losses else 0)
 
 
-for command in (info, fit, twin, synthesize):
+for command in (info, fit, twin, synthesize, plan):
     app.command()(command)
