@@ -7,6 +7,7 @@ so that one graph serves every estimate on the same nodes.
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -130,11 +131,23 @@ class MissionAnswer:
     return_status: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# From an optimum of nearly the same problem a large barrier only leads away and back.
+_WARM: dict[str, Any] = {"ipopt.mu_init": 1e-6, "ipopt.bound_push": 1e-8, "ipopt.bound_frac": 1e-8}
+
+
+@dataclass(frozen=True, eq=False)
 class _Program:
     solver: Any
     lower: Array
     upper: Array
+    problem: dict[str, Any]
+
+    @cached_property
+    def warm_solver(self) -> Any:
+        """The solver for guesses that are nearly optimal; its derivatives are those of the other."""
+        same = {name: self.solver.get_function(f"nlp_{name}") for name in ("jac_g", "grad_f")}
+        same["hess_lag"] = self.solver.get_function("nlp_hess_l")
+        return ca.nlpsol("mission_again", "ipopt", self.problem, {**OPTIONS, **_WARM, **same})
 
 
 _programs: OrderedDict[Any, _Program] = OrderedDict()
@@ -142,7 +155,14 @@ _MOST_PROGRAMS = 8
 
 
 def solve_mission(
-    flow: FlowEstimate, vehicle: Glider, shape: MissionShape, data: MissionData, guess: MissionGuess, times: Array | None
+    flow: FlowEstimate,
+    vehicle: Glider,
+    shape: MissionShape,
+    data: MissionData,
+    guess: MissionGuess,
+    times: Array | None,
+    *,
+    nearly_optimal: bool = False,
 ) -> MissionAnswer:
     """Return the local optimum that IPOPT finds from a guess.
 
@@ -153,11 +173,13 @@ def solve_mission(
         data: Its parameters.
         guess: Where to begin.
         times: As for ``flow_function``.
+        nearly_optimal: Whether the guess is the optimum of nearly the same problem.
     """
     program = _program(flow, vehicle, shape, times)
+    solver = program.warm_solver if nearly_optimal else program.solver
     unknowns, lower, upper = _unknowns(vehicle, shape, data, guess)
-    answer = program.solver(x0=unknowns, p=_parameters(flow, data), lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
-    statistics = program.solver.stats()
+    answer = solver(x0=unknowns, p=_parameters(flow, data), lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
+    statistics = solver.stats()
     found = np.asarray(answer["x"]).ravel()
     legs, n_goals = found[: 5 * shape.n_legs].reshape(shape.n_legs, 5), len(shape.goal_legs)
     over, under = found[5 * shape.n_legs :][: 4 * n_goals].reshape(n_goals, 2, 2).transpose(1, 0, 2)
@@ -236,7 +258,7 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
     n_equal = 3 * n_legs + 2 * n_goals
     n_within = n_planes * shape.n_places * n_legs
     lower = np.concatenate([np.zeros(n_equal), np.full(n_within, -np.inf)])
-    return _Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within))
+    return _Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within), program)
 
 
 def _beyond(places: Any, planes: Any, n_planes: int) -> Any:

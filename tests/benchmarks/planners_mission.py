@@ -135,11 +135,11 @@ def solve_here(case: Case) -> Solved:
     planes = np.zeros((N, shape.n_places, 0, 3))
     data = MissionData(case.start, 0.0, case.goal[None], (case.depths,), np.zeros(N), planes, 1.0, 0.0, 50.0, case.flow.latent)
 
-    def solve(guess: MissionGuess) -> Any:
-        return solve_mission(case.flow, _VEHICLE, shape, data, guess, None)
+    def solve(guess: MissionGuess, nearly_optimal: bool) -> Any:
+        return solve_mission(case.flow, _VEHICLE, shape, data, guess, None, nearly_optimal=nearly_optimal)
 
-    answer = solve(MissionGuess(case.places, np.full(N, case.heading), np.full(N, _FIRST)))
-    return Solved(answer.objective, np.rad2deg(answer.guess.headings), lambda: solve(answer.guess))
+    answer = solve(MissionGuess(case.places, np.full(N, case.heading), np.full(N, _FIRST)), False)
+    return Solved(answer.objective, np.rad2deg(answer.guess.headings), lambda: solve(answer.guess, True))
 
 
 def rockit_own(case: Case) -> Solved:
