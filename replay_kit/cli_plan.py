@@ -11,7 +11,7 @@ import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
-from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, SteadyFlight, plan_mission
+from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, SteadyFlight, plan_mission, plan_scenarios
 from planners.mission_flights import fly_mission, surfacing_ellipses
 from planners.mission_output import as_glide, legs_table, to_csv, to_geojson, to_json
 from replay_kit.cli_options import ConfigOption, JsonOption, OverwriteOption, console_beside, place, write_json, write_text
@@ -61,6 +61,9 @@ def plan(
     bathymetry: Annotated[Path | None, typer.Option("--bathymetry", metavar="FILE.nc", help="Depth of the bottom on a grid.")] = None,
     samples: Annotated[int, typer.Option("--samples", min=0, help="Fly it through so many samples of the estimate: ellipses.")] = 0,
     seed: Annotated[int, typer.Option("--seed", help="Of the samples.")] = 0,
+    risk: Annotated[
+        float | None, typer.Option("--risk", metavar="SHARE", help="Keep away so far that no larger share of the samples trespasses.")
+    ] = None,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -75,17 +78,20 @@ def plan(
     estimates = [_estimate(path) for path in flows]
     begin, goals = place(start, "--start"), tuple(_goal(text) for text in goal)
     assert begin is not None
-    made = plan_mission(
-        estimates[0] if len(estimates) == 1 else estimates,
-        begin,
-        goals,
-        vehicle=glider,
-        settings=settings,
-        no_go=() if no_go is None else read_areas(no_go),
-        bathymetry=None if bathymetry is None else read_bathymetry(bathymetry),
-        start_time_ns=estimates[0].time_ns or 0,
-    )
-    ellipses, spread = _spread(estimates[0], made, samples, seed)
+    drawn = _samples(estimates, samples, seed, risk)
+    how: dict[str, Any] = {
+        "vehicle": glider,
+        "settings": settings,
+        "no_go": () if no_go is None else read_areas(no_go),
+        "bathymetry": None if bathymetry is None else read_bathymetry(bathymetry),
+        "start_time_ns": estimates[0].time_ns or 0,
+    }
+    if risk is None:
+        flow = estimates[0] if len(estimates) == 1 else estimates
+        made = plan_mission(flow, begin, goals, **how)
+    else:
+        made, _ = plan_scenarios(estimates[0], drawn, begin, goals, allowed=risk, **how)
+    ellipses, spread = _spread(drawn, made)
     projection = estimates[0].grid.projection
     print_mission(made, spread, console_beside(json_file, geojson, csv))
     write_text(geojson, to_geojson(made, projection, ellipses) + "\n")
@@ -121,16 +127,29 @@ def _pair(text: str) -> tuple[float, float]:
     return shallow, steep
 
 
-def _spread(flow: FlowEstimate, made: MissionPlan, samples: int, seed: int) -> tuple[Array | None, dict[str, float] | None]:
+def _samples(estimates: list[FlowEstimate], count: int, seed: int, risk: float | None) -> tuple[FlowEstimate, ...]:
+    """Return samples of the first estimate, none when none are asked for.
+
+    Raises:
+        ConfigError: There are too few of them, or a risk does not go with the other options.
+    """
+    if risk is not None and not (0.0 <= risk < 1.0 and count > 0 and len(estimates) == 1):
+        raise ConfigError(
+            f"--risk: expected a share from 0 to below 1, --samples and one estimate, got {risk:g}, {count} and {len(estimates)}"
+        )
+    if 0 < count < 3:
+        raise ConfigError(f"--samples: an ellipse needs three or more, got {count}")
+    return estimates[0].sample(count, seed) if count else ()
+
+
+def _spread(drawn: tuple[FlowEstimate, ...], made: MissionPlan) -> tuple[Array | None, dict[str, float] | None]:
     """Return the ellipses of the surfacings in samples of an estimate, and how far they miss the last goal."""
-    if samples == 0 or len(made.headings_deg) == 0:
+    if not drawn or len(made.headings_deg) == 0:
         return None, None
-    if samples < 3:
-        raise ConfigError(f"--samples: an ellipse needs three or more, got {samples}")
-    flights = fly_mission(flow.sample(samples, seed), made)
+    flights = fly_mission(drawn, made)
     within = float(np.mean(np.all(flights.miss <= made.settings.tolerance, axis=1)))
     median, ninety = (float(np.quantile(flights.miss[:, -1], q)) for q in (0.5, 0.9))
-    return surfacing_ellipses(flights, made), {"count": samples, "reached": within, "miss_median_m": median, "miss_90_percent_m": ninety}
+    return surfacing_ellipses(flights, made), {"count": len(drawn), "reached": within, "miss_median_m": median, "miss_90_percent_m": ninety}
 
 
 def read_areas(path: Path) -> tuple[NoGo, ...]:

@@ -67,6 +67,8 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     free, past = (json.loads(run(flow, *ASK, "--json", "-", *more).stdout) for more in ([], ["--no-go", areas]))
     assert past["status"] == "reached"
     assert past["duration_s"] > free["duration_s"]
+    wide = json.loads(run(flow, *ASK, "--json", "-", "--no-go", areas, "--samples", 5, "--risk", 0.2, "--legs", len(past["legs"])).stdout)
+    assert wide["duration_s"] >= past["duration_s"] * (1.0 - 1e-4)
 
 
 @pytest.mark.parametrize(
@@ -75,6 +77,7 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
         (["--angles", "15"], 2, "--angles"),
         (["--samples", "2"], 2, "three or more"),
         (["--csv", "-", "--json", "-"], 2, "standard output"),
+        (["--risk", "0.1"], 2, "--samples"),
         (["--depth", "4000"], 3, "deepest level"),
         (["--goal=170,-40,0"], 3, "outside the forecast"),
     ],
