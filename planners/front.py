@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from planners.hazards import Ring
 from planners.seed import FlowTable
+from replay_kit.errors import PlanError
 from replay_kit.types import Array
 
 # Points along the longer side of the graph, and how many points an edge may reach over.
@@ -113,6 +114,9 @@ def build_front(
         rings: What is forbidden.
         wet: Tells which points, shape (n, 2) [m], are water deep enough.
         speed: Horizontal, through water [m/s].
+
+    Raises:
+        PlanError: No point of the graph is free.
     """
     coarse = np.tensordot(table.velocity, depth_shares, axes=(1, 0))
     extent = table.spacing * (np.array(coarse.shape[:0:-1]) - 1)
@@ -123,6 +127,11 @@ def build_front(
     current = np.stack([map_coordinates(component, at, order=1, mode="nearest") for component in coarse])
     points = np.column_stack([column.ravel(), row.ravel()]) + table.origin
     free = (wet(points) & ~np.any([ring.forbids(points) for ring in rings if not ring.surface_only], axis=0)).reshape(row.shape)
+    if not free.any():
+        wide = float(np.max(spacing))
+        raise PlanError(
+            f"what may not be entered leaves no water that a search on {wide:.0f} m finds; allow a wider path, or dive less deep"
+        )
     return Front(table.origin, spacing, current, free, _edges(current, free, spacing, speed))
 
 

@@ -105,6 +105,9 @@ def mission_task(
     start, goals = places
     if not goals:
         raise PlanError("a mission needs a goal; give one or several")
+    if min(settings.legs or settings.max_legs, settings.max_legs) < len(goals):
+        most = min(settings.legs or settings.max_legs, settings.max_legs)
+        raise PlanError(f"{len(goals)} goals need as many legs, as each is met at the end of one, but only {most} are allowed; allow more")
     if settings.depth > region.deepest:
         raise PlanError(f"dives to {settings.depth:g} m are deeper than the deepest level, {region.deepest:g} m; choose a lesser depth")
     names = ["goal"] if len(goals) == 1 else [f"goal {k + 1}" for k in range(len(goals))]

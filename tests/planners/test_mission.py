@@ -1,14 +1,15 @@
 """Missions: still water, a uniform current, forbidden areas, what cannot be reached, what cannot be asked."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, plan_mission
-from planners.flight import Legs, currents_of, currents_of_samples, fly_legs
+from planners.flight import Legs, currents_of, currents_of_samples, fly_legs, refined
 from planners.hazards import Ring, half_planes, no_go_ring
-from planners.leg import leg_depths, steps_needed
+from planners.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_local
@@ -39,6 +40,31 @@ def test_a_leg_is_flown_as_by_an_adaptive_method():
         slowly = fly_leg_slowly(flow, np.array([3e3, -4e3]), 1.0, 0.3, GLIDER.speed, turns)
         np.testing.assert_allclose(flight.place[0, -1], slowly, atol=0.05)
         assert flight.time[-1] == pytest.approx(np.sum(np.abs(np.diff(turns))) / (0.3 * np.sin(0.3)), rel=1e-12)
+
+
+def test_the_integrators_have_their_order_and_the_optimiser_s_ends_within_a_metre():
+    flow, start = eddying_flow(3), np.array([3e3, -4e3])
+    steps = leg_depths((40.0, 110.0), flow.levels, 1)
+    velocity = currents_of(flow)
+
+    def end(method: Callable[..., list], cut: int) -> np.ndarray:
+        depths = refined(steps, cut)
+
+        def rate(at: np.ndarray, depth: float, _: float) -> np.ndarray:
+            return np.array([0.2, 0.1]) + velocity.velocity(at[None], velocity.weights(np.array([depth]))[0], 0.0)[0]
+
+        return method(rate, start, 0.0, depths, np.full(cut, 4e4 / cut), cut)[-1][0]
+
+    for method, order in ((fly_steps, 4), (fly_midpoints, 2)):
+        exact, cuts = end(fly_steps, 160), np.array([4, 8, 16])
+        errors = [float(np.linalg.norm(end(method, int(cut)) - exact)) for cut in cuts]
+        assert order - 0.4 < -np.polyfit(np.log(cuts), np.log(errors), 1)[0] < order + 1.0
+    depths = leg_depths((0.0, 300.0, 0.0), flow.levels, 10)
+    latent = stage_latent(flow.latent, flow.levels, flow.depth_functions, depths)
+    places, time = leg_function(flow, GLIDER, 10, None, True)(start, 0.0, 1.0, 0.3, depths, 900.0, latent)
+    flight = fly_legs(currents_of(flow), GLIDER, start, Legs(np.array([1.0]), np.array([0.3]), (depths,), np.array([900.0])))
+    np.testing.assert_allclose(np.asarray(places)[:, -1], flight.place[0, -1], atol=0.3)
+    assert float(time) == pytest.approx(flight.time[-1], rel=1e-12)
 
 
 def test_many_currents_are_flown_at_once_and_a_drift_is_the_surface_current():
@@ -97,7 +123,8 @@ def test_goals_are_met_in_order_and_the_last_one_may_be_deep():
     goals = (place(flow, -4e3, 8e3, 0.0), place(flow, 10e3, 2e3, 200.0))
     result = plan_mission(flow, place(flow, -12e3, -4e3, 40.0), goals, settings=replace(SETTINGS, surface_time=600.0))
     assert result.status == "reached"
-    assert np.all(result.closest_approach < 1.0)
+    # thirteen dives of the optimiser's coarser steps
+    assert np.all(result.closest_approach < 3.0)
     assert result.turns[0][0] == 40.0
     assert result.track[-1, 2] == result.turns[-1][-1] == 200.0
     assert result.goal_legs[0] < result.goal_legs[1] == len(result.headings_deg)
@@ -180,6 +207,7 @@ def test_a_flow_that_is_not_a_number_fails_as_a_value():
         ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, depth=401.0), "deepest level, 400 m"),
         ((Place(152.5, -40.0, 350.0),), SETTINGS, "deeper than the dives"),
         ((Place(152.5, -40.0, 10.0), Place(152.55, -40.0, 0.0)), SETTINGS, "only the last"),
+        ((Place(152.5, -40.0, 0.0), Place(152.55, -40.0, 0.0)), replace(SETTINGS, legs=1), "2 goals need as many legs"),
         ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is where dives to 300 m may not go: range"),
         ((Place(160.0, -40.0, 0.0),), SETTINGS, "outside the forecast"),
     ],
@@ -189,6 +217,13 @@ def test_missions_that_cannot_be_asked_for(goals: tuple[Place, ...], settings: M
     area = _area(flow, -5e3, -16e3, 5e3, -6e3)
     with pytest.raises(PlanError, match=words):
         plan_mission(flow, Place(152.4, -40.0, 0.0), goals, settings=settings, no_go=(area,))
+
+
+def test_areas_that_leave_no_water_are_said():
+    flow = still_flow()
+    areas = (_area(flow, -90e3, -90e3, 90e3, -0.2e3), _area(flow, -90e3, 0.2e3, 90e3, 90e3))
+    with pytest.raises(PlanError, match="leaves no water"):
+        plan_mission(flow, place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 0.0, 0.0), settings=SETTINGS, no_go=areas)
 
 
 @pytest.mark.parametrize("wrong", [{"depth": 0.0}, {"legs": 0}, {"surface_time": -1.0}, {"tolerance": float("nan")}])
