@@ -14,7 +14,7 @@ from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, No
 from planners.vehicle import Glider
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import grid_bearing_of_true_north, to_local
-from replay_kit.types import Place
+from replay_kit.types import Array, Place
 
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
 
@@ -70,8 +70,7 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
 
     def attempt(n_legs: int) -> Attempt:
-        goal_legs = np.clip(np.round(n_legs * passed / passed[-1]).astype(int), np.arange(len(passed)) + 1, n_legs)
-        return solve_legs(task, guess_of(task, route, front, n_legs), tuple(int(number) for number in goal_legs))
+        return solve_legs(task, guess_of(task, route, front, n_legs), goal_legs_of(passed, n_legs))
 
     attempts = [attempt(settings.legs or likely)]
     if settings.legs is not None or not route.arrives:
@@ -85,6 +84,20 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
         attempts.append(attempt(n_legs))
         n_legs += 1
     return attempts
+
+
+def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:
+    """Return after which leg each goal is met, counted from 1: the nearest to when a route passes it, but each goal after a leg of its own.
+
+    Args:
+        passed: shape (G,) [s], increasing; the last is the route's end.
+        n_legs: Number of legs, at least G.
+    """
+    numbers: list[int] = []
+    for k, share in enumerate(passed / passed[-1]):
+        least, most = (numbers[-1] if numbers else 0) + 1, n_legs - (len(passed) - 1 - k)
+        numbers.append(int(np.clip(np.round(n_legs * share), least, most)))
+    return tuple(numbers)
 
 
 def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> list[Attempt]:

@@ -62,8 +62,11 @@ class MissionTask:
         yo = (0.0, *(self.settings.depth, 0.0) * self.settings.yos)
         legs = [yo] * n_legs
         legs[0] = (float(self.start[2]), *yo[1:])
-        if self.goals[-1, 2] > 0.0:
-            legs[-1] = (*legs[-1][:-2], float(self.goals[-1, 2])) if len(legs[-1]) == 3 else (*legs[-1][:-1], float(self.goals[-1, 2]))
+        deep = float(self.goals[-1, 2])
+        if deep > 0.0:
+            # the last dive ends at the goal's depth on its way down; after other dives, or from below the surface, on its way up
+            down_at_once = self.settings.yos == 1 and legs[-1][0] == 0.0
+            legs[-1] = (0.0, deep) if down_at_once else (*legs[-1][:-1], deep)
         return tuple(legs)
 
     def n_steps(self, turns: tuple[tuple[float, ...], ...]) -> int:

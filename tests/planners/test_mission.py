@@ -10,6 +10,7 @@ from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, pla
 from planners.flight import Legs, currents_of, currents_of_samples, fly_legs, refined
 from planners.hazards import Ring, half_planes, no_go_ring
 from planners.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
+from planners.mission import goal_legs_of
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_local
@@ -128,6 +129,21 @@ def test_goals_are_met_in_order_and_the_last_one_may_be_deep():
     assert result.turns[0][0] == 40.0
     assert result.track[-1, 2] == result.turns[-1][-1] == 200.0
     assert result.goal_legs[0] < result.goal_legs[1] == len(result.headings_deg)
+
+
+def test_each_goal_has_a_leg_of_its_own():
+    assert goal_legs_of(np.array([10.0, 11.0, 40.0]), 4) == (1, 2, 4)
+    assert goal_legs_of(np.array([38.0, 39.0, 40.0]), 5) == (3, 4, 5)
+    assert goal_legs_of(np.array([1.0, 40.0]), 2) == (1, 2)
+
+
+def test_a_single_dive_from_below_the_surface_may_end_at_the_depth_it_began():
+    flow = still_flow()
+    way = place(flow, 1.2e3, 0.0, 150.0)
+    result = plan_mission(flow, place(flow, -0.4e3, 0.0, 150.0), way, settings=replace(SETTINGS, legs=1))
+    assert result.turns == ((150.0, 300.0, 150.0),)
+    assert result.status == "unreachable"
+    assert result.closest_approach[0] == pytest.approx(1600.0 - 300.0 / np.tan(FLAT), abs=1.0)
 
 
 def test_a_flow_that_changes_is_planned_in_as_it_will_be():
