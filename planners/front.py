@@ -4,6 +4,7 @@ Each edge costs its length over the speed made good along it (Zermelo: the vehic
 fine enough to find the way round land and eddies; the optimiser does the rest.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -158,10 +159,15 @@ def _edges(current: Array, free: NDArray[np.bool_], spacing: Array, speed: float
 
 
 def _between(free: NDArray[np.bool_], up: int, right: int, here: tuple[slice, slice]) -> NDArray[np.bool_]:
-    """Return whether the points that an edge passes on its way are free."""
+    """Return whether all points beside an edge's way are free, so that none slips between two areas that touch at a corner."""
     passed = np.ones(free[here].shape, dtype=bool)
-    n = max(abs(up), abs(right))
-    for k in range(1, n):
-        j, i = round(k * up / n), round(k * right / n)
+    halves = 2 * max(abs(up), abs(right))
+    beside = {
+        (round_up(k * up / halves), round_right(k * right / halves))
+        for k in range(1, halves)
+        for round_up in (math.floor, math.ceil)
+        for round_right in (math.floor, math.ceil)
+    }
+    for j, i in beside:
         passed &= free[here[0].start + j : here[0].stop + j, here[1].start + i : here[1].stop + i]
     return passed

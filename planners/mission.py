@@ -70,7 +70,7 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
 
     def attempt(n_legs: int) -> Attempt:
-        return solve_legs(task, guess_of(task, route, front, n_legs), goal_legs_of(passed, n_legs))
+        return solve_legs(task, guess_of(task, route, front, n_legs), goal_legs_of(passed, n_legs), route)
 
     attempts = [attempt(settings.legs or likely)]
     if settings.legs is not None or not route.arrives:
@@ -113,4 +113,4 @@ def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> l
     places = np.column_stack(to_local(task.region.grid.projection, longitude, latitude))
     turn = grid_bearing_of_true_north(task.region.grid.projection, longitude, latitude)
     headings = np.deg2rad(warm.headings_deg[begun:]) + turn
-    return [solve_legs(task, MissionGuess(places, headings, np.deg2rad(warm.glide_angles_deg[begun:])), goals, True)]
+    return [solve_legs(task, MissionGuess(places, headings, np.deg2rad(warm.glide_angles_deg[begun:])), goals, None)]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planners.flight import Flight, Legs, fly_legs, refined
+from planners.front import Route
 from planners.hazards import half_planes
 from planners.mission_check import Finding, check
 from planners.mission_program import MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
@@ -19,6 +20,8 @@ _CLOSEST = 1e-5, 1.0
 _ROUNDS, _PLANES = 6, 3
 # Half-planes laid anew have to lower the cost by this share.
 _PROGRESS = 1e-3
+# Half-planes laid anew for ends that moved by less than this [m] would be the same.
+_SAME = 1.0
 # A goal met this well is met [m].
 _MET = 5.0
 
@@ -48,9 +51,17 @@ class Attempt:
     return_status: str
 
 
-def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...], nearly_optimal: bool = False) -> Attempt:
-    """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path trespasses without."""
-    turns = task.turns(len(guess.headings))
+def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...], route: Route | None) -> Attempt:
+    """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path trespasses without.
+
+    Args:
+        task: The problem.
+        guess: Where to begin.
+        goal_legs: After which leg each goal is to be met, counted from 1.
+        route: What the guess was made of, along which the first half-planes are laid; None for what is left of an earlier plan, which is
+            nearly optimal.
+    """
+    turns, nearly_optimal = task.turns(len(guess.headings)), route is None
     closest = task.settings.objective == "closest"
     found = _solve(task, guess, turns, goal_legs, None, closest, nearly_optimal)
     best = _flown(task, found, turns, goal_legs, found.iterations)
@@ -61,22 +72,26 @@ def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...
         closest = True
     if best.finding is None:
         return best
-    return _kept_clear(task, best, guess, turns, closest)
+    return _kept_clear(task, best, guess, turns, closest, _along(task, guess, turns, route))
 
 
-def _kept_clear(task: MissionTask, free: Attempt, guess: MissionGuess, turns: tuple[tuple[float, ...], ...], closest: bool) -> Attempt:
-    """Return the best path found within half-planes, laid anew for each path found until that gains nothing more."""
+def _kept_clear(
+    task: MissionTask, free: Attempt, guess: MissionGuess, turns: tuple[tuple[float, ...], ...], closest: bool, path: Array
+) -> Attempt:
+    """Return the best path found within half-planes, laid along a path and anew along each path found until that gains nothing more."""
     best, at, before, iterations = free, guess, np.inf, free.iterations
     for _ in range(_ROUNDS):
-        found = _solve(task, at, turns, free.goal_legs, fly_places(task, at, turns), closest)
+        found = _solve(task, at, turns, free.goal_legs, path, closest)
         iterations += found.iterations
         flown = _flown(task, found, turns, free.goal_legs, iterations)
         better = flown.finding is None and (best.finding is not None or worth(task, flown) < worth(task, best))
         best = flown if better or best is free else best
-        cost = found.objective
-        if np.isfinite(before) and cost > before - _PROGRESS * abs(before):
+        gained = not np.isfinite(before) or found.objective < before - _PROGRESS * abs(before)
+        moved = float(np.max(np.abs(found.guess.places - at.places)))
+        if moved < _SAME or (best.finding is None and not gained):
             break
-        at, before = found.guess, cost
+        at, before = found.guess, found.objective
+        path = _along(task, at, turns, None)
     return replace(best, iterations=iterations)
 
 
@@ -116,12 +131,15 @@ def _solve(
     return solve_mission(task.flow, task.vehicle, shape, data, guess, task.currents.times, nearly_optimal=nearly_optimal)
 
 
-def fly_places(task: MissionTask, guess: MissionGuess, turns: tuple[tuple[float, ...], ...]) -> Array:
-    """Return where each step of a guess ends, shape (L, n_places, 2) [m]: straight from leg to leg."""
-    n_places = task.n_steps(turns) + int(np.any(task.drifts(turns)))
+def _along(task: MissionTask, guess: MissionGuess, turns: tuple[tuple[float, ...], ...], route: Route | None) -> Array:
+    """Return where each step of a guess ends, shape (L, n_places, 2) [m]: along its route, or straight from leg to leg without one."""
+    n_places, n_legs = task.n_steps(turns) + int(np.any(task.drifts(turns))), len(turns)
+    share = np.arange(1, n_places + 1) / n_places
+    if route is not None:
+        times = route.times[-1] * (np.arange(n_legs)[:, None] + share) / n_legs
+        return route.at(times.ravel()).reshape(n_legs, n_places, 2)
     begins = np.vstack([task.start[None, :2], guess.places[:-1]])
-    share = np.arange(1, n_places + 1)[:, None] / n_places
-    return np.asarray(begins[:, None] + share * (guess.places - begins)[:, None])
+    return np.asarray(begins[:, None] + share[:, None] * (guess.places - begins)[:, None])
 
 
 def _flown(
