@@ -46,7 +46,8 @@ _MISSED = 2e3
 def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
     made = [*glide_rows(tiny), flow_row(tiny), *zermelo_rows(tiny), front_row(tiny)]
-    return [*made, *planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)]
+    made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
+    return [{"peak_mb": None} | one for one in made]
 
 
 @cache
