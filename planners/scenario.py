@@ -75,10 +75,7 @@ def plan_scenarios(
     Raises:
         PlanError: As for ``plan_mission``; or there are no samples, or they are not on the nodes of the estimate.
     """
-    if not samples:
-        raise PlanError("a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)")
-    asked, currents = goals if isinstance(goals, tuple) else (goals,), currents_of_samples([flow, *samples])
-    currents = replace(currents, latent=currents.latent[1:])
+    asked, currents = goals if isinstance(goals, tuple) else (goals,), _currents_of(flow, samples)
     task = mission_task(flow, (start, asked), vehicle, settings, (no_go, bathymetry), start_time_ns)
     best, plan, margin = None, None, settings.margin
     for _ in range(_PLANS):
@@ -95,6 +92,14 @@ def plan_scenarios(
         margin += max(_MORE * float(np.quantile(-clearance, 1.0 - allowed)), 0.1 * margin)
     assert best is not None
     return best
+
+
+def _currents_of(flow: FlowEstimate, samples: Sequence[FlowEstimate]) -> Currents:
+    """Return the samples' currents, all on the nodes of the estimate."""
+    if not samples:
+        raise PlanError("a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)")
+    both = currents_of_samples([flow, *samples])
+    return replace(both, latent=both.latent[1:])
 
 
 def chances_of(task: MissionTask, currents: Currents, legs: Legs, goal_legs: tuple[int, ...]) -> tuple[Chances, Array]:

@@ -53,9 +53,8 @@ def plan(
     case = GlideCase(begin, end, region.deepest, region.sides(), settings.speed, settings.max_duration)
     task = Task(flow, region, case, settings)
     turn = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
-    kept = _kept(warm, start_time_ns, turn)
     # No glide beats one that passes the goal, so an earlier plan that still leads there needs no search.
-    seeds = [] if kept is None else _flown(task, [kept])
+    seeds = _flown(task, _kept(warm, start_time_ns, turn))
     solved = _solve_all(task, seeds)
     if not any(candidate.distance <= _CLOSE_ENOUGH for candidate in solved):
         found = _seeds(task)
@@ -75,12 +74,12 @@ def plan(
     return _to_plan(task, best, (start, goal, start_time_ns, turn), notes, statistics)
 
 
-def _kept(warm: Plan | None, start_time_ns: int, turn: float) -> tuple[float, float, float] | None:
-    """Return heading [rad], glide angle [rad] and remaining duration [s] of an earlier plan, if there is one."""
+def _kept(warm: Plan | None, start_time_ns: int, turn: float) -> list[tuple[float, float, float]]:
+    """Return heading [rad], glide angle [rad] and remaining duration [s] of an earlier plan; nothing when there is none."""
     if warm is None or warm.status == "failed":
-        return None
+        return []
     remaining = warm.duration - (start_time_ns - warm.start_time_ns) / 1e9
-    return float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0)
+    return [(float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0))]
 
 
 def _seeds(task: Task) -> list[Candidate]:
