@@ -1,7 +1,34 @@
-"""Trajectory planning with CasADi over a ``FlowEstimate``: ``plan`` makes a glide, ``fly`` flies it in another flow."""
+"""Trajectory planning with CasADi over a ``FlowEstimate``.
 
+``plan`` makes one glide and ``fly`` flies it in another flow; ``plan_mission`` makes a glider's mission of many dives,
+``plan_scenarios`` one that keeps clear in most samples of an estimate; ``plan_path`` a free path of a vehicle of bounded speed.
+"""
+
+from planners.auv import Auv, AuvPlan, AuvSettings, plan_path
+from planners.mission import plan_mission
+from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo
+from planners.scenario import Chances, plan_scenarios
 from planners.settings import GlideSettings
 from planners.simulate import fly
 from planners.solve import plan
+from planners.vehicle import Glider, SteadyFlight, fit_flight
 
-__all__ = ["GlideSettings", "fly", "plan"]
+__all__ = [
+    "Auv",
+    "AuvPlan",
+    "AuvSettings",
+    "Bathymetry",
+    "Chances",
+    "GlideSettings",
+    "Glider",
+    "MissionPlan",
+    "MissionSettings",
+    "NoGo",
+    "SteadyFlight",
+    "fit_flight",
+    "fly",
+    "plan",
+    "plan_mission",
+    "plan_path",
+    "plan_scenarios",
+]

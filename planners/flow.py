@@ -1,68 +1,205 @@
-"""The current estimate as a CasADi function with exact derivatives.
+"""The current estimate as a CasADi function with exact first and second derivatives.
 
-The expression is that of ``replay_kit.kernels``, written on vectors over the nodes: CasADi's MX runs one compiled loop for each
-operation, which is five times faster over a flight than the same text expanded into scalars (SX). Its derivatives are CasADi's own.
+A flow is a contraction over its levels (and times), then one over its nodes. Both are differentiated by hand: with X and Y the distances
+to a node in kernel lengths and He the Hermite polynomials of probability, every derivative of the stream function is
+
+    d^(p+q) psi / dX^p dY^q = (-1)^(p+q) sum_nodes k [He_p(X) He_(q+1)(Y) beta_u / l_y - He_(p+1)(X) He_q(Y) beta_v / l_x],
+
+so that a derivative costs what the value costs, where automatic differentiation pays for every operation several times. MX runs one
+compiled loop over the nodes for each operation, which is faster than the same text expanded into scalars (SX). The latent velocities
+are an argument: a new estimate needs no new graph.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.kernels.depth import DepthFunctions
 from replay_kit.kernels.horizontal import HorizontalKernel
 from replay_kit.types import Array
 
 
-def flow_function(nodes: Array, levels: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions) -> ca.Function:
-    """Return the CasADi function (east, north, depth, latent) -> (u, v) of every flow on these nodes.
+def flow_function(
+    nodes: Array, levels: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions, times: Array | None = None
+) -> ca.Function:
+    """Return the CasADi function (east, north, depth[, time], latent) -> (u, v) of every flow on these nodes.
 
-    It equals ``FlowEstimate.velocity`` everywhere: constant in depth outside the levels, fading to zero outside the nodes. It is
-    differentiable to any order in the position; the latent velocities are data, and derivatives by them are not defined.
+    It equals ``FlowEstimate.velocity`` everywhere: constant in depth outside the levels, fading to zero outside the nodes. With times
+    it is linear between them, and constant before the first and after the last. It is differentiable twice in place and time; the
+    latent velocities are data, and derivatives by them are not defined.
 
     Args:
         nodes: shape (N, 2) [m], east and north.
         levels: shape (Z,) [m], increasing.
         kernel: Horizontal kernel.
         depth_functions: How levels combine.
+        times: shape (T,) [s], increasing; the latent velocities are then (2N, Z T), all levels of the first time first. None for a
+            flow that does not change, whose latent velocities are (2N, Z).
     """
+    names = ["east", "north", "depth"] + ([] if times is None else ["time"])
     # CasADi's type stubs read any list of expressions as SX.
-    inputs: list[Any] = [ca.MX.sym(name) for name in ("east", "north", "depth")]
-    east, north, depth = inputs
-    latent = ca.MX.sym("latent", 2 * len(nodes), levels.size)
-    at_depth = _latent_at_depth(latent, depth, levels, depth_functions)
-    # Coordinates in kernel lengths keep every factor of the kernel of order one.
-    x = (east - nodes[:, 0]) / kernel.length_east
-    y = (north - nodes[:, 1]) / kernel.length_north
-    k = (kernel.speed * kernel.length_east) ** 2 * ca.exp(-0.5 * (x * x + y * y))
-    along_east, along_north = k * at_depth[: len(nodes)], k * at_depth[len(nodes) :]
-    psi_terms = y / kernel.length_north * along_east - x / kernel.length_east * along_north
-    u = ca.sum1(along_east) / kernel.length_north**2 - ca.dot(y, psi_terms) / kernel.length_north
-    v = ca.sum1(along_north) / kernel.length_east**2 + ca.dot(x, psi_terms) / kernel.length_east
-    options: dict[str, Any] = {"is_diff_in": [True, True, True, False], "cse": True}
-    return ca.Function("flow", [*inputs, latent], [u, v], ["east", "north", "depth", "latent"], ["u", "v"], options)
+    inputs: list[Any] = [ca.MX.sym(name) for name in names]
+    count = levels.size * (1 if times is None else times.size)
+    latent = ca.MX.sym("latent", 2 * len(nodes), count)
+    velocity = field_function(nodes, levels, kernel, depth_functions, times)(ca.vertcat(*inputs), latent)
+    options = {"is_diff_in": [*(True for _ in names), False]}
+    return ca.Function("flow", [*inputs, latent], [velocity[0], velocity[1]], [*names, "latent"], ["u", "v"], options)
 
 
-def flow_function_of(flow: FlowEstimate) -> ca.Function:
+def flow_function_of(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
     """Return ``flow_function`` of the nodes, levels and functions of an estimate; its latent velocities remain an argument."""
-    return flow_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
+    return flow_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions, times)
 
 
-def _latent_at_depth(latent: Any, depth: Any, levels: Array, functions: DepthFunctions) -> Any:
-    """Return the latent velocities of a depth, (2N x 1), contracted over the levels before any kernel is evaluated."""
-    if levels.size == 1 and functions.kind == "hat":
-        return latent[:, 0]
-    depth = ca.fmin(ca.fmax(depth, levels[0]), levels[-1])
-    if functions.kind == "gaussian":
-        return ca.mtimes(latent, ca.exp(-0.5 * ((depth - ca.DM(levels)) / functions.length) ** 2))
-    # Only two hats differ from zero: picking their columns is Z/2 times less work than weighting all.
-    table = ca.MX(ca.DM(levels))
-    upper = ca.low(ca.DM(levels), depth)
-    fraction = (depth - table[upper]) / (table[upper + 1] - table[upper])
-    return latent[:, upper] * (1.0 - fraction) + latent[:, upper + 1] * fraction
+def layer_function(nodes: Array, kernel: HorizontalKernel, times: Array | None = None) -> ca.Function:
+    """Return the function (east and north[ and time], latent) -> velocity of one depth, whose latent velocities are (2N, 1) or (2N, T).
+
+    A vehicle that passes depths known beforehand contracts the levels once, outside of the optimiser.
+    """
+    return _field(nodes, np.zeros(1), kernel, DepthFunctions("hat", 1.0), times, ("east", "north"))
+
+
+def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
+    """Return (times [s] since the first, latent velocities (2N, Z T)) of one flow at several times.
+
+    Args:
+        flows: The flow at increasing times, each with its ``time_ns``, all on the same nodes, levels and functions.
+
+    Raises:
+        PlanError: There are fewer than two, a time is missing or does not increase, or they are not on the same nodes.
+    """
+    if len(flows) < 2:
+        raise PlanError(f"a flow that changes needs two times or more, but {len(flows)} came; give one flow alone for one that does not")
+    for k, flow in enumerate(flows):
+        before = flows[max(k - 1, 0)].time_ns
+        if flow.time_ns is None or before is None or (k > 0 and flow.time_ns <= before):
+            raise PlanError(f"flow {k} of a sequence has the time {flow.time_ns} ns after {before} ns; expected increasing times")
+        if graph_key(flow) != graph_key(flows[0]):
+            raise PlanError(f"flow {k} of a sequence is not on the nodes, levels, kernel and depth functions of the first")
+    first = flows[0].time_ns or 0
+    return np.array([((flow.time_ns or 0) - first) / 1e9 for flow in flows]), np.hstack([flow.latent for flow in flows])
 
 
 def graph_key(flow: FlowEstimate) -> tuple[bytes, bytes, HorizontalKernel, DepthFunctions]:
     """Return what makes two estimates share one graph: nodes, levels, kernel and depth functions, but not the latent velocities."""
     return np.ascontiguousarray(flow.nodes).tobytes(), np.ascontiguousarray(flow.levels).tobytes(), flow.kernel, flow.depth_functions
+
+
+def field_function(
+    nodes: Array, levels: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions, times: Array | None = None
+) -> ca.Function:
+    """Return ``flow_function`` on vectors, (place, latent) -> velocity, which costs less to call; a place is east, north, depth[, time]."""
+    return _field(nodes, levels, kernel, depth_functions, times, ("east", "north", "depth"))
+
+
+def _field(
+    nodes: Array, levels: Array, kernel: HorizontalKernel, functions: DepthFunctions, times: Array | None, axes: tuple[str, ...]
+) -> ca.Function:
+    """Return the function (place, latent) -> velocity with its own derivatives, its place having these axes and time where there is one."""
+    names = axes if times is None else (*axes, "time")
+    place: Any = ca.MX.sym("place", len(names))
+    latent = ca.MX.sym("latent", 2 * len(nodes), levels.size * (1 if times is None else times.size))
+    summed = _SumOverNodes(nodes, kernel, place)
+
+    def derivative(*by: str) -> Any:
+        """Return the velocity differentiated once by each of the axes given."""
+        by_depth = _depth_columns(levels, functions, place[2], by.count("depth")) if "depth" in names else [(0, 1.0)]
+        by_time = [(0, 1.0)] if times is None else _hat_columns(times, place[len(names) - 1], by.count("time"))
+        columns = [(z + levels.size * t, of_time * of_depth) for t, of_time in by_time for z, of_depth in by_depth]
+        if not columns:
+            return ca.MX(2, 1)
+        combined = sum(weight * latent[:, column] for column, weight in columns)
+        return summed.velocity(combined, by.count("east"), by.count("north"))
+
+    first = ca.horzcat(*(derivative(i) for i in names))
+    # one row for each entry of the Jacobian, column after column
+    second = ca.vertcat(*(ca.horzcat(*(derivative(i, j) for j in names)) for i in names))
+    return _with_derivatives(place, latent, derivative(), first, second)
+
+
+def _with_derivatives(place: Any, latent: Any, value: Any, first: Any, second: Any) -> ca.Function:
+    """Return the function (place, latent) -> value whose derivatives by the place are the expressions given; none are made by CasADi."""
+    inputs, names = [place, latent], ["place", "latent"]
+    n, n_latent = value.numel(), latent.numel()
+    options: dict[str, Any] = {"cse": True, "never_inline": True}
+    given = [ca.MX.sym("out_value", n), ca.MX.sym("out_first", *first.shape), ca.MX.sym("out_first_latent", ca.Sparsity(n, n_latent))]
+    outputs = {"jac_value_place": first, "jac_value_latent": ca.MX(n, n_latent)}
+    blocks = {f"jac_{name}_{by}": ca.MX(outputs[name].numel(), k) for name in outputs for by, k in (("latent", n_latent), ("out_value", n))}
+    blocks |= {"jac_jac_value_place_place": second, "jac_jac_value_latent_place": ca.MX(n * n_latent, place.numel())}
+    order = [f"jac_{name}_{by}" for name in outputs for by in ("place", "latent", "out_value")]
+    by_value = [*names, "out_value"]
+    hessian = ca.Function(
+        "jac_jac_field",
+        [*inputs, *given],
+        [blocks[name] for name in order],
+        [*by_value, "out_jac_value_place", "out_jac_value_latent"],
+        order,
+        {**options, "is_diff_in": [True, False, False, False, False]},
+    )
+    custom = {**options, "is_diff_in": [True, False, False], "custom_jacobian": hessian, "jac_penalty": 0}
+    jacobian = ca.Function("jac_field", [*inputs, given[0]], list(outputs.values()), by_value, list(outputs), custom)
+    custom = {**options, "is_diff_in": [True, False], "custom_jacobian": jacobian, "jac_penalty": 0}
+    return ca.Function("field", inputs, [value], names, ["value"], custom)
+
+
+class _SumOverNodes:
+    """The contraction over the nodes: velocities, and their derivatives in place, of the latent velocities of one depth and time."""
+
+    def __init__(self, nodes: Array, kernel: HorizontalKernel, place: Any) -> None:
+        # Coordinates in kernel lengths keep every factor of the kernel of order one.
+        self.lengths = kernel.length_east, kernel.length_north
+        x, y = ((place[i] - nodes[:, i]) / self.lengths[i] for i in (0, 1))
+        self.gaussian = (kernel.speed * kernel.length_east) ** 2 * ca.exp(-0.5 * (x * x + y * y))
+        self.hermite_x, self.hermite_y = _hermite(x), _hermite(y)
+
+    def velocity(self, latent: Any, east: int, north: int) -> Any:
+        """Return the velocity (2 x 1) of latent velocities (2N x 1), differentiated so many times towards east and north."""
+        along_x, along_y = self.lengths
+        scale = along_x**east * along_y**north
+        u = self._stream_function(latent, east, north + 1) / (along_y * scale)
+        v = -self._stream_function(latent, east + 1, north) / (along_x * scale)
+        return ca.vertcat(u, v)
+
+    def _stream_function(self, latent: Any, p: int, q: int) -> Any:
+        """Return d^(p+q) psi / dX^p dY^q."""
+        n = self.gaussian.numel()
+        east = ca.dot(self.hermite_x[p] * self.hermite_y[q + 1], self.gaussian * latent[:n])
+        north = ca.dot(self.hermite_x[p + 1] * self.hermite_y[q], self.gaussian * latent[n:])
+        return (-1) ** (p + q) * (east / self.lengths[1] - north / self.lengths[0])
+
+
+def _hermite(x: Any) -> list[Any]:
+    """Return He_0 to He_4 at x, with d/dx (He_p exp(-x^2/2)) = -He_(p+1) exp(-x^2/2)."""
+    values = [ca.MX.ones(x.shape), x]
+    for p in range(1, 4):
+        values.append(x * values[p] - p * values[p - 1])
+    return values
+
+
+def _depth_columns(levels: Array, functions: DepthFunctions, depth: Any, order: int) -> list[tuple[Any, Any]]:
+    """Return the levels that count at a depth and their weights, the functions of depth differentiated so many times."""
+    if functions.kind == "hat":
+        return _hat_columns(levels, depth, order)
+    within = ca.logic_and(depth >= levels[0], depth <= levels[-1]) if order else 1.0
+    x = (ca.fmin(ca.fmax(depth, levels[0]), levels[-1]) - ca.DM(levels)) / functions.length
+    weights = (-1 / functions.length) ** order * within * _hermite(x)[order] * ca.exp(-0.5 * x * x)
+    return [(j, weights[j]) for j in range(levels.size)]
+
+
+def _hat_columns(knots: Array, at: Any, order: int) -> list[tuple[Any, Any]]:
+    """Return the knots between which a number lies and their weights; beyond the ends the nearest knot alone counts."""
+    if knots.size == 1 or order > 1:
+        return [(0, 1.0)] if order == 0 else []
+    # Only two hats differ from zero: picking their columns is less work than weighting all.
+    table = ca.MX(ca.DM(knots))
+    lower = ca.low(ca.DM(knots), at)
+    spacing = table[lower + 1] - table[lower]
+    if order == 1:
+        slope = ca.logic_and(at >= knots[0], at <= knots[-1]) / spacing
+        return [(lower, -slope), (lower + 1, slope)]
+    fraction = (ca.fmin(ca.fmax(at, knots[0]), knots[-1]) - table[lower]) / spacing
+    return [(lower, 1.0 - fraction), (lower + 1, fraction)]

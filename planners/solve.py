@@ -42,8 +42,8 @@ def plan(
         goal: Where it should pass.
         settings: What the glide may do.
         start_time_ns: When it begins [ns, UTC]; copied to the plan.
-        warm: An earlier plan for the same goal; its heading, angle and what is left of its duration are one more seed, and
-            one start fewer is made.
+        warm: An earlier plan for the same goal; its heading, angle and what is left of its duration are tried first, and when they
+            lead to the goal nothing else is.
 
     Raises:
         PlanError: The start or the goal is outside the region, above the surface, below the deepest level or on land.
@@ -53,10 +53,16 @@ def plan(
     case = GlideCase(begin, end, region.deepest, region.sides(), settings.speed, settings.max_duration)
     task = Task(flow, region, case, settings)
     turn = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
-    seeds = _seeds(task, _kept(warm, start_time_ns, turn))
-    if not seeds:
-        return _failed(task, start, goal, start_time_ns)
-    solved, seed = _solve_all(task, seeds), seeds[0]
+    # No glide beats one that passes the goal, so an earlier plan that still leads there needs no search.
+    seeds = _flown(task, _kept(warm, start_time_ns, turn))
+    solved = _solve_all(task, seeds)
+    if not any(candidate.distance <= _CLOSE_ENOUGH for candidate in solved):
+        found = _seeds(task)
+        seeds = sorted([*seeds, *found], key=lambda candidate: candidate.distance)
+        if not seeds:
+            return _failed(task, start, goal, start_time_ns)
+        solved += _solve_all(task, found[: max(settings.starts - len(solved), 1)])
+    seed = seeds[0]
     best = min(solved, key=lambda candidate: candidate.distance, default=seed)
     notes = []
     if best is seed or best.distance > seed.distance + _TIE:
@@ -68,25 +74,28 @@ def plan(
     return _to_plan(task, best, (start, goal, start_time_ns, turn), notes, statistics)
 
 
-def _kept(warm: Plan | None, start_time_ns: int, turn: float) -> tuple[float, float, float] | None:
-    """Return heading [rad], glide angle [rad] and remaining duration [s] of an earlier plan, if there is one."""
+def _kept(warm: Plan | None, start_time_ns: int, turn: float) -> list[tuple[float, float, float]]:
+    """Return heading [rad], glide angle [rad] and remaining duration [s] of an earlier plan; nothing when there is none."""
     if warm is None or warm.status == "failed":
-        return None
+        return []
     remaining = warm.duration - (start_time_ns - warm.start_time_ns) / 1e9
-    return float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0)
+    return [(float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0))]
 
 
-def _seeds(task: Task, kept: tuple[float, float, float] | None) -> list[Candidate]:
+def _seeds(task: Task) -> list[Candidate]:
     """Return the optimiser's starts, flown in the flow itself, nearest to the goal first; none when no path is finite."""
     case = task.case
     found = find_seeds(task.flow, task.region, case.start, case.goal, case.speed, case.max_duration, _MOST_SEEDS)
     reach = _WORTH * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
     guesses = [(seed.heading, seed.glide_angle, seed.duration) for seed in found if seed.distance <= found[0].distance + reach]
-    starts = task.settings.starts
-    if kept is not None:
-        guesses, starts = [kept, *guesses], max(starts - 1, 1)
-    flown = [fly_candidate(task, heading, angle, float(np.clip(time, 1.0, case.max_duration)), 1) for heading, angle, time in guesses]
-    return sorted((seed for seed in flown if np.isfinite(seed.distance)), key=lambda seed: seed.distance)[:starts]
+    return sorted(_flown(task, guesses), key=lambda seed: seed.distance)[: task.settings.starts]
+
+
+def _flown(task: Task, guesses: list[tuple[float, float, float]]) -> list[Candidate]:
+    """Return the guesses whose path is finite."""
+    limit = task.case.max_duration
+    flown = [fly_candidate(task, heading, angle, float(np.clip(time, 1.0, limit)), 1) for heading, angle, time in guesses]
+    return [seed for seed in flown if np.isfinite(seed.distance)]
 
 
 def _solve_all(task: Task, seeds: list[Candidate]) -> list[Candidate]:

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
-from planners.flow import flow_function_of, graph_key
+from planners.flow import field_function, graph_key
 from planners.glider import rk4_step, velocity_through_water
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
@@ -216,12 +216,8 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
     duration = ca.exp(unknowns[2])
     glide_angle = ca.atan(unknowns[1] * _KM / (speed * duration))
     velocity = ca.vertcat(*velocity_through_water(ca, unknowns[0], glide_angle, speed))
-    step = _step_function(flow)
-    # An unrolled chain of calls to one function: a map over the steps would copy the latent velocities for each.
-    positions = [start]
-    for i in range(n_steps):
-        positions.append(step(positions[-1], velocity, duration * steps[i], latent))
-    beyond = [_beyond_sides(position[:2] / _KM, sides) for position in positions[1:]]
+    positions = ca.horzsplit(path_function(flow, n_steps)(start, velocity, duration * steps, latent))
+    beyond = [_beyond_sides(position[:2] / _KM, sides) for position in positions]
     miss = (positions[-1] - goal) / _KM
     program: dict[str, Any] = {
         "x": unknowns,
@@ -236,17 +232,24 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
     return GlideProgram(ca.nlpsol("glide", "ipopt", program, _OPTIONS), jacobian, lower, np.zeros(n_sides))
 
 
-def _step_function(flow: FlowEstimate) -> ca.Function:
-    current = flow_function_of(flow)
-    position, velocity, length = ca.MX.sym("position", 3), ca.MX.sym("velocity", 3), ca.MX.sym("length")
-    latent = ca.MX.sym("latent", *flow.latent.shape)
+def path_function(flow: FlowEstimate, n_steps: int) -> ca.Function:
+    """Return the function (start, velocity, steps, latent) -> positions after each step.
+
+    The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
+    function for one step each derivative would evaluate its own.
+    """
+    current = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
+    inputs: list[Any] = [ca.MX.sym(*what) for what in (("start", 3), ("velocity", 3), ("steps", n_steps), ("latent", *flow.latent.shape))]
+    start, velocity, steps, latent = inputs
 
     def over_ground(at: Any) -> Any:
-        u, v = current(at[0], at[1], at[2], latent)
-        return velocity + ca.vertcat(u, v, 0.0)
+        return velocity + ca.vertcat(current(at, latent), 0.0)
 
-    after = rk4_step(over_ground, position, length, over_ground(position))
-    return ca.Function("step", [position, velocity, length, latent], [after], {"is_diff_in": [True, True, True, False]})
+    positions: list[Any] = [start]
+    for i in range(n_steps):
+        positions.append(rk4_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
+    options: dict[str, Any] = {"is_diff_in": [True, True, True, False], "never_inline": True, "cse": True}
+    return ca.Function("path", inputs, [ca.horzcat(*positions[1:])], options)
 
 
 def _beyond_sides(point: Any, sides: Any) -> Any:

@@ -41,6 +41,7 @@ from replay_kit.cli_options import (
     remapped,
     write_json,
 )
+from replay_kit.cli_plan import plan
 from replay_kit.cli_qc import qc
 from replay_kit.config import PlannerConfig, load_config
 from replay_kit.convert import convert as convert_logs
@@ -268,5 +269,5 @@ def convert(
     raise typer.Exit(4 if summary.losses else 0)
 
 
-for command in (info, qc, fit, twin, synthesize):
+for command in (info, qc, fit, twin, synthesize, plan):
     app.command()(command)

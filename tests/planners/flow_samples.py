@@ -1,5 +1,6 @@
 """Small flows for the planner's tests: random eddies, no current, a nearly uniform current."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -66,3 +67,12 @@ def random_points(flow: FlowEstimate, n: int, seed: int) -> Array:
     low = [flow.grid.east.min(), flow.grid.north.min(), -20.0]
     high = [flow.grid.east.max(), flow.grid.north.max(), flow.levels[-1] + 60.0]
     return rng.uniform(low, high, (n, 3))
+
+
+def fitted_flow(velocity: Callable[[Array, Array], tuple[Array, Array]], shape: tuple[int, int] = (13, 15)) -> FlowEstimate:
+    """Return a flow of one level that is a given divergence-free one, of local east and north [m], over the inner grid."""
+    flow = still_flow(shape, (50.0,), length=22e3)
+    matrix = velocity_kernel(flow.kernel, flow.nodes, flow.nodes)
+    wanted = np.concatenate(velocity(*flow.nodes.T))
+    latent = np.linalg.lstsq(matrix, wanted, rcond=1e-13)[0]
+    return replace(flow, latent=latent[:, None])

@@ -1,0 +1,116 @@
+"""A glider's mission planned: a route from the graph, the nonlinear program from it, the path flown densely and checked."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planners.hazards import Ring
+from planners.mission_program import MissionGuess
+from planners.mission_result import failed_plan, to_plan
+from planners.mission_solve import Attempt, safe_and_met, solve_legs
+from planners.mission_task import MissionTask, front_of, guess_of, mission_task, route_of
+from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo
+from planners.vehicle import Glider
+from replay_kit.flow import FlowEstimate
+from replay_kit.geodesy import grid_bearing_of_true_north, to_local
+from replay_kit.types import Array, Place
+
+_VEHICLE, _SETTINGS = Glider(), MissionSettings()
+
+
+def plan_mission(
+    flow: FlowEstimate | Sequence[FlowEstimate],
+    start: Place,
+    goals: Place | tuple[Place, ...],
+    *,
+    vehicle: Glider = _VEHICLE,
+    settings: MissionSettings = _SETTINGS,
+    no_go: tuple[NoGo, ...] = (),
+    bathymetry: Bathymetry | None = None,
+    start_time_ns: int = 0,
+    warm: MissionPlan | None = None,
+) -> MissionPlan:
+    """Return the best mission found from a start past one goal or several.
+
+    The result is a value whatever the outcome: ``status`` and ``message`` say whether the goals are reached and what prevents it.
+
+    Args:
+        flow: The current, or its estimates for increasing times, between which it is linear.
+        start: Where it begins.
+        goals: Where it should go, in order; all but the last at the surface.
+        vehicle: What glides.
+        settings: How.
+        no_go: Areas that are not to be entered.
+        bathymetry: Depth of the bottom, beside the forecast's land.
+        start_time_ns: When it begins [ns, UTC].
+        warm: An earlier plan for the same goals; what is left of it is tried first, and when that leads there nothing else is.
+
+    Raises:
+        PlanError: The start or a goal is outside of the region, on land or where the mission may not go, or a depth does not fit.
+    """
+    asked = goals if isinstance(goals, tuple) else (goals,)
+    task = mission_task(flow, (start, asked), vehicle, settings, (no_go, bathymetry), start_time_ns)
+    attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
+    if not any(safe_and_met(task, attempt) for attempt in attempts):
+        if not np.all(np.isfinite(task.currents.latent)):
+            return failed_plan(task, start, asked, start_time_ns, "the current is not a number; check the estimate's latent velocities")
+        attempts += _search(task, task.rings)
+        if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
+            # an area too wide to be passed under water between two surfacings has to be gone round
+            attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
+    return to_plan(task, start, asked, start_time_ns, attempts)
+
+
+def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
+    """Return what came of each number of legs tried: as the route clear of rings suggests, then fewer while that helps, else more."""
+    settings, front = task.settings, front_of(task, rings)
+    route, passed = route_of(task, front)
+    shallow = task.leg_time(task.vehicle.angles[0])
+    likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
+
+    def attempt(n_legs: int) -> Attempt:
+        return solve_legs(task, guess_of(task, route, front, n_legs), goal_legs_of(passed, n_legs), route)
+
+    attempts = [attempt(settings.legs or likely)]
+    if settings.legs is not None or not route.arrives:
+        return attempts
+    n_legs = likely - 1
+    while n_legs >= len(task.goals) and safe_and_met(task, attempts[-1]):
+        attempts.append(attempt(n_legs))
+        n_legs -= 1
+    n_legs = likely + 1
+    while n_legs <= min(likely + 2, settings.max_legs) and not any(safe_and_met(task, done) for done in attempts):
+        attempts.append(attempt(n_legs))
+        n_legs += 1
+    return attempts
+
+
+def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:
+    """Return after which leg each goal is met, counted from 1: the nearest to when a route passes it, but each goal after a leg of its own.
+
+    Args:
+        passed: shape (G,) [s], increasing; the last is the route's end.
+        n_legs: Number of legs, at least G.
+    """
+    numbers: list[int] = []
+    for k, share in enumerate(passed / passed[-1]):
+        least, most = (numbers[-1] if numbers else 0) + 1, n_legs - (len(passed) - 1 - k)
+        numbers.append(int(np.clip(np.round(n_legs * share), least, most)))
+    return tuple(numbers)
+
+
+def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> list[Attempt]:
+    """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are."""
+    elapsed = (start_time_ns - warm.start_time_ns) / 1e9
+    # a surfacing earlier than planned begins the next leg as well
+    begun = int(np.sum(warm.surfacing_times < elapsed + 0.5 * task.leg_time(task.vehicle.angles[0]) * (elapsed > 0.0)))
+    left = len(warm.headings_deg) - begun
+    goals = tuple(number - begun for number in warm.goal_legs if number > begun)
+    if left <= 0 or len(goals) != len(task.goals):
+        return []
+    longitude, latitude = warm.surfacings[begun:].T
+    places = np.column_stack(to_local(task.region.grid.projection, longitude, latitude))
+    turn = grid_bearing_of_true_north(task.region.grid.projection, longitude, latitude)
+    headings = np.deg2rad(warm.headings_deg[begun:]) + turn
+    return [solve_legs(task, MissionGuess(places, headings, np.deg2rad(warm.glide_angles_deg[begun:])), goals, None)]

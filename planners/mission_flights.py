@@ -1,0 +1,88 @@
+"""A mission flown in other currents than it was planned on: in a truth, or in samples of what the estimate does not know."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planners.flight import Legs, currents_of_samples, fly_legs, refined
+from planners.leg import leg_depths, steps_needed
+from planners.mission_task import REFINED
+from planners.mission_values import MissionPlan
+from replay_kit.errors import PlanError
+from replay_kit.flow import FlowEstimate
+from replay_kit.geodesy import grid_bearing_of_true_north, to_geographic, to_local
+from replay_kit.types import Array
+
+# Semi-axes of the ellipse that holds 90 % of a bivariate normal distribution, in standard deviations.
+_NINETY = float(np.sqrt(-2.0 * np.log(0.1)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionFlights:
+    """A mission in K currents.
+
+    Attributes:
+        time: shape (n,) [s] since the start; the same in all, as the currents change where it leads and not how long it lasts.
+        depth: shape (n,) [m].
+        place: shape (K, n, 2) [m], east and north in the flows' local frame.
+        surfacings: shape (K, L, 2), longitude and latitude [degrees] at each leg's end.
+        miss: shape (K, G), between each goal and the place at its leg's end [m].
+    """
+
+    time: Array
+    depth: Array
+    place: Array
+    surfacings: Array
+    miss: Array
+
+
+def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan) -> MissionFlights:
+    """Return where a mission's headings, glide angles and depths lead in other currents, without any correction on the way.
+
+    Args:
+        flows: Flows that do not change, on the same nodes; their projection may differ from that of the plan's flow.
+        plan: The mission.
+
+    Raises:
+        PlanError: The mission has no legs, or the flows are not on the same nodes.
+    """
+    if len(plan.headings_deg) == 0:
+        raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
+    currents = currents_of_samples([flows] if isinstance(flows, FlowEstimate) else flows)
+    projection, levels = currents.flow.grid.projection, currents.flow.levels
+    start = np.array(to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64)
+    begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
+    turn = grid_bearing_of_true_north(projection, *begins.T)
+    depths = tuple(refined(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), REFINED) for leg in plan.turns)
+    drifts = np.append(np.full(len(plan.turns) - 1, plan.settings.surface_time), 0.0)
+    legs = Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), depths, drifts)
+    flight = fly_legs(currents, plan.vehicle, start, legs)
+    ends = flight.place[:, flight.ends]
+    goals = np.column_stack(to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T))
+    miss = np.linalg.norm(ends[:, np.array(plan.goal_legs) - 1] - goals, axis=2)
+    surfacings = np.stack(to_geographic(projection, ends[..., 0], ends[..., 1]), axis=-1)
+    return MissionFlights(flight.time, flight.depth, flight.place, surfacings, miss)
+
+
+def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
+    """Return the ellipse that holds 90 % of the surfacings of each leg, taken for normal.
+
+    Returns:
+        Array of shape (L, 5): longitude and latitude of its centre [degrees], semi-axes [m], and the bearing of the major one, clockwise
+        from the flows' local north [degrees].
+
+    Raises:
+        PlanError: There are fewer than three flights.
+    """
+    if len(flights.place) < 3:
+        raise PlanError(f"an ellipse needs three flights or more, but there are {len(flights.place)}")
+    numbers = np.searchsorted(flights.time, plan.surfacing_times - 1e-6)
+    centre = np.mean(flights.surfacings, axis=0)
+    ellipses = []
+    for k, number in enumerate(numbers):
+        values, vectors = np.linalg.eigh(np.cov(flights.place[:, number].T))
+        minor, major = _NINETY * np.sqrt(np.maximum(values, 0.0))
+        bearing = np.rad2deg(np.arctan2(*vectors[:, 1])) % 180.0
+        ellipses.append([*centre[k], major, minor, bearing])
+    return np.array(ellipses)

@@ -1,0 +1,128 @@
+"""A mission for people and other programs: legs as a table, as GeoJSON, as JSON."""
+
+import csv
+import io
+import json
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from planners.mission_values import MissionPlan
+from replay_kit.geodesy import grid_bearing_of_true_north, to_geographic, unwrap_longitude
+from replay_kit.types import Array, Plan, PlanStatus, Projection
+
+
+def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, float]]:
+    """Return what the glider is told at the beginning of each leg and where it ends, one row a leg.
+
+    Args:
+        plan: The mission.
+        ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
+    """
+    begins = np.concatenate([[0.0], plan.surfacing_times[:-1]])
+    rows = []
+    for k, heading in enumerate(plan.headings_deg):
+        row = {
+            "leg": float(k + 1),
+            "start_s": float(begins[k]),
+            "heading_deg": float(heading),
+            "glide_angle_deg": float(plan.glide_angles_deg[k]),
+            "pitch_deg": float(plan.pitches_deg[k]),
+            "depth_m": float(max(plan.turns[k])),
+            "dives": float(sum(depth > before for before, depth in pairwise(plan.turns[k]))),
+            "surfacing_s": float(plan.surfacing_times[k]),
+            "longitude": float(plan.surfacings[k, 0]),
+            "latitude": float(plan.surfacings[k, 1]),
+        }
+        if ellipses is not None:
+            names = "ellipse_longitude", "ellipse_latitude", "ellipse_major_m", "ellipse_minor_m", "ellipse_bearing_deg"
+            row |= {name: float(value) for name, value in zip(names, ellipses[k], strict=True)}
+        rows.append(row)
+    return rows
+
+
+def to_csv(plan: MissionPlan, ellipses: Array | None) -> str:
+    """Return the legs as CSV with a line of names; without legs only that there are none."""
+    rows = legs_table(plan, ellipses)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]) if rows else ["leg"], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: round(value, 7) for name, value in row.items()} for row in rows)
+    return text.getvalue()
+
+
+def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
+    """Return the mission as JSON: its outcome, energy and legs; figures that are not numbers are null."""
+    return {
+        "status": plan.status,
+        "message": plan.message,
+        "duration_s": plan.duration,
+        "energy_j": plan.energy,
+        "closest_approach_m": [float(miss) for miss in plan.closest_approach],
+        "legs": legs_table(plan, ellipses),
+        "statistics": {name: value if value == value else None for name, value in plan.statistics.items()},
+    }
+
+
+def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None) -> str:
+    """Return the predicted track as a line, and start, surfacings and goals as points.
+
+    Args:
+        plan: The mission.
+        projection: The local frame of its track.
+        ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
+    """
+
+    def position(longitude: float, latitude: float) -> list[float]:
+        # continuous across the antimeridian, or a map draws the line around the world
+        return [round(float(unwrap_longitude(longitude, plan.start.longitude)), 7), round(latitude, 7)]
+
+    def feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
+        return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+
+    features = []
+    if len(plan.track) > 1:
+        line = zip(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]), strict=True)
+        properties = {"name": "track", "status": plan.status, "message": plan.message, "duration_s": plan.duration, "energy_j": plan.energy}
+        features.append(feature("LineString", [position(float(lon), float(lat)) for lon, lat in line], properties))
+    features.append(feature("Point", position(plan.start.longitude, plan.start.latitude), {"name": "start"}))
+    for k, goal in enumerate(plan.goals):
+        features.append(feature("Point", position(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", "depth_m": goal.depth}))
+    for row in legs_table(plan, ellipses):
+        features.append(feature("Point", position(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']:.0f}", **row}))
+    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+
+
+def as_glide(plan: MissionPlan, projection: Projection) -> Plan:
+    """Return the mission as the plan of its first leg with the whole predicted track: what the result's messages hold of a plan.
+
+    Its statistics name the controls of every leg. A mission that is not safe counts as unreachable, and its message says why.
+
+    Args:
+        plan: The mission.
+        projection: The local frame of its track.
+    """
+    statuses: dict[str, PlanStatus] = {"reached": "reached", "failed": "failed"}
+    legs = len(plan.headings_deg)
+    heading, angle = (float(values[0]) if legs else 0.0 for values in (plan.headings_deg, np.deg2rad(plan.glide_angles_deg)))
+    along, down = (float(speed) for speed in plan.vehicle.speeds(np, angle if legs else plan.vehicle.angles[0]))
+    turn = float(grid_bearing_of_true_north(projection, plan.start.longitude, plan.start.latitude))
+    local = np.deg2rad(heading) + turn
+    controls = {f"leg_{int(row['leg']):03d}": json.dumps(row) for row in legs_table(plan, None)}
+    return Plan(
+        status=statuses.get(plan.status, "unreachable"),
+        start=plan.start,
+        goal=plan.goals[-1],
+        start_time_ns=plan.start_time_ns,
+        heading_deg=heading,
+        glide_angle_deg=float(np.rad2deg(angle)),
+        speed=float(np.hypot(along, down)),
+        velocity_through_water=np.array([along * np.sin(local), along * np.cos(local), down]),
+        duration=plan.duration,
+        closest_approach=float(plan.closest_approach[-1]),
+        track_time=plan.track_time,
+        track=plan.track,
+        message=plan.message,
+        statistics={**plan.statistics, **controls},
+    )

@@ -1,0 +1,267 @@
+"""A glider's mission as a nonlinear program: multiple shooting over its legs.
+
+Unknown are heading and glide angle of each leg, where and when it begins, and what the limits are missed by. Places are in kilometres,
+times in hours, angles in radians: all of order one to a hundred. Latent velocities, places, depths, weights and limits are parameters,
+so that one graph serves every estimate on the same nodes.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from planners.flow import graph_key
+from planners.leg import leg_function, stage_latent
+from planners.vehicle import Glider
+from replay_kit.flow import FlowEstimate
+from replay_kit.types import Array
+
+KM, HOUR = 1e3, 3600.0
+OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "show_eval_warnings": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    # metres and seconds are wanted of kilometres and hours
+    "ipopt.tol": 1e-6,
+    "ipopt.constr_viol_tol": 1e-6,
+    "ipopt.acceptable_tol": 1e-5,
+    "ipopt.acceptable_iter": 3,
+    "ipopt.max_iter": 80,
+    "ipopt.nlp_scaling_method": "none",
+    "ipopt.mu_init": 1e-2,
+    "ipopt.bound_push": 1e-4,
+    "ipopt.bound_frac": 1e-4,
+    "ipopt.slack_bound_push": 1e-6,
+    "ipopt.slack_bound_frac": 1e-6,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class MissionShape:
+    """What makes two missions share a graph.
+
+    Attributes:
+        n_legs: Number of legs.
+        n_steps: Steps of a leg under water.
+        goal_legs: After which leg each goal is to be met, counted from 1.
+        profiles: Which of the mission's profiles of depth each leg follows.
+        n_planes: Half-planes that every step's end has to keep to; 0 for none.
+        drifts: Whether there are drifts at the surface.
+    """
+
+    n_legs: int
+    n_steps: int
+    goal_legs: tuple[int, ...]
+    profiles: tuple[int, ...]
+    n_planes: int
+    drifts: bool
+
+    @property
+    def n_places(self) -> int:
+        """Places at which a leg is held to its half-planes."""
+        return self.n_steps + int(self.drifts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionData:
+    """What one mission gives its program.
+
+    Attributes:
+        start: shape (2,) [m].
+        start_time: [s], on the clock of the flow's times.
+        goals: shape (G, 2) [m].
+        depths: One for each profile, shape (n_steps + 1,) [m].
+        drifts: shape (L,) [s], at the surface after each leg.
+        planes: shape (L, n_places, P, 3): normal (east, north) and offset [m] of normal . place <= offset.
+        time_weight: Of an hour.
+        miss_weight: Of a squared kilometre between a goal and the path.
+        penalty: Of a kilometre missed of a goal, or of a half-plane trespassed on.
+        latent: As the flow function takes it.
+    """
+
+    start: Array
+    start_time: float
+    goals: Array
+    depths: tuple[Array, ...]
+    drifts: Array
+    planes: Array
+    time_weight: float
+    miss_weight: float
+    penalty: float
+    latent: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionGuess:
+    """Where the solver begins, and what it answers.
+
+    Attributes:
+        places: shape (L, 2) [m], at the ends of the legs.
+        headings: shape (L,), clockwise from local north [rad].
+        angles: shape (L,), glide angles [rad].
+    """
+
+    places: Array
+    headings: Array
+    angles: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionAnswer:
+    """What the solver answered.
+
+    Attributes:
+        guess: Its point, from which another solve may begin.
+        miss: shape (G,), between each goal and the place at its leg's end [m].
+        trespass: Beyond the worst half-plane [m].
+        objective: In the program's units.
+        iterations: IPOPT's.
+        return_status: IPOPT's.
+    """
+
+    guess: MissionGuess
+    miss: Array
+    trespass: float
+    objective: float
+    iterations: int
+    return_status: str
+
+
+# From an optimum of nearly the same problem a large barrier only leads away and back.
+_WARM: dict[str, Any] = {"ipopt.mu_init": 1e-6, "ipopt.bound_push": 1e-8, "ipopt.bound_frac": 1e-8}
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    solver: Any
+    lower: Array
+    upper: Array
+    problem: dict[str, Any]
+
+    @cached_property
+    def warm_solver(self) -> Any:
+        """The solver for guesses that are nearly optimal; its derivatives are those of the other."""
+        same = {name: self.solver.get_function(f"nlp_{name}") for name in ("jac_g", "grad_f")}
+        same["hess_lag"] = self.solver.get_function("nlp_hess_l")
+        return ca.nlpsol("mission_again", "ipopt", self.problem, {**OPTIONS, **_WARM, **same})
+
+
+_programs: OrderedDict[Any, _Program] = OrderedDict()
+_MOST_PROGRAMS = 8
+
+
+def solve_mission(
+    flow: FlowEstimate,
+    vehicle: Glider,
+    shape: MissionShape,
+    data: MissionData,
+    guess: MissionGuess,
+    times: Array | None,
+    *,
+    nearly_optimal: bool = False,
+) -> MissionAnswer:
+    """Return the local optimum that IPOPT finds from a guess.
+
+    Args:
+        flow: Any flow on the nodes; its latent velocities are those of ``data``.
+        vehicle: What glides.
+        shape: The graph.
+        data: Its parameters.
+        guess: Where to begin.
+        times: As for ``flow_function``.
+        nearly_optimal: Whether the guess is the optimum of nearly the same problem.
+    """
+    program = _program(flow, vehicle, shape, times)
+    solver = program.warm_solver if nearly_optimal else program.solver
+    unknowns, lower, upper = _unknowns(vehicle, shape, data, guess)
+    answer = solver(x0=unknowns, p=_parameters(flow, data), lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
+    statistics = solver.stats()
+    found = np.asarray(answer["x"]).ravel()
+    legs, n_goals = found[: 5 * shape.n_legs].reshape(shape.n_legs, 5), len(shape.goal_legs)
+    over, under = found[5 * shape.n_legs :][: 4 * n_goals].reshape(n_goals, 2, 2).transpose(1, 0, 2)
+    return MissionAnswer(
+        MissionGuess(legs[:, :2] * KM, legs[:, 3], legs[:, 4]),
+        np.linalg.norm(over - under, axis=1) * KM,
+        float(found[-1]) * KM if shape.n_planes else 0.0,
+        float(answer["f"]),
+        int(statistics["iter_count"]),
+        str(statistics["return_status"]),
+    )
+
+
+def _unknowns(vehicle: Glider, shape: MissionShape, data: MissionData, guess: MissionGuess) -> tuple[Array, Array, Array]:
+    """Return a guess as the program's unknowns, leg after leg, then the slacks, with their lower and upper bounds."""
+    way = np.array([np.sum(np.abs(np.diff(data.depths[profile]))) for profile in shape.profiles])
+    duration = way / np.asarray(vehicle.speeds(np, guess.angles)[1]) + data.drifts
+    legs = np.column_stack([guess.places / KM, np.cumsum(duration) / HOUR, guess.headings, guess.angles])
+    n_slacks = 4 * len(shape.goal_legs) + (1 if shape.n_planes else 0)
+    free, (shallow, steep) = np.inf, vehicle.angles
+    lower = np.concatenate([np.tile([-free, -free, -free, -free, shallow], shape.n_legs), np.zeros(n_slacks)])
+    upper = np.concatenate([np.tile([free, free, free, free, steep], shape.n_legs), np.full(n_slacks, free)])
+    ends = guess.places[np.array(shape.goal_legs) - 1]
+    missed = (ends - data.goals) / KM
+    slacks = np.stack([np.maximum(missed, 0.0), np.maximum(-missed, 0.0)], axis=1).ravel()
+    return np.concatenate([legs.ravel(), slacks, np.zeros(n_slacks - slacks.size)]), lower, upper
+
+
+def _parameters(flow: FlowEstimate, data: MissionData) -> Array:
+    weights = [data.time_weight, data.miss_weight, data.penalty]
+    latent = [stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F") for depths in data.depths]
+    parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts, data.planes.ravel(), weights, *latent]
+    return np.concatenate([np.asarray(part) for part in parts])
+
+
+def _program(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None) -> _Program:
+    key = (*graph_key(flow), vehicle, shape, None if times is None else times.tobytes())
+    if key not in _programs:
+        _programs[key] = _build(flow, vehicle, shape, times)
+        if len(_programs) > _MOST_PROGRAMS:
+            _programs.popitem(last=False)
+    _programs.move_to_end(key)
+    return _programs[key]
+
+
+def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None) -> _Program:
+    n_legs, n_steps, n_goals, n_planes = shape.n_legs, shape.n_steps, len(shape.goal_legs), shape.n_planes
+    start, start_time, goals = ca.MX.sym("start", 2), ca.MX.sym("start_time"), ca.MX.sym("goals", 2, n_goals)
+    drifts, weights, profiles = ca.MX.sym("drifts", n_legs), ca.MX.sym("weights", 3), range(max(shape.profiles) + 1)
+    depths = [ca.MX.sym("depths", n_steps + 1) for _ in profiles]
+    latent = [ca.MX.sym("latent", len(flow.latent), (2 * n_steps + 2) * (1 if times is None else times.size)) for _ in profiles]
+    planes = [ca.MX.sym("planes", 3, n_planes * shape.n_places) for _ in range(n_legs)]
+    legs = [ca.MX.sym("leg", 5) for _ in range(n_legs)]
+    slacks: Any = ca.MX.sym("slacks", 4, n_goals)
+    trespass = ca.MX.sym("trespass", 1 if n_planes else 0)
+    leg = leg_function(flow, vehicle, n_steps, times, shape.drifts)
+    place, time = start, ca.MX.zeros(1)
+    meet, within = [], []
+    for k in range(n_legs):
+        profile = shape.profiles[k]
+        heading, angle = legs[k][3], legs[k][4]
+        places, end_time = leg(place, start_time + time * HOUR, heading, angle, depths[profile], drifts[k], latent[profile])
+        meet.append(ca.vertcat(places[:, -1] / KM - legs[k][:2], (end_time - start_time) / HOUR - legs[k][2]))
+        if n_planes:
+            within.append(_beyond(places / KM, planes[k], n_planes) - trespass)
+        place, time = legs[k][:2] * KM, legs[k][2]
+    misses = [slacks[:2, g] - slacks[2:, g] for g in range(n_goals)]
+    meet += [legs[number - 1][:2] - goals[:, g] / KM - misses[g] for g, number in enumerate(shape.goal_legs)]
+    missed = weights[1] * sum(ca.sumsqr(miss) for miss in misses)
+    program: dict[str, Any] = {
+        "x": ca.veccat(*legs, slacks, trespass),
+        "p": ca.veccat(start, start_time, goals, *depths, drifts, *planes, weights, *latent),
+        "f": weights[0] * time + missed + weights[2] * (ca.sum1(ca.vec(slacks)) + ca.sum1(trespass)),
+        "g": ca.vertcat(*meet, *within),
+    }
+    n_equal = 3 * n_legs + 2 * n_goals
+    n_within = n_planes * shape.n_places * n_legs
+    lower = np.concatenate([np.zeros(n_equal), np.full(n_within, -np.inf)])
+    return _Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within), program)
+
+
+def _beyond(places: Any, planes: Any, n_planes: int) -> Any:
+    """Return how far each place [km] is beyond each of its half-planes [km]; negative inside."""
+    repeated = ca.kron(places, ca.MX.ones(1, n_planes))
+    return (ca.sum1(planes[:2, :] * repeated) - planes[2, :] / KM).T

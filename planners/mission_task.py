@@ -1,0 +1,175 @@
+"""One mission in the local frame: its places, its forbidden rings, its legs' depths, and a guess made from a route."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.flight import Currents, currents_of
+from planners.front import Front, Route, build_front
+from planners.hazards import Ring, bathymetry_rings, no_go_ring, region_rings, trespassed
+from planners.leg import leg_depths, steps_needed
+from planners.mission_program import MissionGuess
+from planners.mission_values import Bathymetry, MissionSettings, NoGo
+from planners.region import Region, locate, region_of
+from planners.seed import tabulate
+from planners.vehicle import Glider
+from replay_kit.errors import PlanError
+from replay_kit.flow import FlowEstimate
+from replay_kit.kernels.depth import depth_weights
+from replay_kit.types import Array, Place
+
+# Dense steps for each of the optimiser's.
+REFINED = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionTask:
+    """One planning problem.
+
+    Attributes:
+        currents: The current, K = 1.
+        region: The forecast's.
+        rings: Where the path may not go.
+        vehicle: What glides.
+        settings: How.
+        start: shape (3,) [m], local east, north, depth.
+        goals: shape (G, 3) [m].
+        start_time: On the clock of the currents' times [s].
+    """
+
+    currents: Currents
+    region: Region
+    rings: tuple[Ring, ...]
+    vehicle: Glider
+    settings: MissionSettings
+    start: Array
+    goals: Array
+    start_time: float
+
+    @property
+    def flow(self) -> FlowEstimate:
+        """A flow on the nodes."""
+        return self.currents.flow
+
+    def deep_enough(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether points, shape (n, 2) [m], are water down to the dives' depth in the forecast."""
+        return self.region.wet(np.column_stack([points, np.full(len(points), self.settings.depth)]))
+
+    def turns(self, n_legs: int) -> tuple[tuple[float, ...], ...]:
+        """Return the depths [m] at which each of so many legs begins, turns and ends."""
+        yo = (0.0, *(self.settings.depth, 0.0) * self.settings.yos)
+        legs = [yo] * n_legs
+        legs[0] = (float(self.start[2]), *yo[1:])
+        deep = float(self.goals[-1, 2])
+        if deep > 0.0:
+            # the last dive ends at the goal's depth on its way down; after other dives, or from below the surface, on its way up
+            down_at_once = self.settings.yos == 1 and legs[-1][0] == 0.0
+            legs[-1] = (0.0, deep) if down_at_once else (*legs[-1][:-1], deep)
+        return tuple(legs)
+
+    def n_steps(self, turns: tuple[tuple[float, ...], ...]) -> int:
+        """Return the steps of a leg that are enough for each."""
+        return max(steps_needed(leg, self.flow.levels, self.settings.steps) for leg in turns)
+
+    def depths(self, turns: tuple[tuple[float, ...], ...]) -> tuple[Array, ...]:
+        """Return the depths [m] of each leg's steps."""
+        n_steps = self.n_steps(turns)
+        return tuple(leg_depths(leg, self.flow.levels, n_steps) for leg in turns)
+
+    def drifts(self, turns: tuple[tuple[float, ...], ...]) -> Array:
+        """Return the time [s] adrift after each leg: none at the end."""
+        drifts = np.full(len(turns), self.settings.surface_time)
+        drifts[-1] = 0.0
+        return drifts
+
+    def leg_time(self, angle: float) -> float:
+        """Return how long a leg takes at a glide angle [rad], with its drift [s]."""
+        down = float(self.vehicle.speeds(np, angle)[1])
+        return 2.0 * self.settings.yos * self.settings.depth / down + self.settings.surface_time
+
+
+def mission_task(
+    flow: FlowEstimate | Sequence[FlowEstimate],
+    places: tuple[Place, tuple[Place, ...]],
+    vehicle: Glider,
+    settings: MissionSettings,
+    areas: tuple[tuple[NoGo, ...], Bathymetry | None],
+    start_time_ns: int,
+) -> MissionTask:
+    """Return a mission in the local frame of its flow.
+
+    Raises:
+        PlanError: A place is outside of the region, on land or where the mission may not go, or the dives are deeper than the flow.
+    """
+    currents = currents_of(flow)
+    region = region_of(currents.flow.grid)
+    start, goals = places
+    if not goals:
+        raise PlanError("a mission needs a goal; give one or several")
+    if min(settings.legs or settings.max_legs, settings.max_legs) < len(goals):
+        most = min(settings.legs or settings.max_legs, settings.max_legs)
+        raise PlanError(f"{len(goals)} goals need as many legs, as each is met at the end of one, but only {most} are allowed; allow more")
+    if settings.depth > region.deepest:
+        raise PlanError(f"dives to {settings.depth:g} m are deeper than the deepest level, {region.deepest:g} m; choose a lesser depth")
+    names = ["goal"] if len(goals) == 1 else [f"goal {k + 1}" for k in range(len(goals))]
+    if any(goal.depth > 0.0 for goal in goals[:-1]):
+        raise PlanError("only the last of several goals may be below the surface: the others are met where the glider surfaces")
+    if goals[-1].depth > settings.depth:
+        raise PlanError(f"the goal at {goals[-1].depth:g} m is deeper than the dives, {settings.depth:g} m; choose deeper dives")
+    begin, ends = locate(region, start, "start"), np.array([locate(region, goal, name) for goal, name in zip(goals, names, strict=True)])
+    rings = region_rings(region, settings.depth)
+    rings += tuple(no_go_ring(region.grid.projection, area.polygon, area.name, area.surface_only) for area in areas[0])
+    if areas[1] is not None:
+        rings += bathymetry_rings(
+            region.grid.projection, areas[1].longitude, areas[1].latitude, areas[1].depth, settings.depth + areas[1].clearance
+        )
+    for name, point in zip(["start", *names], [begin, *ends], strict=True):
+        inside = trespassed(rings, point[None, :2], surfacing=name != "start" and point[2] == 0.0)
+        if inside is not None or not region.wet(np.array([[*point[:2], settings.depth]]))[0]:
+            why = "land" if inside is None else inside[0]
+            raise PlanError(f"{name} is where dives to {settings.depth:g} m may not go: {why}; move it, or dive less deep")
+    first = currents.flow.time_ns
+    time = 0.0 if currents.times is None or first is None or start_time_ns == 0 else (start_time_ns - first) / 1e9
+    return MissionTask(currents, region, rings, vehicle, settings, begin, ends, time)
+
+
+def front_of(task: MissionTask, rings: tuple[Ring, ...]) -> Front:
+    """Return the graph of the mean current of the mission's dives, at its beginning, clear of some rings."""
+    flow, table = task.flow, tabulate(task.flow, task.region)
+    angle = task.vehicle.angles[0]
+    sampled = np.linspace(0.0, task.settings.depth, 101)
+    by_level = depth_weights(flow.depth_functions, sampled, table.depths if flow.depth_functions.kind == "hat" else flow.levels).mean(
+        axis=0
+    )
+    if flow.depth_functions.kind != "hat":
+        nearest = np.argmin(np.abs(table.depths[None] - sampled[:, None]), axis=1)
+        by_level = np.bincount(nearest, minlength=table.depths.size) / sampled.size
+    adrift = task.settings.surface_time / task.leg_time(angle)
+    shares = (1.0 - adrift) * by_level + adrift * (np.arange(table.depths.size) == 0)
+    along = float(task.vehicle.speeds(np, angle)[0])
+    return build_front(table, shares, rings, task.deep_enough, (1.0 - adrift) * along)
+
+
+def route_of(task: MissionTask, front: Front) -> tuple[Route, Array]:
+    """Return the quickest route past all goals, and when it passes them [s]."""
+    points, times, passed, arrives = [task.start[None, :2]], [np.zeros(1)], [], True
+    for goal in task.goals:
+        route = front.route(points[-1][-1], goal[:2], task.settings.max_duration)
+        points.append(route.points[1:])
+        times.append(times[-1][-1] + route.times[1:])
+        passed.append(float(times[-1][-1]))
+        arrives = arrives and route.arrives
+    return Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed)
+
+
+def guess_of(task: MissionTask, route: Route, front: Front, n_legs: int) -> MissionGuess:
+    """Return the route cut into legs of equal time, with the headings that follow it in the mean current."""
+    times = route.times[-1] * np.arange(n_legs + 1) / n_legs
+    places = route.at(times)
+    angles = np.linspace(*task.vehicle.angles, 64)
+    lasting = np.array([task.leg_time(float(angle)) for angle in angles])
+    angle = float(angles[np.argmin(np.abs(lasting - times[1]))])
+    through = np.diff(places, axis=0) / max(times[1], 1.0) - front.current_at(0.5 * (places[1:] + places[:-1]))
+    return MissionGuess(places[1:], np.arctan2(through[:, 0], through[:, 1]), np.full(n_legs, angle))

@@ -1,0 +1,134 @@
+"""What a mission is asked for and what comes of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from planners.vehicle import Glider
+from replay_kit.errors import PlanError
+from replay_kit.types import Array, Place
+
+MissionStatus = Literal["reached", "unreachable", "unsafe", "failed"]
+Objective = Literal["time", "energy", "closest"]
+
+
+@dataclass(frozen=True, slots=True)
+class MissionSettings:
+    """How a mission is flown and planned.
+
+    Attributes:
+        depth: Of the dives [m].
+        yos: Dives between surfacings; heading and glide angle are held between surfacings.
+        surface_time: Spent at each surfacing, adrift [s].
+        objective: ``time`` and ``energy`` are least on the way to the goals, ``closest`` only comes as close as it can. With a given
+            number of dives the pump's work is given, and least energy is least time; it differs in how many dives it takes.
+        tolerance: A goal met this closely is reached [m].
+        legs: Number of surfacings; None for as many as is best.
+        max_legs: Most surfacings considered.
+        max_duration: Longest mission considered [s].
+        margin: Distance kept from where it may not go [m].
+        steps: Steps of the optimiser for each dive and climb, beside one for every level crossed.
+    """
+
+    depth: float = 500.0
+    yos: int = 1
+    surface_time: float = 0.0
+    objective: Objective = "time"
+    tolerance: float = 250.0
+    legs: int | None = None
+    max_legs: int = 60
+    max_duration: float = 1.2e6
+    margin: float = 50.0
+    steps: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse settings that no mission can have."""
+        positive = {name: getattr(self, name) for name in ("depth", "yos", "tolerance", "max_legs", "max_duration", "steps")}
+        for name, value in {**positive, "legs": 1 if self.legs is None else self.legs}.items():
+            if not value > 0:
+                raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
+        for name in ("surface_time", "margin"):
+            if not getattr(self, name) >= 0.0:
+                raise PlanError(f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more")
+
+
+@dataclass(frozen=True, slots=True)
+class NoGo:
+    """An area that is not to be entered.
+
+    Attributes:
+        polygon: Its corners, longitude and latitude [degrees].
+        name: What messages call it.
+        surface_only: It may be passed under water.
+    """
+
+    polygon: tuple[tuple[float, float], ...]
+    name: str
+    surface_only: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bathymetry:
+    """Depth of the bottom on a grid.
+
+    Attributes:
+        longitude: shape (J, I) [degrees east].
+        latitude: shape (J, I) [degrees north].
+        depth: shape (J, I) [m], positive down; land is 0 or less, NaN is not known and counts as land.
+        clearance: Kept above the bottom [m].
+    """
+
+    longitude: Array
+    latitude: Array
+    depth: Array
+    clearance: float = 20.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionPlan:
+    """A mission: what to tell the glider at each surfacing, and where that is predicted to lead.
+
+    Attributes:
+        status: ``reached`` when every goal is met within the tolerance, ``unreachable`` when the best path found does not,
+            ``unsafe`` when the path goes where it may not, ``failed`` when there is no path.
+        start: Where it begins.
+        goals: Where it should go, in order.
+        start_time_ns: [ns, UTC].
+        vehicle: What glides.
+        settings: How.
+        headings_deg: shape (L,), through water, clockwise from true north where the leg begins.
+        glide_angles_deg: shape (L,), below the horizontal in dives, above it in climbs.
+        pitches_deg: shape (L,), of the hull, with the same sign.
+        turns: Depths [m] at which each leg begins, turns and ends.
+        surfacings: shape (L, 2), longitude and latitude [degrees] of each leg's end, after the drift.
+        surfacing_times: shape (L,) [s] since the start.
+        goal_legs: After which leg each goal is met, counted from 1.
+        closest_approach: shape (G,) [m], at those ends.
+        duration: [s].
+        energy: [J].
+        track_time: shape (n,) [s] since the start.
+        track: shape (n, 3) [m], predicted local east, north, depth.
+        message: Words for a person, with what prevents it if anything does.
+        statistics: What was tried.
+    """
+
+    status: MissionStatus
+    start: Place
+    goals: tuple[Place, ...]
+    start_time_ns: int
+    vehicle: Glider
+    settings: MissionSettings
+    headings_deg: Array
+    glide_angles_deg: Array
+    pitches_deg: Array
+    turns: tuple[tuple[float, ...], ...]
+    surfacings: Array
+    surfacing_times: Array
+    goal_legs: tuple[int, ...]
+    closest_approach: Array
+    duration: float
+    energy: float
+    track_time: Array
+    track: Array
+    message: str
+    statistics: Mapping[str, float | int | str] = field(default_factory=dict)

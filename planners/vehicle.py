@@ -1,0 +1,161 @@
+"""A glider's steady flight and energy, one text for NumPy arrays and CasADi expressions.
+
+In steady flight along a path at the glide angle g below (or above) the horizontal, net buoyancy F balances drag and lift,
+
+    F sin g = q S (c_d0 + c_d1 a^2),    F cos g = q S c_l a,    q = rho V^2 / 2,
+
+so that the angle of attack is the small root of c_d1 a^2 - c_l tan(g) a + c_d0 = 0, the speed follows from either line, and the pitch is
+g - a (Graver 2005; Merckelbach, Smeed, Griffiths 2010, J. Atmos. Oceanic Technol. 27, eqs. 8 to 11).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from replay_kit.errors import PlanError
+from replay_kit.types import Array
+
+GRAVITY = 9.81  # m/s^2
+DENSITY = 1025.0  # kg/m^3, of sea water
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyFlight:
+    """A steady flight model.
+
+    Attributes:
+        volume: The pump makes the glider this much heavier or lighter than water [m^3].
+        area: That the coefficients refer to [m^2].
+        drag: c_d0, of the hull.
+        induced_drag: c_d1 [1/rad^2].
+        lift: c_l [1/rad], of hull and wings.
+    """
+
+    volume: float = 2.3e-4
+    area: float = 0.1
+    drag: float = 0.15
+    induced_drag: float = 2.9
+    lift: float = 6.1
+
+    def angle_of_attack(self, maths: Any, glide_angle: Any) -> Any:
+        """Return the angle of attack [rad] at a glide angle [rad] above ``shallowest``; ``maths`` is ``numpy`` or ``casadi``."""
+        lift = self.lift * maths.tan(glide_angle)
+        # the small root, written without the difference of two nearly equal numbers
+        return 2.0 * self.drag / (lift + maths.sqrt(lift**2 - 4.0 * self.drag * self.induced_drag))
+
+    def speed(self, maths: Any, glide_angle: Any) -> Any:
+        """Return the speed through water [m/s] at a glide angle [rad] above ``shallowest``."""
+        attack = self.angle_of_attack(maths, glide_angle)
+        resistance = 0.5 * DENSITY * self.area * (self.drag + self.induced_drag * attack**2)
+        return maths.sqrt(DENSITY * GRAVITY * self.volume * maths.sin(glide_angle) / resistance)
+
+    @property
+    def shallowest(self) -> float:
+        """The least glide angle [rad] at which the wings carry the glider."""
+        return float(np.arctan(2.0 * np.sqrt(self.drag * self.induced_drag) / self.lift))
+
+
+@dataclass(frozen=True, slots=True)
+class Glider:
+    """A buoyancy-driven glider.
+
+    Attributes:
+        speed: Through water [m/s], when ``flight`` is None.
+        flight: The steady flight model that gives the speed at each glide angle; None for a constant speed.
+        min_angle: Shallowest glide [degrees].
+        max_angle: Steepest.
+        volume: Pumped at each apogee [m^3].
+        pump_efficiency: Work done on the water for each joule taken.
+        hotel: Power of everything else [W].
+    """
+
+    speed: float = 0.3
+    flight: SteadyFlight | None = None
+    min_angle: float = 15.0
+    max_angle: float = 35.0
+    volume: float = 4.6e-4
+    pump_efficiency: float = 0.5
+    hotel: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse limits that no glide can keep."""
+        shallowest = 0.0 if self.flight is None else float(np.rad2deg(self.flight.shallowest))
+        if not shallowest < self.min_angle <= self.max_angle < 90.0:
+            raise PlanError(
+                f"glide angles from {self.min_angle:g} to {self.max_angle:g} degrees: expected more than {shallowest:.1f}, increasing, "
+                "less than 90"
+            )
+        for name in ("speed", "volume", "pump_efficiency", "hotel"):
+            if not getattr(self, name) > 0.0:
+                raise PlanError(f"a glider's {name} is {getattr(self, name)!r}; expected a number above 0")
+
+    @property
+    def angles(self) -> tuple[float, float]:
+        """Shallowest and steepest glide [rad]."""
+        return float(np.deg2rad(self.min_angle)), float(np.deg2rad(self.max_angle))
+
+    def speeds(self, maths: Any, glide_angle: Any) -> tuple[Any, Any]:
+        """Return the horizontal and the vertical speed through water [m/s] at a glide angle [rad], both positive."""
+        speed = self.speed if self.flight is None else self.flight.speed(maths, glide_angle)
+        return speed * maths.cos(glide_angle), speed * maths.sin(glide_angle)
+
+    def pitch(self, glide_angle: Array) -> Array:
+        """Return the pitch [rad] below the horizontal of a dive at a glide angle [rad]; the glide angle itself without a flight model."""
+        return glide_angle if self.flight is None else glide_angle - np.asarray(self.flight.angle_of_attack(np, glide_angle))
+
+    def pump_work(self, depth: Any) -> Any:
+        """Return the energy [J] that one apogee at a depth [m] takes: the volume pushed out against the pressure there."""
+        return DENSITY * GRAVITY * depth * self.volume / self.pump_efficiency
+
+    def energy(self, duration: Any, apogees: Any) -> Any:
+        """Return the energy [J] of a flight.
+
+        Args:
+            duration: [s].
+            apogees: Sum of the depths of its apogees [m].
+        """
+        return self.hotel * duration + self.pump_work(apogees)
+
+
+def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFlight:
+    """Return a flight model whose drag and lift fit a log's vertical speeds.
+
+    Args:
+        first: Volume, area, induced drag, and a first guess of drag and lift.
+        pitch: shape (n,) [rad], below the horizontal in a dive, above it in a climb: positive in both.
+        depth_rate: shape (n,) [m/s], size of the vertical speed at each pitch.
+
+    Raises:
+        PlanError: There are fewer than three values, they are not positive numbers, or all pitches are alike.
+    """
+    usable = all(bool(np.all(np.isfinite(values) & (values > 0.0))) for values in (pitch, depth_rate))
+    if pitch.shape != depth_rate.shape or pitch.size < 3 or not usable:
+        raise PlanError(
+            f"a fit of steady flight got {pitch.size} pitches and {depth_rate.size} depth rates, not all of them positive numbers; "
+            "expected as many of each, three or more, all positive"
+        )
+    if np.ptp(pitch) < np.deg2rad(2.0):
+        raise PlanError(f"pitches from {np.rad2deg(pitch.min()):.2f} to {np.rad2deg(pitch.max()):.2f} degrees do not tell drag from lift")
+
+    def model(unknowns: Array) -> SteadyFlight:
+        return replace(first, drag=float(np.exp(unknowns[0])), lift=float(np.exp(unknowns[1])))
+
+    def misfit(unknowns: Array) -> Array:
+        flight = model(unknowns)
+        glide_angle = angle_of_pitch(flight, pitch)
+        return np.asarray(flight.speed(np, glide_angle) * np.sin(glide_angle) - depth_rate)
+
+    return model(least_squares(misfit, np.log([first.drag, first.lift]), x_scale=0.1).x)
+
+
+def angle_of_pitch(flight: SteadyFlight, pitch: Array) -> Array:
+    """Return the glide angles [rad] of pitches [rad], by bisection: the pitch grows with the angle."""
+    low = np.full(pitch.shape, flight.shallowest + 1e-9)
+    high = np.full(pitch.shape, np.pi / 2 - 1e-9)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        too_flat = middle - np.asarray(flight.angle_of_attack(np, middle)) < pitch
+        low, high = np.where(too_flat, middle, low), np.where(too_flat, high, middle)
+    return np.asarray(0.5 * (low + high))

@@ -1,0 +1,80 @@
+"""Missions flown in other currents, and their tables."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners import MissionSettings, plan_mission
+from planners.mission_flights import fly_mission, surfacing_ellipses
+from planners.mission_output import as_glide, legs_table, to_csv, to_geojson, to_json
+from replay_kit.errors import PlanError
+from replay_kit.types import Projection
+from tests.planners.flow_samples import eddying_flow, place, still_flow
+
+FLOW = eddying_flow(11)
+SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
+PLAN = plan_mission(FLOW, place(FLOW, -6e3, -4e3, 0.0), place(FLOW, 5e3, 4e3, 100.0), settings=SETTINGS)
+FAILED = plan_mission(replace(FLOW, latent=np.nan * FLOW.latent), PLAN.start, PLAN.goals, settings=SETTINGS)
+
+
+def test_a_mission_flown_in_its_own_flow_goes_as_planned():
+    flown = fly_mission(FLOW, PLAN)
+    np.testing.assert_allclose(flown.surfacings[0], PLAN.surfacings, atol=1e-6)
+    assert flown.miss[0, -1] == pytest.approx(PLAN.closest_approach[-1], abs=0.1)
+    assert flown.time[-1] == pytest.approx(PLAN.duration, rel=1e-12)
+    # headings are of true north: another projection makes nothing of them but rounding and the turn within a leg
+    moved = replace(FLOW, grid=replace(FLOW.grid, projection=Projection(152.7, -40.2)))
+    assert fly_mission(replace(moved, latent=0.0 * FLOW.latent), PLAN).miss[0, -1] == pytest.approx(
+        fly_mission(replace(FLOW, latent=0.0 * FLOW.latent), PLAN).miss[0, -1], abs=3.0
+    )
+
+
+def test_ellipses_hold_ninety_percent_of_the_surfacings():
+    rng = np.random.default_rng(0)
+    flows = [replace(FLOW, latent=FLOW.latent * (1.0 + 0.1 * rng.standard_normal(FLOW.latent.shape))) for _ in range(60)]
+    flown = fly_mission(flows, PLAN)
+    ellipses = surfacing_ellipses(flown, PLAN)
+    places = flown.place[:, np.searchsorted(flown.time, PLAN.surfacing_times - 1e-6)]
+    held = []
+    for k, (_, _, major, minor, bearing) in enumerate(ellipses):
+        along = np.array([np.sin(np.deg2rad(bearing)), np.cos(np.deg2rad(bearing))])
+        away = places[:, k] - places[:, k].mean(axis=0)
+        held.append(np.mean((away @ along / major) ** 2 + (away @ [along[1], -along[0]] / minor) ** 2 <= 1.0))
+        assert major >= minor > 0.0
+    assert 0.82 < np.mean(held) < 0.97
+    with pytest.raises(PlanError, match="three flights"):
+        surfacing_ellipses(fly_mission(flows[:2], PLAN), PLAN)
+    with pytest.raises(PlanError, match="without legs"):
+        fly_mission(FLOW, FAILED)
+
+
+def test_tables_say_what_the_plan_says():
+    rows = legs_table(PLAN, None)
+    assert [row["surfacing_s"] for row in rows] == PLAN.surfacing_times.tolist()
+    assert rows[-1]["depth_m"] == max(PLAN.turns[-1])
+    assert all(row["dives"] == 1 for row in rows)
+    parsed = list(csv.DictReader(io.StringIO(to_csv(PLAN, np.ones((len(rows), 5))))))
+    assert [float(row["heading_deg"]) for row in parsed] == pytest.approx(PLAN.headings_deg.tolist(), abs=1e-6)
+    assert float(parsed[0]["ellipse_major_m"]) == 1.0
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, None))["features"]
+    kinds = [feature["geometry"]["type"] for feature in features]
+    assert kinds == ["LineString"] + ["Point"] * (2 + len(rows))
+    assert features[0]["geometry"]["coordinates"][0] == pytest.approx([PLAN.start.longitude, PLAN.start.latitude], abs=1e-6)
+    answer = json.loads(json.dumps(to_json(PLAN, None), allow_nan=False))
+    assert (answer["status"], len(answer["legs"])) == ("reached", len(rows))
+
+
+def test_a_mission_is_also_a_plan_for_the_result_s_messages():
+    glide = as_glide(PLAN, FLOW.grid.projection)
+    assert (glide.status, glide.heading_deg, glide.duration) == ("reached", PLAN.headings_deg[0], PLAN.duration)
+    assert np.linalg.norm(glide.velocity_through_water) == pytest.approx(0.3)
+    assert json.loads(str(glide.statistics["leg_001"]))["heading_deg"] == PLAN.headings_deg[0]
+    failed = as_glide(FAILED, FLOW.grid.projection)
+    assert (failed.status, failed.duration) == ("failed", 0.0)
+    assert to_csv(FAILED, None) == "leg\n"
+    assert json.loads(json.dumps(to_json(FAILED, None), allow_nan=False))["legs"] == []
+    assert len(json.loads(to_geojson(FAILED, still_flow().grid.projection, None))["features"]) == 2

@@ -1,0 +1,57 @@
+"""Steady flight, energy, and the fit of a flight model to a log."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from planners.vehicle import DENSITY, GRAVITY, Glider, SteadyFlight, angle_of_pitch, fit_flight
+from replay_kit.errors import PlanError
+
+ANGLES = np.deg2rad(np.linspace(13.0, 60.0, 9))
+
+
+def test_forces_balance_in_steady_flight():
+    flight = SteadyFlight()
+    attack, speed = flight.angle_of_attack(np, ANGLES), flight.speed(np, ANGLES)
+    pressure = 0.5 * DENSITY * speed**2 * flight.area
+    buoyancy = DENSITY * GRAVITY * flight.volume
+    np.testing.assert_allclose(pressure * (flight.drag + flight.induced_drag * attack**2), buoyancy * np.sin(ANGLES), rtol=1e-12)
+    np.testing.assert_allclose(pressure * flight.lift * attack, buoyancy * np.cos(ANGLES), rtol=1e-12)
+    assert np.all((speed > 0.2) & (speed < 0.6))
+
+
+def test_one_text_for_numpy_and_casadi():
+    for glider in (Glider(), Glider(flight=SteadyFlight())):
+        angle = ca.MX.sym("angle")
+        function = ca.Function("speeds", [angle], list(glider.speeds(ca, angle)))
+        for value in ANGLES:
+            np.testing.assert_allclose([float(x) for x in function(value)], glider.speeds(np, value), rtol=1e-14)
+
+
+def test_a_fit_finds_the_flight_again():
+    truth = SteadyFlight(drag=0.17, lift=5.2)
+    glide = np.deg2rad(np.linspace(16.0, 40.0, 40))
+    pitch = glide - truth.angle_of_attack(np, glide)
+    rate = truth.speed(np, glide) * np.sin(glide)
+    np.testing.assert_allclose(angle_of_pitch(truth, pitch), glide, rtol=1e-9)
+    found = fit_flight(SteadyFlight(), pitch, rate)
+    assert (found.drag, found.lift) == pytest.approx((0.17, 5.2), rel=1e-4)
+    noisy = fit_flight(SteadyFlight(), pitch, rate + np.random.default_rng(0).normal(0.0, 0.003, 40))
+    assert noisy.drag == pytest.approx(0.17, rel=0.03)
+    for pitches, rates in ((pitch[:2], rate[:2]), (pitch, rate[:-1]), (-pitch, rate), (pitch[:1] + np.zeros(5), rate[:5])):
+        with pytest.raises(PlanError, match=r"positive|do not tell"):
+            fit_flight(SteadyFlight(), pitches, rates)
+
+
+def test_energy_is_pump_work_and_hotel_load():
+    glider = Glider(volume=5e-4, pump_efficiency=0.5, hotel=2.0)
+    assert glider.pump_work(1000.0) == pytest.approx(1025.0 * 9.81 * 1000.0 * 5e-4 / 0.5)
+    assert glider.energy(3600.0, 1500.0) == pytest.approx(7200.0 + 1.5 * glider.pump_work(1000.0))
+
+
+@pytest.mark.parametrize("wrong", [{"min_angle": 0.0}, {"min_angle": 40.0}, {"max_angle": 90.0}, {"speed": 0.0}, {"hotel": float("nan")}])
+def test_a_glider_that_cannot_be_is_refused(wrong):
+    with pytest.raises(PlanError, match="expected"):
+        Glider(**wrong)
+    with pytest.raises(PlanError, match="glide angles from 5"):
+        Glider(min_angle=5.0, flight=SteadyFlight())

@@ -1,0 +1,33 @@
+"""A mission's slow twin: its legs integrated by an adaptive method in the flow itself."""
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from replay_kit.flow import FlowEstimate
+from replay_kit.types import Array
+
+
+def fly_leg_slowly(flow: FlowEstimate, start: Array, heading: float, angle: float, speed: float, turns: tuple[float, ...]) -> Array:
+    """Return where a leg ends, shape (2,) [m].
+
+    Args:
+        flow: The current.
+        start: shape (2,) [m].
+        heading: [rad].
+        angle: Glide angle [rad].
+        speed: Through water [m/s].
+        turns: Depths at which it begins, turns and ends [m].
+    """
+    through = speed * np.cos(angle) * np.array([np.sin(heading), np.cos(heading)])
+    place = start
+    for depth, next_depth in pairwise(turns):
+        down = np.sign(next_depth - depth) * speed * np.sin(angle)
+
+        def rate(time: float, at: Array, depth: float = depth, down: float = down) -> Array:
+            return through + flow.velocity(at[0], at[1], depth + down * time)
+
+        lasts = (next_depth - depth) / down
+        place = solve_ivp(rate, (0.0, lasts), place, rtol=1e-9, atol=1e-4, max_step=lasts / 60).y[:, -1]
+    return place

@@ -1,0 +1,101 @@
+"""The command that plans a mission: what it writes, and what it refuses."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from typer.testing import CliRunner
+
+from replay_kit.cli import app
+from replay_kit.cli_plan import read_areas, read_bathymetry
+from replay_kit.errors import ForecastError, PlanError
+from tests.planners.flow_samples import eddying_flow
+
+ASK = ["--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", "390"]
+
+
+@pytest.fixture(scope="module")
+def flow(tmp_path_factory):
+    made = eddying_flow(12)
+    # two modes with an uncertainty, so that it can be sampled
+    modes = np.random.default_rng(0).standard_normal((len(made.latent), 2)) * np.abs(made.latent).max()
+    path = tmp_path_factory.mktemp("plan") / "flow.nc"
+    replace(made, modes=modes, covariance=0.01 * np.eye(2 * made.levels.size), time_ns=10**18).save(path)
+    return path
+
+
+def run(*arguments, code=0):
+    done = CliRunner().invoke(app, ["plan", *map(str, arguments)], catch_exceptions=True)
+    if code == 0:
+        assert done.exit_code == 0, done.output
+    return done
+
+
+def test_everything_it_writes_agrees(flow, tmp_path):
+    out, geojson, table, answer = (tmp_path / name for name in ("plan.mcap", "plan.geojson", "plan.csv", "plan.json"))
+    done = run(flow, *ASK, "-o", out, "--geojson", geojson, "--csv", table, "--json", answer, "--samples", 10)
+    said = json.loads(answer.read_text())
+    assert said["status"] == "reached"
+    assert said["message"] in done.output
+    assert said["samples"]["count"] == 10
+    assert len(table.read_text().splitlines()) == len(said["legs"]) + 1
+    assert said["legs"][-1]["ellipse_major_m"] > 0.0
+    assert json.loads(geojson.read_text())["features"][0]["properties"]["duration_s"] == said["duration_s"]
+    with out.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        ((_, _, message, controls),) = reader.iter_decoded_messages(topics="/plan/controls")
+    assert (message.log_time, controls.status) == (10**18, "reached")
+    assert controls.duration == pytest.approx(said["duration_s"])
+
+
+def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
+    corners = [[152.46, -40.06], [152.475, -40.06], [152.475, -39.97], [152.46, -39.97], [152.46, -40.06]]
+    area = {"type": "Feature", "properties": {"name": "range"}, "geometry": {"type": "Polygon", "coordinates": [corners]}}
+    areas = tmp_path / "areas.geojson"
+    areas.write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
+    assert read_areas(areas)[0].name == "range"
+    longitude, latitude = np.linspace(152.0, 153.0, 41), np.linspace(-40.4, -39.6, 33)
+    bottom = np.where((longitude[None] > 152.455) & (longitude[None] < 152.48) & (latitude[:, None] < -39.97), -100.0, -4000.0)
+    grid = xr.Dataset({"elevation": (("lat", "lon"), bottom)}, {"lon": longitude, "lat": latitude})
+    grid.to_netcdf(tmp_path / "bottom.nc", engine="h5netcdf")
+    read = read_bathymetry(tmp_path / "bottom.nc")
+    assert (read.depth.shape, read.depth.max()) == ((33, 41), 4000.0)
+    free, past = (json.loads(run(flow, *ASK, "--json", "-", *more).stdout) for more in ([], ["--no-go", areas]))
+    assert past["status"] == "reached"
+    assert past["duration_s"] > free["duration_s"]
+    wide = json.loads(run(flow, *ASK, "--json", "-", "--no-go", areas, "--samples", 5, "--risk", 0.2, "--legs", len(past["legs"])).stdout)
+    assert wide["duration_s"] >= past["duration_s"] * (1.0 - 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "words"),
+    [
+        (["--angles", "15"], 2, "--angles"),
+        (["--samples", "2"], 2, "three or more"),
+        (["--csv", "-", "--json", "-"], 2, "standard output"),
+        (["--risk", "0.1"], 2, "--samples"),
+        (["--depth", "4000"], 3, "deepest level"),
+        (["--goal=170,-40,0"], 3, "outside the forecast"),
+    ],
+)
+def test_what_it_refuses(flow, more, code, words):
+    done = run(flow, *ASK, *more, code=code)
+    assert words in str(done.exception)
+    assert getattr(done.exception, "exit_code", None) == code
+
+
+def test_files_that_hold_no_areas_or_depths(tmp_path):
+    for text in ("{}", "[1]", '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}'):
+        path = tmp_path / "areas.geojson"
+        path.write_text(text)
+        with pytest.raises(PlanError, match="expected GeoJSON"):
+            read_areas(path)
+    xr.Dataset({"speed": (("y", "x"), np.zeros((2, 2)))}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    with pytest.raises(ForecastError, match="expected one of"):
+        read_bathymetry(tmp_path / "other.nc")
+    with pytest.raises(ForecastError, match="cannot read"):
+        read_bathymetry(tmp_path / "missing.nc")
