@@ -2,14 +2,18 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+from typer.testing import CliRunner
 
-from replay_kit.config import EstimatorConfig, RunConfig
+from replay_kit.choose import read_forecasts
+from replay_kit.cli import app
+from replay_kit.config import EstimatorConfig, RunConfig, load_config
 from replay_kit.config_time import TimeConfig
-from replay_kit.errors import MeasurementError
+from replay_kit.errors import ConfigError, MeasurementError
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.dive_error import new_dive, with_dive_error
 from replay_kit.estimator.evolving.fit_log import as_built, fit_to_log, fitted_estimator
@@ -19,6 +23,7 @@ from replay_kit.experiments.dives import read_dives, run_dives, to_json
 from replay_kit.experiments.dives.predict import conditional, expect, surfacing
 from replay_kit.experiments.dives.rivals import column, rival_means, rival_profiles
 from replay_kit.geodesy import to_local
+from replay_kit.job import look_ahead
 from replay_kit.twin import Options, make_twin
 from replay_kit.types import Ensemble, Flag
 from tests import synthetic
@@ -29,6 +34,7 @@ TRUTH = Ensemble(MEMBERS.grid, MEMBERS.velocity[:1], None, "truth")
 FORECAST = Ensemble(MEMBERS.grid, MEMBERS.velocity[1:], None, "forecast")
 TIME = TimeConfig(oscillators=("steady",), oscillator_std=0.1, oscillator_depth_length=60.0, oscillator_scale=3e5)
 DEPTH = np.arange(10.0, 300.0, 20.0)
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _HOUR_NS = 3600 * 10**9
 
 
@@ -38,9 +44,14 @@ def estimator():
 
 
 @pytest.fixture(scope="module")
-def dives(tmp_path_factory):
-    log = tmp_path_factory.mktemp("twin") / "glider.mcap"
-    make_twin(TRUTH, "glider", 60, 0.05, 3, log, options=Options(interval_s=600.0, dac_only=False))
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("twin") / "glider.mcap"
+    make_twin(TRUTH, "glider", 40, 0.05, 3, path, options=Options(interval_s=1200.0))
+    return path
+
+
+@pytest.fixture(scope="module")
+def dives(log):
     return read_dives([log], RunConfig())
 
 
@@ -172,3 +183,32 @@ def test_one_dive_is_none_to_predict(tmp_path):
     make_twin(TRUTH, "glider", 3, 0.05, 3, tmp_path / "short.mcap")
     with pytest.raises(MeasurementError, match="at least two dives"):
         read_dives([tmp_path / "short.mcap"], RunConfig())
+
+
+def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_path):
+    synthetic.dataset(n_members=9, shape=(5, 6)).to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
+    (tmp_path / "paper.toml").write_text('[estimator]\npreset = "paper"\n')
+    command = ["experiment", "dives", str(log), "--ensemble", str(tmp_path / "ensemble.nc"), "--modes", "6"]
+    answer, run = tmp_path / "dives.json", CliRunner()
+    done = run.invoke(app, [*command, "--time-scale", "86400", "--oscillators", "inertial,M2", "--json", str(answer)])
+    assert done.exit_code == 0, done.output
+    assert "Surfacings:" in done.output
+    found = json.loads(answer.read_text())
+    assert found["oscillators"] == ["inertial", "M2"]
+    assert found["dives"][-1]["settings"]["scale"] == 86400.0
+    assert found["rmse"]["profiles"]["estimate"] < found["rmse"]["profiles"]["zero"]
+    refused = run.invoke(app, [*command, "--config", str(tmp_path / "paper.toml")])
+    assert isinstance(refused.exception, ConfigError)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
+def test_real_mean_currents_and_surfacings_are_told_as_well_as_by_the_last_one():
+    config = load_config(None, {"forecast": {"place": True, "level_step": 2}, "estimator": {"modes": 20}})
+    logs = sorted((DATA / "seaglider").glob("p24900*.nc"))
+    place_at, first_ns = look_ahead(logs, config)
+    series = read_forecasts(DATA / "qg" / "climatology.nc", config, first_ns, place_at).series
+    result = run_dives(build_evolving(series, config.estimator, config.time), read_dives(logs, config), config, False, "qg")
+    rmse = result.rmse("mean")
+    assert rmse["estimate"] <= min(rmse["last_dac"], rmse["zero"], rmse["ensemble_mean"])
+    assert sum(dive.surfacing.inside for dive in result.dives if dive.surfacing is not None) >= 5
+    assert len(result.dives) == 6
