@@ -26,10 +26,11 @@ from replay_kit.cli_options import (
 )
 from replay_kit.config import ForecastConfig, load_config
 from replay_kit.errors import ConfigError
+from replay_kit.experiments import missions as on_missions
 from replay_kit.experiments.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
 from replay_kit.experiments.paper import FILES, PaperJob, check_folder, print_paper, run_paper, write_paper
 from replay_kit.experiments.paper import to_json as paper_json
-from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.forecast import read_ensemble, read_series, read_truth
 from replay_kit.job import check_paths, truth_path
 from replay_kit.types import Ensemble
 
@@ -107,6 +108,49 @@ def paper(
     print_paper(tables, console)
     console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)
     write_json(json_file, paper_json(tables))
+
+
+@experiment.command()
+def missions(
+    ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
+    leave_out: Annotated[str, typer.Option("--leave-out", metavar="K,K,...|all", help="Members withheld as truths, in turn.")],
+    lead: LeadOption = None,
+    reference_time: Annotated[
+        str | None, typer.Option("--reference-time", help="Start of the forecast, for a file of leads without one.")
+    ] = None,
+    region: RegionOption = None,
+    levels: LevelsOption = None,
+    level_step: LevelStepOption = None,
+    modes: ModesOption = None,
+    study: Annotated[str | None, typer.Option("--study", metavar="S1,S2,...", help=f"Of {', '.join(on_missions.STUDIES)}.")] = None,
+    pings: Annotated[int, typer.Option("--pings", min=1, help="Pings of a mission.")] = 160,
+    days: Annotated[float, typer.Option("--days", help="Over which they are spread; a truth that changes ends them sooner.")] = 20.0,
+    dives: Annotated[int, typer.Option("--dives", min=1, help="Dives of the missions that have mean currents alone.")] = 30,
+    noise: NoiseOption = 0.09,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Missions for each truth.")] = 1,
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for CSV and JSON; made if absent.")] = None,
+    config: ConfigOption = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Fly gliders through members left out: through time, relative profiles, mean currents, outliers, biases, intervals."""
+    if out is not None:
+        check_folder(out)
+    written = [out / name for name in on_missions.FILES if (out / name).exists()] if out is not None else []
+    check_paths([ensemble, config], [*written, json_file], overwrite)
+    part = {**forecast_part(region, levels, level_step, lead), "reference_time": reference_time}
+    settings = load_config(config, {"forecast": part, "estimator": {"modes": modes}})
+    series = read_series(ensemble, settings.forecast)
+    # of a truth that stays as it is nothing can be said through time
+    usual = tuple(name for name in on_missions.STUDIES if name != "time" or len(series) > 1)
+    job = on_missions.MissionJob(leave_out, usual if study is None else tuple(study.split(",")), pings, days, dives, noise, seeds)
+    with threadpool_limits(limits=settings.output.threads), bar() as advance:
+        result = on_missions.run_missions(series, settings, job, advance)
+    if out is not None:
+        out.mkdir(exist_ok=True)
+        on_missions.write_missions(out, result)
+    on_missions.print_missions(result, console_beside(json_file))
+    write_json(json_file, on_missions.to_json(result))
 
 
 def _require_one_truth(command: str, truth: str | None, leave_out: str | None) -> None:

@@ -26,6 +26,9 @@ class TimeConfig(BaseModel):
         ge=0.0,
         description="m/s; directions of the localised prior are dropped whose standard deviation adds up to this at most",
     )
+    window: float = Field(
+        default=0.0, ge=0.0, description="s; profiles that lie within it are one update, for logs of 1 to 10 Hz; 0 takes each alone"
+    )
     oscillators: tuple[Oscillation, ...] = Field(
         default=(),
         description="uniform over the region, with a depth structure of their own: inertial, M2, S2, K1, O1; steady is what does not turn "

@@ -1,11 +1,15 @@
 """Errors that an instrument makes again and again: how they look in a profile, and whether the log speaks of one.
 
 An error that no state stands for is absorbed by the current where it can be, but a vehicle that turns shows the same error along another
-direction. Each profile's innovation e, with covariance S, is held against what an error b of one unit would have done to it (a score test):
+direction. Each profile's innovation e, with covariance S, is held against what an error b of one unit would have left in it:
 
     s = sum b' S^-1 e,    I = sum b' S^-1 b,    estimate s / I, with standard deviation I^-1/2.
 
-What the current absorbed is missing in e, so the estimate is rather too small than too large.
+An estimate through time follows what the current absorbs of b and takes it off; then this is what a state with a flat prior would say
+(Friedland 1969, IEEE TAC 14: bias by a filter of its own). A static one does not, and its estimates are too small.
+
+A scale error is special, because b is made of what was measured: with z = (1 + s)(v - p) the density of what is logged has a factor
+(1 + s)^-1 for each component of the mean, less what the error of the platform's velocity p has in it; see ``stretch``.
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +25,7 @@ NAMES = ("heading", "scale", "shear")
 # Estimates below so many standard deviations are chance, as each log is asked for three.
 _SIGNIFICANT = 3.5
 # rad, a share, 1/s: smaller ones do no harm
-_HARMLESS = (np.deg2rad(1.0), 0.005, 2e-5)
+_HARMLESS = (np.deg2rad(2.0), 0.01, 2e-5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,40 +113,72 @@ class Evidence:
     score: Array = field(default_factory=lambda: np.zeros(len(NAMES)))
     information: Array = field(default_factory=lambda: np.zeros((len(NAMES), len(NAMES))))
 
-    def after(
-        self, observation: Observation | PathMean, used: NDArray[np.intp], projection: Projection, bins: Bins, innovation: Array, cov: Array
-    ) -> "Evidence":
+    def after(self, columns: Array, innovation: Array, cov: Array, stretched: float) -> "Evidence":
         """Return the evidence after a profile.
 
         Args:
-            observation: The profile; a mean along a path says nothing.
-            used: Positions of its usable bins.
-            projection: Of the local axes.
-            bins: Their rows.
+            columns: shape (m, 3), what an error of one unit leaves in the innovation.
             innovation: shape (m,), of the rows.
             cov: shape (m, m), its covariance.
+            stretched: Of the profile; see ``stretch``.
         """
-        relative = None if isinstance(observation, PathMean) else relative_velocity(observation, used, projection)
-        if relative is None:
-            return self
-        assert isinstance(observation, Observation)
-        columns = _UNITS.columns(observation.depth[used], relative)
-        rows = np.stack([bins.compress(column)[0] for column in columns])
-        told = np.linalg.solve(cov, np.column_stack([innovation, rows.T]))
-        return Evidence(self.score + rows @ told[:, 0], self.information + rows @ told[:, 1:])
+        told = np.linalg.solve(cov, np.column_stack([innovation, columns]))
+        score = self.score + columns.T @ told[:, 0]
+        score[NAMES.index("scale")] -= stretched
+        return Evidence(score, self.information + columns.T @ told[:, 1:])
 
     def suspected(self) -> dict[str, tuple[float, float]]:
-        """Return the errors that the log speaks of, each alone: estimate and standard deviation; rad, 1, 1/s."""
-        found = {}
-        for name, score, information, harmless in zip(NAMES, self.score, np.diag(self.information), _HARMLESS, strict=True):
-            if information > 0.0:
-                estimate, std = float(score / information), float(1.0 / np.sqrt(information))
-                if abs(estimate) > max(_SIGNIFICANT * std, harmless):
-                    found[name] = (estimate, std)
-        return found
+        """Return the errors that the log speaks of, all estimated together: estimate and standard deviation; rad, 1, 1/s.
+
+        Together, because a scale error alone looks a little like a shear error: both go along the way through water.
+        """
+        if not np.diag(self.information).all():
+            return {}
+        cov = np.linalg.pinv(self.information, hermitian=True)
+        return {
+            name: (float(estimate), float(std))
+            for name, estimate, std, harmless in zip(NAMES, cov @ self.score, np.sqrt(np.diag(cov)), _HARMLESS, strict=True)
+            if abs(estimate) > max(_SIGNIFICANT * std, harmless)
+        }
 
 
 _UNITS = Biases(NAMES, np.ones(len(NAMES)))
+
+
+def unit_columns(observation: Observation | PathMean, used: NDArray[np.intp], projection: Projection, bins: Bins) -> Array | None:
+    """Return what an error of one unit does to an observation's rows, shape (m, 3); None where the log does not say how its platform moved.
+
+    Args:
+        observation: A mean along a path says nothing of the instrument.
+        used: Positions of its usable bins.
+        projection: Of the local axes.
+        bins: Their rows.
+    """
+    relative = None if isinstance(observation, PathMean) else relative_velocity(observation, used, projection)
+    if relative is None:
+        return None
+    assert isinstance(observation, Observation)
+    return np.stack([bins.compress(column)[0] for column in _UNITS.columns(observation.depth[used], relative)], axis=1)
+
+
+def stretch(observation: Observation | PathMean, n_bins: int, bins: Bins, cov: Array) -> float:
+    """Return the slope in a scale error of the logarithm of the measure's own stretching, at none: to be taken off its score.
+
+    Args:
+        observation: The profile.
+        n_bins: Number of its usable bins.
+        bins: Their rows.
+        cov: shape (m, m), covariance of the rows' innovation.
+    """
+    if isinstance(observation, PathMean) or observation.platform_velocity is None or not np.isfinite(observation.common_std):
+        return 0.0
+    total = 0.0
+    for component in range(2):
+        ones = np.zeros((n_bins, 2))
+        ones[:, component] = 1.0
+        rows, _ = bins.compress(ones)
+        total += 1.0 - observation.common_std**2 * float(rows @ np.linalg.solve(cov, rows))
+    return total
 
 
 def in_words(name: str, estimate: float, std: float) -> str:

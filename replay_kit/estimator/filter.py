@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.config_trust import TrustConfig
-from replay_kit.estimator.biases import Evidence
+from replay_kit.estimator.biases import Evidence, unit_columns
 from replay_kit.estimator.dual import initial
 from replay_kit.estimator.fit import choose_settings, members_in
 from replay_kit.estimator.forms import in_cheaper_form, inflated
@@ -130,7 +130,7 @@ class ReducedBasisEstimator:
         self, state: FilterState, screened: "_Screened", rows: ProfileRows | PathRows, look: Look[Posterior]
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation that is expected to be as ``look`` says, and the innovation."""
-        looked = look_at(rows, screened.values, look, self.trust, self.error_std is None)
+        looked = look_at(rows, screened.values, look, self.trust, self.error_std is None, state.watch.settled)
         posterior = in_cheaper_form(look.posterior(looked.innovation, looked.error_scale)) if looked.believed else state.posterior
         watch, grown = state.watch.after(looked.verdict, self.trust)
         if grown > 1.0:
@@ -139,7 +139,8 @@ class ReducedBasisEstimator:
         prior = rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1))
         time_ns = screened.observation.time_ns if looked.believed else state.time_ns
         said = looked.said(screened.said, screened.used, prior, grown)
-        evidence = looked.evidence(state.evidence, screened.observation, screened.used, self.basis.grid.projection)
+        columns = unit_columns(screened.observation, screened.used, self.basis.grid.projection, rows)
+        evidence = looked.evidence(state.evidence, screened.observation, columns)
         return FilterState(posterior, time_ns, watch, screened.observation, evidence), said
 
     def _screened(self, observation: Observation | PathMean) -> "_Screened":

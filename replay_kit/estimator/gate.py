@@ -24,6 +24,7 @@ class Verdict:
         statistic: Normalised innovation squared of the compressed rows, with the errors as adapted.
         dof: Number of compressed rows.
         gate: What the statistic was held against; inf without a gate.
+        beyond: Whether the profile lies beyond the gate, in all or in one direction.
         inflation: Factor, at least 1, by which the profile's error variance grows.
         variance: shape (dof,), eigenvalues of the rows' predicted covariance.
     """
@@ -32,6 +33,7 @@ class Verdict:
     statistic: float
     dof: int
     gate: float
+    beyond: bool
     inflation: float
     variance: Array
 
@@ -44,7 +46,7 @@ class Verdict:
         return float(np.sum(self.variance / (self.variance + inflation)))
 
 
-def judge(innovation: Array, cov: Array, left_out: float, n_left_out: int, config: TrustConfig | None) -> Verdict:
+def judge(innovation: Array, cov: Array, left_out: float, n_left_out: int, config: TrustConfig | None, settled: bool = True) -> Verdict:
     """Return what is done with a profile.
 
     Args:
@@ -53,27 +55,32 @@ def judge(innovation: Array, cov: Array, left_out: float, n_left_out: int, confi
         left_out: Squared norm of the whitened innovation that compression left out.
         n_left_out: Number of its degrees of freedom.
         config: None accepts everything as it is.
+        settled: Whether the estimate has been right of late; what contradicts one that has not is softened, not rejected.
     """
     dof = innovation.size
     values, vectors = np.linalg.eigh(cov)
     values, along = np.maximum(values, 0.0), vectors.T @ innovation
     if config is None:
-        return Verdict("accepted", float(np.sum(along**2 / (values + 1.0))), dof, np.inf, 1.0, values)
+        return Verdict("accepted", float(np.sum(along**2 / (values + 1.0))), dof, np.inf, False, 1.0, values)
     scale = 1.0
     if config.adapt_errors and n_left_out and left_out > limit(config.gate_probability, n_left_out):
         scale = left_out / n_left_out
     squared = along**2 / (values + scale)
     statistic = float(squared.sum())
     if config.gate == "off":
-        return Verdict("accepted", statistic, dof, np.inf, scale, values)
+        return Verdict("accepted", statistic, dof, np.inf, False, scale, values)
     gate = limit(config.gate_probability, dof)
-    if config.gate == "soften":
+    # where the estimate has no part in the variance, directions are arbitrary, and their sum is judged already
+    known = squared[values > _PART * scale]
+    beyond = statistic > gate or bool(np.any(known > limit(config.gate_probability / dof, 1)))
+    if config.gate == "soften" or (beyond and not settled):
         softened = float(np.max(softened_variance(values, scale, along, config.soften_factor)))
-        return Verdict("softened" if softened > scale * _VISIBLE else "accepted", statistic, dof, gate, softened, values)
-    beyond = statistic > gate or bool(squared.max() > limit(config.gate_probability / dof, 1))
-    return Verdict("rejected" if beyond else "accepted", statistic, dof, gate, scale, values)
+        return Verdict("softened" if softened > scale * _VISIBLE else "accepted", statistic, dof, gate, beyond, softened, values)
+    return Verdict("rejected" if beyond else "accepted", statistic, dof, gate, beyond, scale, values)
 
 
+# Of the noise's variance, above which the estimate's own is a direction's matter.
+_PART = 0.01
 # a softening below this share of the error variance is none
 _VISIBLE = 1.1
 
@@ -102,10 +109,18 @@ class Watch:
     """The latest profiles' verdicts: whether the estimate knows its own errors.
 
     Attributes:
-        latest: Statistic and degrees of freedom of the latest profiles, oldest first.
+        latest: Statistic, degrees of freedom and whether beyond the gate, of the latest profiles, oldest first.
     """
 
-    latest: tuple[tuple[float, int], ...] = ()
+    latest: tuple[tuple[float, int, bool], ...] = ()
+
+    @property
+    def settled(self) -> bool:
+        """Whether the estimate has been right of late: outliers are few, and an estimate that is wrong is contradicted by many.
+
+        A gate that rejects profile after profile would keep what the first of them said, or the ensemble did, for ever.
+        """
+        return len(self.latest) >= _SETTLED and sum(beyond for _, _, beyond in self.latest) <= _OUTLIERS * len(self.latest)
 
     def after(self, verdict: Verdict, config: TrustConfig | None) -> "tuple[Watch, float]":
         """Return the watch after a profile, and the factor by which the estimate's covariance should grow; 1 as a rule.
@@ -113,16 +128,18 @@ class Watch:
         Profiles with outliers are few, and an estimate that is wrong is contradicted by most. When half of the latest lie beyond what
         one in forty should, the covariance grows by the median of their normalised innovations, and the watch begins anew.
         """
-        if config is None or not config.watch:
+        if config is None:
             return self, 1.0
-        latest = (*self.latest, (verdict.statistic, verdict.dof))[-config.watch_profiles :]
+        latest = (*self.latest, (verdict.statistic, verdict.dof, verdict.beyond))[-config.watch_profiles :]
         if len(latest) < config.watch_profiles:
             return Watch(latest), 1.0
-        beyond = sum(statistic > limit(_TAIL, dof) for statistic, dof in latest)
-        if 2 * beyond < len(latest):
+        beyond = sum(statistic > limit(_TAIL, dof) for statistic, dof, _ in latest)
+        if 2 * beyond < len(latest) or not config.watch:
             return Watch(latest), 1.0
-        return Watch(), max(1.0, float(np.median([statistic / dof for statistic, dof in latest])))
+        return Watch(), max(1.0, float(np.median([statistic / dof for statistic, dof, _ in latest])))
 
 
 # one in forty: the upper end of the 95 % band
 _TAIL = 0.025
+# Profiles after which the gate rejects, and the share of the latest beyond it up to which it does.
+_SETTLED, _OUTLIERS = 5, 0.34

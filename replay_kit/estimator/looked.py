@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config_trust import TrustConfig
-from replay_kit.estimator.biases import Evidence
+from replay_kit.estimator.biases import Evidence, stretch
 from replay_kit.estimator.gate import Verdict, judge
 from replay_kit.estimator.kalman import Bins, dependence_inflation
 from replay_kit.estimator.posterior import After, Look
 from replay_kit.estimator.screening import scatter
-from replay_kit.types import Array, Innovation, Observation, PathMean, Projection
+from replay_kit.types import Array, Innovation, Observation, PathMean
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,27 @@ class Looked(Generic[After]):
         """Standard deviation of the rows' noise, in the update."""
         return float(np.sqrt(self.inflation))
 
-    def evidence(self, before: Evidence, observation: Observation | PathMean, used: NDArray[np.intp], projection: Projection) -> Evidence:
-        """Return the evidence of the instrument's errors after the observation; one that is not believed says nothing."""
-        if not self.believed:
+    @property
+    def innovation_cov(self) -> Array:
+        """Covariance of the innovation, with the errors of the update, shape (m, m)."""
+        return self.look.cov + self.inflation * np.eye(self.innovation.size)
+
+    def evidence(
+        self, before: Evidence, observation: Observation | PathMean, columns: Array | None, absorbed: Array | None = None
+    ) -> Evidence:
+        """Return the evidence of the instrument's errors after the observation; one that is not believed says nothing.
+
+        Args:
+            before: Of the observations before.
+            observation: The observation.
+            columns: shape (m, 3), what errors of one unit do to its rows; None where it says nothing of them.
+            absorbed: shape (m, 3), what the estimate took of them for the current; None where it is not followed.
+        """
+        if not self.believed or columns is None:
             return before
-        cov = self.look.cov + self.inflation * np.eye(self.innovation.size)
-        return before.after(observation, used, projection, self.bins, self.innovation, cov)
+        left = columns if absorbed is None else columns - absorbed
+        stretched = stretch(observation, len(self.values), self.bins, self.innovation_cov)
+        return before.after(left, self.innovation, self.innovation_cov, stretched)
 
     def said(self, said: Innovation, used: NDArray[np.intp], prior: Array, grown: float) -> Innovation:
         """Return the innovation.
@@ -84,7 +99,7 @@ class Looked(Generic[After]):
         )
 
 
-def look_at(bins: Bins, values: Array, look: Look[After], trust: TrustConfig | None, correlated: bool) -> Looked[After]:
+def look_at(bins: Bins, values: Array, look: Look[After], trust: TrustConfig | None, correlated: bool, settled: bool) -> Looked[After]:
     """Return what is made of an observation.
 
     Args:
@@ -92,11 +107,12 @@ def look_at(bins: Bins, values: Array, look: Look[After], trust: TrustConfig | N
         values: shape (n, 2) [m/s], of the usable bins, about the same as the rows.
         look: What is expected of the rows.
         trust: Gate; None believes everything.
+        settled: Whether the estimate has been right of late.
         correlated: Whether errors grow where residuals are correlated along the profile (not under the paper's error model).
     """
     compressed, left_out = bins.compress(values)
     innovation = compressed - look.mean
-    verdict = judge(innovation, look.cov, left_out, bins.dof - innovation.size, trust)
+    verdict = judge(innovation, look.cov, left_out, bins.dof - innovation.size, trust, settled)
     if verdict.decision == "rejected":
         return Looked(bins, values, look, innovation, verdict, 1.0, look.mean)
     inflation = verdict.inflation

@@ -100,10 +100,10 @@ class Look(Generic[After]):
         """Return the posterior after the rows.
 
         Args:
-            innovation: shape (2 k,), rows minus their mean.
+            innovation: shape (2 k,), rows minus their mean; or several such columns, where the estimate follows several.
             error_scale: Standard deviation of the rows' independent noise.
         """
-        lower = self._factor(innovation.size, error_scale)
+        lower = self._factor(len(innovation), error_scale)
         whitened = scipy.linalg.solve_triangular(lower, innovation / error_scale, lower=True)
         return self.absorb(lower, np.asarray(whitened), error_scale)
 

@@ -29,6 +29,7 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
     alone = unknown and np.count_nonzero(usable(flags)) < 2
     useless = np.full(flags.shape, unknown and (alone or not relative))
     wrong = ~np.isfinite(observation.velocity).all(axis=1) | ~(observation.error_std > 0.0) | ~np.isfinite(observation.error_std)
+    wrong &= usable(flags)
     for failed, reason in (
         (below, Reason.BELOW_GRID),
         (outside, Reason.OUTSIDE_REGION),

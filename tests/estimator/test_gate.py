@@ -128,6 +128,20 @@ def test_the_same_profile_twice_counts_once():
     np.testing.assert_allclose(both[-1][0].mean, once[-1][0].mean, atol=1e-12)
 
 
+def test_what_contradicts_an_estimate_that_has_not_been_right_is_softened_not_rejected():
+    """An ensemble of another place: nearly every profile lies beyond the gate, and all of them count."""
+    elsewhere = Ensemble(ENSEMBLE.grid, 0.02 * ENSEMBLE.velocity[1:], None, "too weak")
+    estimator = build_estimator(elsewhere, EstimatorConfig(modes=20), TrustConfig(watch=False))
+    state, decisions = estimator.initial(), []
+    profiles = sound_profiles(12, noise=0.02)
+    for observation in profiles:
+        state, said = estimator.step(state, observation)
+        decisions.append(said.decision)
+    assert decisions[0] == "softened"
+    assert "rejected" not in decisions[:5]
+    assert rms(estimator, state) < rms(estimator, estimator.initial())
+
+
 def test_profiles_that_contradict_one_another_end_finite_and_positive():
     estimator = build_estimator(others(), EstimatorConfig(modes=20), TRUST)
     (observation,) = sound_profiles(1)
@@ -160,7 +174,7 @@ def test_an_overconfident_estimate_is_noticed_and_grows_its_errors():
 
 
 def test_the_watch_ignores_one_bad_profile_in_ten_and_sees_one_in_two():
-    sound, bad = (Verdict("accepted", nis, 16, 50.0, 1.0, np.zeros(16)) for nis in (16.0, 400.0))
+    sound, bad = (Verdict("accepted", nis, 16, 50.0, nis > 50.0, 1.0, np.zeros(16)) for nis in (16.0, 400.0))
     watch = Watch()
     for k in range(200):
         watch, grown = watch.after(bad if k % 10 == 0 else sound, TRUST)

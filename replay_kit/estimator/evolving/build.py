@@ -51,7 +51,7 @@ def build_evolving(
     swinging = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))
     errors = biases(time)
     model = Model(basis, sea, swinging, errors, representation)
-    return EvolvingEstimator(model, layout(sea, swinging, errors, time), trust, forecasts[0].time_ns)
+    return EvolvingEstimator(model, layout(sea, swinging, errors, time), trust, forecasts[0].time_ns, time.window)
 
 
 def layout(sea: Sea, swinging: Oscillations, errors: Biases, time: TimeConfig) -> Layout:

@@ -68,11 +68,11 @@ def new_dive(estimator: EvolvingEstimator, state: EvolvingState) -> EvolvingStat
     part = estimator.layout.parts.get(_PART)
     if part is None:
         return state
-    mean, cov = state.mean.copy(), state.cov.copy()
-    mean[part] = 0.0
+    means, cov = state.means.copy(), state.cov.copy()
+    means[part] = 0.0
     cov[part], cov[:, part] = 0.0, 0.0
     cov[part, part] = np.eye(part.stop - part.start)
-    return replace(state, mean=mean, cov=cov)
+    return replace(state, means=means, cov=cov)
 
 
 def by_dive(observations: Sequence[Measurement]) -> Iterator[tuple[bool, Measurement]]:

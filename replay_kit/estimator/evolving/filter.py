@@ -1,15 +1,16 @@
 """The estimator whose estimate changes between observations: state in, observation in; state and innovation out."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config_trust import TrustConfig
-from replay_kit.estimator.biases import Evidence
+from replay_kit.estimator.biases import NAMES, Evidence, stretch, unit_columns
 from replay_kit.estimator.evolving.seen import Model, Seen
 from replay_kit.estimator.evolving.state import Layout, look_along
+from replay_kit.estimator.evolving.together import compressed, grouped
 from replay_kit.estimator.gate import Watch
 from replay_kit.estimator.looked import Looked, look_at
 from replay_kit.estimator.modes import Basis
@@ -26,7 +27,7 @@ class EvolvingState:
     """What is known at one time.
 
     Attributes:
-        mean: shape (n,), of the unknowns.
+        means: shape (n, 4): of the unknowns, and how it answers to a heading, scale and shear error of one unit that no unknown stands for.
         cov: shape (n, n).
         time_ns: Of the last observation used [ns, UTC]; None before the first.
         watch: Over the latest verdicts.
@@ -34,12 +35,17 @@ class EvolvingState:
         evidence: Of errors of the instrument.
     """
 
-    mean: Array
+    means: Array
     cov: Array
     time_ns: int | None
     watch: Watch
     last: Observation | PathMean | None = None
     evidence: Evidence = _NO_EVIDENCE_YET
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the unknowns, shape (n,)."""
+        return self.means[:, 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,12 +57,14 @@ class EvolvingEstimator:
         layout: The unknowns and how they change.
         trust: Gate and watch; None believes every observation as it is.
         time_ns: Of the estimate before any observation [ns, UTC].
+        window: Profiles within so long count together [s].
     """
 
     model: Model
     layout: Layout
     trust: TrustConfig | None
     time_ns: int | None
+    window: float = 0.0
 
     takes_paths = True
 
@@ -72,13 +80,46 @@ class EvolvingEstimator:
 
     def initial(self) -> EvolvingState:
         """Return the state before any observation."""
-        return EvolvingState(np.zeros(self.layout.size), np.eye(self.layout.size), None, Watch())
+        return EvolvingState(np.zeros((self.layout.size, 1 + len(NAMES))), np.eye(self.layout.size), None, Watch())
 
     def steps(self, state: EvolvingState, observations: Iterable[Observation | PathMean]) -> Iterator[tuple[EvolvingState, Innovation]]:
-        """Yield the state after each observation, and what it said."""
+        """Yield the state after each observation, and what it said.
+
+        With a window, profiles that lie in it count together: all are held against the state before the first of them, and the state
+        changes with the last.
+        """
+        for group in grouped(observations, self.window):
+            if len(group) > 1:
+                done = self._together(state, group)
+                state = done[-1][0]
+                yield from done
+            else:
+                state, innovation = self.step(state, group[0])
+                yield state, innovation
+
+    def _together(self, state: EvolvingState, observations: Sequence[Observation | PathMean]) -> list[tuple[EvolvingState, Innovation]]:
+        """Return the states after observations that count together, and the innovations."""
+        before, current = self.predicted(state, observations[-1].time_ns), state
+        done: list[tuple[EvolvingState, Innovation]] = []
+        rows, told, grown, stretched = [], [], 1.0, 0.0
         for observation in observations:
-            state, innovation = self.step(state, observation)
-            yield state, innovation
+            offered = self.offered(current, observation, before)
+            if isinstance(offered, Innovation):
+                done.append((current, offered))
+                continue
+            current, innovation = self._noted(current, offered)
+            grown *= innovation.prior_inflation
+            if offered.looked.believed:
+                rows.append(offered.seen.design / offered.looked.error_scale)
+                told.append(offered.told / offered.looked.error_scale)
+                stretched += offered.stretched
+            done.append((current, innovation))
+        if rows:
+            design, innovations = compressed(np.concatenate(rows), np.concatenate(told))
+            means, cov = look_along(before.means, before.cov, design).posterior(innovations, 1.0)
+            means = self._stretched(means, cov, stretched)
+            done[-1] = replace(current, means=means, cov=grown * cov, time_ns=before.time_ns), done[-1][1]
+        return done
 
     def step(self, state: EvolvingState, observation: Observation | PathMean) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation, and the innovation.
@@ -88,8 +129,16 @@ class EvolvingEstimator:
         offered = self.offered(state, observation)
         return (state, offered) if isinstance(offered, Innovation) else self.taken(state, offered)
 
-    def offered(self, state: EvolvingState, observation: Observation | PathMean) -> "Offered | Innovation":
-        """Return an observation looked at from a state, or what is said of one that cannot be used."""
+    def offered(
+        self, state: EvolvingState, observation: Observation | PathMean, before: EvolvingState | None = None
+    ) -> "Offered | Innovation":
+        """Return an observation looked at, or what is said of one that cannot be used.
+
+        Args:
+            state: The state so far.
+            observation: What is offered to it.
+            before: The state at the time for which the observation counts; None for its own time.
+        """
         whole = as_profile(observation)
         flags, reasons = screen(whole, self.model.basis.grid, relative=True)
         said = rejected(whole, flags, reasons)
@@ -101,28 +150,45 @@ class EvolvingEstimator:
         if is_repeated(state.last, observation):
             return repeated(said, Reason.DUPLICATE)
         seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
-        before = self.predicted(state, observation.time_ns)
-        look = look_along(before.mean, before.cov, seen.design)
-        return Offered(observation, before, seen, look_at(seen, seen.values, look, self.trust, True), said, used)
+        before = before or self.predicted(state, observation.time_ns)
+        look = look_along(before.means, before.cov, seen.design)
+        looked = look_at(seen, seen.values, look, self.trust, True, state.watch.settled)
+        columns = unit_columns(observation, used, self.basis.grid.projection, seen)
+        return Offered(observation, before, seen, looked, columns, said, used)
 
     def taken(self, state: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation that was offered to a state, and the innovation."""
         looked, after = offered.looked, state
         if looked.believed:
-            mean, cov = looked.look.posterior(looked.innovation, looked.error_scale)
-            after = replace(offered.before, mean=mean, cov=cov)
-        watch, grown = state.watch.after(looked.verdict, self.trust)
-        evidence = looked.evidence(state.evidence, offered.observation, offered.used, self.basis.grid.projection)
-        grown_cov = after.cov if grown == 1.0 else grown * after.cov
-        after = replace(after, cov=grown_cov, watch=watch, last=offered.observation, evidence=evidence)
+            means, cov = looked.look.posterior(offered.told, looked.error_scale)
+            after = replace(offered.before, means=self._stretched(means, cov, offered.stretched), cov=cov)
+        return self._noted(after, offered)
+
+    def _noted(self, after: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
+        """Return a state with what an observation said noted, its covariance grown where the watch asks for it, and the innovation."""
+        looked = offered.looked
+        watch, grown = after.watch.after(looked.verdict, self.trust)
+        evidence = looked.evidence(after.evidence, offered.observation, offered.columns, offered.absorbed)
+        cov = after.cov if grown == 1.0 else grown * after.cov
+        after = replace(after, cov=cov, watch=watch, last=offered.observation, evidence=evidence)
         return after, looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), grown)
+
+    def _stretched(self, means: Array, cov: Array, stretched: float) -> Array:
+        """Return means with the stretching of what a scale error measures taken off; see ``biases``."""
+        names = self.model.biases.names
+        if stretched == 0.0 or "scale" not in names:
+            return means
+        at = self.layout.parts["biases"].start + names.index("scale")
+        out = means.copy()
+        out[:, 0] -= cov[:, at] * float(self.model.biases.std[names.index("scale")]) * stretched
+        return out
 
     def predicted(self, state: EvolvingState, time_ns: int) -> EvolvingState:
         """Return the state at a later time without observations in between: less is known of it."""
         if state.time_ns is None:
             return replace(state, time_ns=time_ns)
-        mean, cov = self.layout.predict(state.mean, state.cov, (time_ns - state.time_ns) / _NS)
-        return replace(state, mean=mean, cov=cov, time_ns=time_ns)
+        means, cov = self.layout.predict(state.means, state.cov, (time_ns - state.time_ns) / _NS)
+        return replace(state, means=means, cov=cov, time_ns=time_ns)
 
     def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
@@ -191,6 +257,7 @@ class Offered:
         before: The state at its time.
         seen: Its rows.
         looked: What was made of them.
+        columns: shape (m, 3), what errors of the instrument of one unit do to them; None where the log does not say.
         said: What is said of it before.
         used: Positions of its usable bins.
     """
@@ -199,5 +266,24 @@ class Offered:
     before: EvolvingState
     seen: Seen
     looked: Looked[tuple[Array, Array]]
+    columns: Array | None
     said: Innovation
     used: NDArray[np.intp]
+
+    @property
+    def absorbed(self) -> Array:
+        """What the estimate took of such errors for the current, shape (m, 3)."""
+        return np.asarray(self.seen.design @ self.before.means[:, 1:])
+
+    @property
+    def told(self) -> Array:
+        """Innovations, shape (m, 4): of the rows, and of each error of one unit."""
+        columns = np.zeros_like(self.absorbed) if self.columns is None else self.columns
+        return np.column_stack([self.looked.innovation, columns - self.absorbed])
+
+    @property
+    def stretched(self) -> float:
+        """Of the observation; see ``biases.stretch``."""
+        if self.columns is None or not self.looked.believed:
+            return 0.0
+        return stretch(self.observation, self.used.size, self.seen, self.looked.innovation_cov)

@@ -40,8 +40,8 @@ def log_likelihoods(estimator: EvolvingEstimator, observations: Sequence[Measure
         _, left_out = offered.seen.compress(offered.seen.values)
         half_log_det = 0.5 * float(np.linalg.slogdet(look.cov + np.eye(innovation.size))[1]) + 2.0 * log_scale(offered.seen.noise)
         yield -0.5 * (look.nis(innovation) + left_out) - half_log_det
-        mean, cov = look.posterior(innovation, 1.0)
-        state = replace(offered.before, mean=mean, cov=cov, last=observation)
+        means, cov = look.posterior(offered.told, 1.0)
+        state = replace(offered.before, means=means, cov=cov, last=observation)
 
 
 def log_scale(noise: BinNoise) -> float:

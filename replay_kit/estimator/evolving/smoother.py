@@ -78,7 +78,9 @@ class Adjoint:
     def smoothed(self, state: EvolvingState) -> EvolvingState:
         """Return a state, of observations up to its time, with the later ones."""
         cov = state.cov - state.cov @ self.cov @ state.cov
-        return replace(state, mean=state.mean - state.cov @ self.mean, cov=0.5 * (cov + cov.T))
+        means = state.means.copy()
+        means[:, 0] -= state.cov @ self.mean
+        return replace(state, means=means, cov=0.5 * (cov + cov.T))
 
 
 def smooth(

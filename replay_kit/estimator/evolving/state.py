@@ -43,7 +43,7 @@ class Layout:
         """Return mean and covariance after a time without observations.
 
         Args:
-            mean: shape (n,).
+            mean: shape (n,) or (n, c).
             cov: shape (n, n).
             seconds: At least 0.
         """
@@ -68,8 +68,9 @@ class Layout:
         return mean, cov
 
     def forecast_mean(self, mean: Array, seconds: float) -> Array:
-        """Return the mean of ``predict`` alone."""
-        return np.asarray(np.exp(-seconds / self.scales) * self.turned(mean, seconds))
+        """Return the mean of ``predict`` alone; ``mean`` of shape (n,) or (n, c)."""
+        kept = np.exp(-seconds / self.scales)
+        return np.asarray((kept if mean.ndim == 1 else kept[:, None]) * self.turned(mean, seconds))
 
     def turned(self, rows: Array, seconds: float) -> Array:
         """Return the unknowns, shape (n, ...), with pairs turned by a time; a negative one turns back."""
@@ -83,11 +84,11 @@ class Layout:
         return out
 
 
-def look_along(mean: Array, cov: Array, design: Array) -> Look[tuple[Array, Array]]:
-    """Return what is expected of rows, and how they change mean and covariance.
+def look_along(means: Array, cov: Array, design: Array) -> Look[tuple[Array, Array]]:
+    """Return what is expected of rows, and how they change means and covariance.
 
     Args:
-        mean: shape (n,).
+        means: shape (n, c), of which the first column is the state's mean and others are followed beside it.
         cov: shape (n, n).
         design: shape (m, n).
     """
@@ -95,7 +96,7 @@ def look_along(mean: Array, cov: Array, design: Array) -> Look[tuple[Array, Arra
 
     def absorb(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
         gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
-        return mean + whitened @ gain, cov - gain.T @ gain
+        return means + gain.T @ whitened, cov - gain.T @ gain
 
     spread = cross @ design.T
-    return Look(design @ mean, 0.5 * (spread + spread.T), absorb)
+    return Look(design @ means[:, 0], 0.5 * (spread + spread.T), absorb)

@@ -184,14 +184,14 @@ def test_a_million_updates_keep_the_covariance_symmetric_and_positive():
     n, none = 6, np.empty(0, dtype=np.intp)
     scales = np.array([np.inf, np.inf, np.inf, 1e4, 1e5, 1e7])
     layout = Layout(scales, none, none, np.empty(0), {})
-    mean, cov = np.zeros(n), np.eye(n)
+    mean, cov = np.zeros((n, 1)), np.eye(n)
     designs = rng.standard_normal((64, 2, n)) * 10.0
     designs[:8] *= 1e3  # nearly without error
     designs[8:16] = designs[0]  # the same direction over and over
     smallest = []
     for k in range(20_000):
         mean, cov = layout.predict(mean, cov, 1.0)
-        mean, cov = look_along(mean, cov, designs[k % 64]).posterior(rng.standard_normal(2), 1.0)
+        mean, cov = look_along(mean, cov, designs[k % 64]).posterior(rng.standard_normal((2, 1)), 1.0)
         if k % 500 == 0:
             smallest.append(np.linalg.eigvalsh(cov).min() / np.linalg.eigvalsh(cov).max())
     np.testing.assert_array_equal(cov, cov.T)

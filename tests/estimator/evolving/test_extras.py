@@ -85,7 +85,7 @@ def test_an_oscillation_is_predicted_where_it_is_asked_for(kind):
     assert errors["with"] < 0.4 * errors["without"]
 
 
-def faulty(observation, heading_deg, scale, through_water):
+def faulty(observation, heading_deg, scale, through_water, common_std=0.02):
     """The profile as an instrument with faults makes it: relative velocity turned and stretched, then the platform's velocity added."""
     relative = observation.velocity - through_water
     angle = np.deg2rad(heading_deg)
@@ -94,7 +94,7 @@ def faulty(observation, heading_deg, scale, through_water):
         observation,
         velocity=(1.0 + scale) * turned + through_water,
         platform_velocity=(float(through_water[0]), float(through_water[1])),
-        common_std=0.02,
+        common_std=common_std,
     )
 
 

@@ -1,0 +1,94 @@
+"""All studies on all missions, as one value."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from replay_kit.config import RunConfig
+from replay_kit.errors import ConfigError
+from replay_kit.experiments.missions.bias import biases
+from replay_kit.experiments.missions.coverage import coverage
+from replay_kit.experiments.missions.dac import mean_currents_alone
+from replay_kit.experiments.missions.flights import fly_pings, staying
+from replay_kit.experiments.missions.job import MissionJob
+from replay_kit.experiments.missions.outliers import outliers
+from replay_kit.experiments.missions.relative import relative
+from replay_kit.experiments.missions.rows import Figure, MissionRow, over_missions
+from replay_kit.experiments.missions.scene import Scene, own_estimator
+from replay_kit.experiments.missions.sea import Withheld, withhold
+from replay_kit.experiments.missions.through_time import through_time
+from replay_kit.twin.field import build_field
+from replay_kit.types import Ensemble
+
+Progress = Callable[[int, int, str], None]
+_STUDIES: dict[str, Callable[[Scene], list[Figure]]] = {
+    "time": through_time,
+    "relative": relative,
+    "dac": mean_currents_alone,
+    "outliers": outliers,
+    "bias": biases,
+    "coverage": coverage,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class MissionResult:
+    """All rows, and what they were computed on.
+
+    Attributes:
+        rows: Study after study.
+        ensemble: Its file.
+        members: Positions of the members that were the truth in turn.
+        times: Number of times of the forecast; 1 when the truth stays as it is.
+        job: What was asked for.
+    """
+
+    rows: tuple[MissionRow, ...]
+    ensemble: str
+    members: tuple[int, ...]
+    times: int
+    job: MissionJob
+
+
+def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None) -> MissionResult:
+    """Return the studies on an ensemble.
+
+    Args:
+        series: The forecast at its times, in order; one alone may have no time, and the truth then stays as it is.
+        config: Settings of the estimators.
+        job: Which studies, on which missions.
+        progress: Called with studies done, studies in all, and what is being run.
+
+    Raises:
+        ConfigError: An option is wrong.
+        ForecastError: The current carried a glider out of the truth's water.
+    """
+    job.check()
+    if "time" in job.studies and len(series) < 2:
+        raise ConfigError(
+            "--study time: the forecast has one dated time, and the truth would not change; leave --lead out, give --reference-time to a "
+            "file of leads, or choose other studies"
+        )
+    members = job.members(series[0].n_members)
+    total = len(members) * job.seeds * len(job.studies)
+    by_study: dict[str, list[list[Figure]]] = {study: [] for study in job.studies}
+    done = 0
+    for member in members:
+        case = withhold(series, member)
+        own, sea = own_estimator(case, config), build_field(*case.truths)
+        for seed in range(job.seeds):
+            flight = staying(partial(fly_pings, sea, job.pings, job.days, job.noise), 100 * member + seed)
+            for study in job.studies:
+                scene = Scene(case, flight, own, config, job, _teller(progress, done, total, case, study))
+                by_study[study].append(_STUDIES[study](scene))
+                done += 1
+    rows = tuple(row for study in job.studies for row in over_missions(by_study[study]))
+    return MissionResult(rows, series[0].source, members, len(series), job)
+
+
+def _teller(progress: Progress | None, done: int, total: int, case: Withheld, study: str) -> Callable[[str], None]:
+    def say(what: str) -> None:
+        if progress is not None:
+            progress(done, total, f"member {case.member}, {study}: {what}")
+
+    return say
