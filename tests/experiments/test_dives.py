@@ -199,6 +199,10 @@ def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_pa
     assert found["rmse"]["profiles"]["estimate"] < found["rmse"]["profiles"]["zero"]
     refused = run.invoke(app, [*command, "--config", str(tmp_path / "paper.toml")])
     assert isinstance(refused.exception, ConfigError)
+    synthetic.dataset(n_members=9, shape=(5, 6), west=20.0).to_netcdf(tmp_path / "far.nc", engine="h5netcdf")
+    elsewhere = run.invoke(app, [*command[:3], "--ensemble", str(tmp_path / "far.nc"), "--modes", "6"])
+    assert isinstance(elsewhere.exception, MeasurementError)
+    assert "--place-ensemble" in str(elsewhere.exception)
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
