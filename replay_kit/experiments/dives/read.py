@@ -1,6 +1,6 @@
 """Logs to dives: what the estimator is given of each, and what it is scored on."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from replay_kit.errors import MeasurementError
 from replay_kit.job import open_readers
 from replay_kit.logs import merge
 from replay_kit.measurements import Event, finish, initial_state, interpret
-from replay_kit.types import Measurement, Observation, PathMean, VehicleState
+from replay_kit.types import Measurement, Message, Observation, PathMean, VehicleState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +49,10 @@ def read_dives(logs: Sequence[Path], config: RunConfig) -> tuple[Dive, ...]:
         LogError: A log cannot be opened.
         MeasurementError: There are fewer than two dives, or nothing in them to predict.
     """
-    given = [event for event in _events(logs, config) if isinstance(event, Measurement)]
-    inverted, sources = (_events(logs, _using(config, inverted=use)) for use in (True, False))
+    # decoding takes longer than interpreting
+    messages = list(merge(open_readers(logs, config), config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns))
+    given = [event for event in _events(messages, config) if isinstance(event, Measurement)]
+    inverted, sources = (_events(messages, _using(config, inverted=use)) for use in (True, False))
     profiles = [event for event in inverted if isinstance(event, Observation) and np.isfinite(event.common_std)]
     means, fixes = [], []
     for event in sources:
@@ -82,10 +84,10 @@ def _using(config: RunConfig, *, inverted: bool) -> RunConfig:
     return config.model_copy(update={"measurements": measurements})
 
 
-def _events(logs: Sequence[Path], config: RunConfig) -> Iterator[Event]:
-    """Yield what the measurement step makes of logs."""
+def _events(messages: Iterable[Message], config: RunConfig) -> Iterator[Event]:
+    """Yield what the measurement step makes of messages."""
     state = initial_state(config.logs.system)
-    for message in merge(open_readers(logs, config), config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns):
+    for message in messages:
         state, events = interpret(state, message, config.measurements)
         yield from events
     yield from finish(state, config.measurements)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replay_kit.config import RunConfig
+from replay_kit.errors import MeasurementError
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
 from replay_kit.estimator.evolving.fit_log import LogSettings, as_built, fit_to_log, fitted_estimator, with_errors
@@ -114,19 +115,32 @@ def run_dives(
         fit: Whether settings of the profiles' errors and of oscillations are fitted to the dives before.
         source: The ensemble's file.
         progress: Called with dives done, dives in all, and what is being done.
+
+    Raises:
+        MeasurementError: Nothing of the dives lies in the ensemble's region.
     """
     small = narrowed(estimator, [event for dive in dives for event in _all_of(dive)])
-    settings, done = as_built(small, config.time), []
+    settings = as_built(small, config.time)
+    # with --fit nothing is gated: the likelihood took every observation for what the settings say it is
+    small = replace(small, trust=None) if fit else small
+    changed, done = fitted_estimator(small, config.time, settings), []
+    state = changed.initial()
     for k, dive in enumerate(dives):
         if progress is not None:
             progress(k, len(dives), f"dive {dive.number}")
         before = [event for earlier in dives[:k] for event in earlier.given]
-        if fit and before:
-            settings = fit_to_log(small, config.time, before, settings)
-        changed = fitted_estimator(small, config.time, settings)
-        # the likelihood took every observation for what the settings say it is
-        changed = replace(changed, trust=None) if fit else changed
-        done.append(_predicted(changed, dives[:k], dive, before, settings))
+        found = fit_to_log(small, config.time, before, settings) if fit and before else settings
+        if found != settings:
+            settings, changed = found, fitted_estimator(small, config.time, found)
+            state = _after(changed, changed.initial(), before, settings)
+        elif k:
+            state = _after(changed, state, dives[k - 1].given, settings)
+        done.append(_predicted(changed, state, dives[:k], dive, settings))
+    if not any(dive.dof or dive.mean for dive in done):
+        raise MeasurementError(
+            f"{source}: none of the {len(dives)} dives has a bin or a mean current in the ensemble's region; use an ensemble of the right "
+            "place, or --place-ensemble for a study"
+        )
     return DivesResult(tuple(done), source, fit, config.time.oscillators)
 
 
@@ -138,12 +152,11 @@ def _all_of(dive: Dive) -> Iterator[Measurement]:
 
 
 def _predicted(
-    estimator: EvolvingEstimator, earlier: Sequence[Dive], dive: Dive, before: Sequence[Measurement], settings: LogSettings
+    estimator: EvolvingEstimator, state: EvolvingState, earlier: Sequence[Dive], dive: Dive, settings: LogSettings
 ) -> DivePrediction:
-    """Return one dive predicted."""
+    """Return one dive predicted from the state at its beginning."""
     profiles = [with_errors(profile, settings) for profile in dive.profiles]
     own = [profile for profile in profiles if isinstance(profile, Observation)]
-    state = _state_after(estimator, [with_errors(event, settings) for event in before])
     expected = [(profile, expect(estimator, state, profile)) for profile in own]
     usable = [(profile, found) for profile, found in expected if found is not None]
     mean = None if dive.mean is None else expect(estimator, state, with_errors(dive.mean, settings))
@@ -162,11 +175,10 @@ def _predicted(
     )
 
 
-def _state_after(estimator: EvolvingEstimator, observations: Sequence[Measurement]) -> EvolvingState:
+def _after(estimator: EvolvingEstimator, state: EvolvingState, observations: Sequence[Measurement], settings: LogSettings) -> EvolvingState:
     """Return the state after observations, at the beginning of another dive."""
-    state = estimator.initial()
     for is_new, observation in by_dive(observations):
-        state, _ = estimator.step(new_dive(estimator, state) if is_new else state, observation)
+        state, _ = estimator.step(new_dive(estimator, state) if is_new else state, with_errors(observation, settings))
     return new_dive(estimator, state)
 
 

@@ -37,10 +37,10 @@ def print_dives(result: DivesResult, console: Console) -> None:
 
 
 def _table(result: DivesResult, kind: str, title: str, overall: Mapping[str, float]) -> Table:
-    table = Table("method", *(str(dive.number) for dive in result.dives[1:]), "all", title=f"{title}, cm/s, by dive", title_justify="left")
-    for method, total in overall.items():
-        by_dive = [_cm(_rmse(dive, kind, method)) for dive in result.dives[1:]]
-        table.add_row(method.replace("_", " "), *by_dive, _cm(total))
+    table = Table("dive", *(method.replace("_", " ") for method in overall), title=f"{title}, cm/s", title_justify="left")
+    for dive in result.dives[1:]:
+        table.add_row(str(dive.number), *(_cm(_rmse(dive, kind, method)) for method in overall))
+    table.add_row("all", *(_cm(total) for total in overall.values()))
     return table
 
 
