@@ -1,5 +1,6 @@
 """An ensemble forecast at all of its dated times: leads after a reference time, or times of a file."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from replay_kit.forecast.names import find_lead, find_member, find_time, find_ve
 from replay_kit.forecast.reader import open_forecast, read_ensemble
 from replay_kit.forecast.times import dated_leads
 from replay_kit.types import Ensemble
+
+_DAY_NS = 86_400 * 10**9
 
 
 def read_series(
@@ -34,6 +37,11 @@ def read_series(
     if len(chosen) < 2:
         return (read_ensemble(path, config, near_ns=near_ns, place_at=place_at),)
     series = [read_ensemble(path, config.model_copy(update=choice), place_at=place_at) for choice in chosen]
+    times = [int(part.time_ns or 0) for part in series]
+    if any(after <= before for before, after in pairwise(times)):
+        raise ForecastError(
+            f"{path}: two leads or times of the forecast are the same; choose one with --lead or forecast.time, or mend the file"
+        )
     for member in series[1:]:
         if not np.array_equal(member.grid.wet, series[0].grid.wet):
             raise ForecastError(
@@ -42,6 +50,9 @@ def read_series(
     notes = tuple(note for note in series[0].notes if not note.startswith(("lead ", "the forecast is of ")))
     first, last = (np.datetime_as_string(np.datetime64(part.time_ns, "ns"), unit="m") for part in (series[0], series[-1]))
     notes = (f"the forecast at {len(series)} times, {first}Z to {last}Z, linear between them", *notes)
+    outside = 0 if near_ns is None else max(times[0] - near_ns, near_ns - times[-1])
+    if outside > _DAY_NS:
+        notes = (f"the log begins {outside / _DAY_NS:.1f} days outside the forecast's times: the nearest of them holds there", *notes)
     return tuple(Ensemble(part.grid, part.velocity, part.time_ns, part.source, notes if k == 0 else ()) for k, part in enumerate(series))
 
 

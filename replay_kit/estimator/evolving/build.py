@@ -22,6 +22,8 @@ from replay_kit.types import Array, Ensemble
 
 # A mixture of the members' own evolutions holds longer than the current at a place.
 _TRAJECTORIES_HOLD = 5.0
+# Of the largest spread, below which members are the same but for rounding.
+_SPREAD = 1e-3
 
 
 def build_evolving(
@@ -74,7 +76,8 @@ def _sea(
     copies = np.stack([shifted_in_modes(of_time, velocity_modes, projector, nodes, settings.shift) for of_time in anomalies])
     spread = np.sqrt(np.sum(anomalies**2, axis=(1, 2, 3)))
     share = settings.sample_share
-    alike = copies / spread[:, None, None, None] / np.sqrt(len(weights))
+    told = _with_spread(spread)
+    alike = copies[told] / spread[told, None, None, None] / np.sqrt(told.size)
     local = directions(*localised_part(alike.reshape(-1, *copies.shape[2:]), velocity_modes, projector, nodes, settings.radius))
     scaled = np.sqrt(1.0 - share) * local
     kept = beyond(scaled * spread.max(), velocity_modes, time.dropped_std)
@@ -111,6 +114,11 @@ def beyond(local: Array, velocity_modes: Array, bound: float) -> Array:
     return np.sort(order[~dropped])
 
 
+def _with_spread(spread: Array) -> NDArray[np.intp]:
+    """Return the times at which the members differ: they may all begin from one analysis."""
+    return np.flatnonzero(spread > _SPREAD * spread.max())
+
+
 def forgetting_scale(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
     """Return how long anomalies stay as they are [s]: from their correlation between neighbouring times, pooled over all; inf for one time.
 
@@ -120,10 +128,13 @@ def forgetting_scale(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
     """
     if len(anomalies) < 2:
         return float("inf")
-    flat = anomalies.reshape(len(anomalies), -1)
+    told = _with_spread(np.linalg.norm(anomalies.reshape(len(anomalies), -1), axis=1))
+    if told.size < 2:
+        return float("inf")
+    flat = anomalies[told].reshape(told.size, -1)
     size = np.linalg.norm(flat, axis=1)
     alike = np.sum(flat[1:] * flat[:-1], axis=1) / (size[1:] * size[:-1])
-    seconds = np.diff(times_ns) / 1e9
+    seconds = np.diff(times_ns[told]) / 1e9
     # a correlation of nearly one or of nothing tells no rate
     rate = -np.log(np.clip(alike, 0.01, 1.0 - 1e-9)) / seconds
     return float(1.0 / np.mean(rate))

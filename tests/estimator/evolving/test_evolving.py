@@ -197,3 +197,18 @@ def test_a_million_updates_keep_the_covariance_symmetric_and_positive():
     np.testing.assert_array_equal(cov, cov.T)
     assert min(smallest) > 0.0
     assert np.isfinite(mean).all()
+
+
+def test_members_that_begin_from_one_analysis_tell_nothing_there():
+    """At the first time all members are the same: scale and local directions come from the other times."""
+    later = forecasts(4, days=6.0)
+    same = replace(later[0], velocity=np.repeat(later[0].velocity[:1], len(later[0].velocity), axis=0))
+    whole, begun = (build_evolving(series, CONFIG, TimeConfig()) for series in (later[1:], [same, *later[1:]]))
+    assert begun.model.sea.local_scale == pytest.approx(whole.model.sea.local_scale, rel=0.1)
+    start = begun.at(begun.initial(), same.time_ns).standard_error(0.0, 0.0, 60.0)
+    assert np.all(start < 1e-6)
+    np.testing.assert_allclose(
+        begun.at(begun.initial(), later[-1].time_ns).standard_error(0.0, 0.0, 60.0),
+        whole.at(whole.initial(), later[-1].time_ns).standard_error(0.0, 0.0, 60.0),
+        rtol=0.1,
+    )

@@ -1,0 +1,57 @@
+"""A forecast at all of its dated times."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.config import ForecastConfig
+from replay_kit.errors import ForecastError
+from replay_kit.forecast import read_ensemble, read_series
+from tests import synthetic
+
+DAY = 86_400 * 10**9
+
+
+def with_leads(path, leads=(0.0, 2.0, 5.0), reference="2020-01-01T00:00:00", units="days", holes=False):
+    """The synthetic ensemble, stronger at each lead."""
+    parts = [synthetic.dataset() * (1.0 + 0.5 * k) for k in range(len(leads))]
+    ds = xr.concat(parts, "lead", data_vars="all", coords="minimal", compat="override", join="override")
+    ds = ds.assign_coords(lead=("lead", np.array(leads), {"units": units, "standard_name": "forecast_period"}))
+    for name, standard in (("uo", "eastward_sea_water_velocity"), ("vo", "northward_sea_water_velocity")):
+        ds[name].attrs = {"standard_name": standard, "units": "m s-1"}
+    if reference:
+        ds["forecast_reference_time"] = np.datetime64(reference, "ns")
+    if holes:
+        ds["uo"][1, :, :, 0, 0] = np.nan
+        ds["vo"][1, :, :, 0, 0] = np.nan
+    ds.to_netcdf(path, engine="h5netcdf")
+    return path
+
+
+def test_each_lead_is_the_ensemble_that_would_be_read_alone(tmp_path):
+    path = with_leads(tmp_path / "e.nc")
+    series = read_series(path, ForecastConfig())
+    assert [part.time_ns - series[0].time_ns for part in series] == [0, 2 * DAY, 5 * DAY]
+    for part, lead in zip(series, (0.0, 2.0, 5.0), strict=True):
+        np.testing.assert_array_equal(part.velocity, read_ensemble(path, ForecastConfig(lead=lead)).velocity)
+    assert any("3 times" in note for note in series[0].notes)
+
+
+@pytest.mark.parametrize("config", [ForecastConfig(lead=2.0), ForecastConfig()])
+def test_a_chosen_lead_or_leads_without_a_date_leave_one(tmp_path, config):
+    path = with_leads(tmp_path / "e.nc", reference="2020-01-01T00:00:00" if config.lead else "")
+    assert len(read_series(path, config)) == 1
+
+
+def test_a_log_far_from_the_forecast_is_said(tmp_path):
+    path = with_leads(tmp_path / "e.nc")
+    start = read_series(path, ForecastConfig())[0].time_ns
+    assert not any("outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + DAY)[0].notes)
+    assert any("3.0 days outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + 8 * DAY)[0].notes)
+
+
+def test_the_same_time_twice_and_land_that_changes_are_refused(tmp_path):
+    with pytest.raises(ForecastError, match="are the same"):
+        read_series(with_leads(tmp_path / "a.nc", leads=(0.0, 2.0, 2.0)), ForecastConfig())
+    with pytest.raises(ForecastError, match="land is not the same"):
+        read_series(with_leads(tmp_path / "b.nc", holes=True), ForecastConfig())
