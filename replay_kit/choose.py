@@ -10,6 +10,7 @@ from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError
 from replay_kit.estimator import Estimator, FilterState, means_of
 from replay_kit.estimator.evolving import EvolvingEstimator, build_evolving
+from replay_kit.flow import FlowEstimate
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.types import Array, Ensemble
 
@@ -59,10 +60,12 @@ def read_forecasts(path: Path, config: RunConfig, near_ns: int | None, place_at:
         ConfigError: An estimator that knows no time is asked for what needs it.
     """
     own = config.estimator.name == _OWN and config.estimator.preset == "default"
-    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases)
+    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases or config.time.window)
     if asked and not own:
         what = config.estimator.name if config.estimator.name != _OWN else f"preset {config.estimator.preset}"
-        raise ConfigError(f"{what} is static: it takes no time.scale, oscillators or biases; leave them out, or the estimator's name")
+        raise ConfigError(
+            f"{what} is static: it takes no time.scale, oscillators, biases or window; leave them out, or the estimator's name"
+        )
     if own and (asked or config.time.scale == "auto"):
         series = read_series(path, config.forecast, near_ns=near_ns, place_at=place_at)
         forecasts = Forecasts(series, series[0], asked or len(series) > 1)
@@ -94,3 +97,8 @@ def weights_of(estimator: Any, states: Sequence[Any]) -> Sequence[Array | None]:
     if isinstance(estimator, EvolvingEstimator):
         return [estimator.weights(state) for state in states]
     return [None] * len(states)
+
+
+def flow_at(estimator: Any, state: Any, time_ns: int) -> FlowEstimate:
+    """Return the current estimate of a state for a time at or after its last observation [ns, UTC]; a static one is as it was."""
+    return estimator.at(state, time_ns) if isinstance(estimator, EvolvingEstimator) else estimator.flow(state)

@@ -27,7 +27,9 @@ class TimeConfig(BaseModel):
         description="m/s; directions of the localised prior are dropped whose standard deviation adds up to this at most",
     )
     window: float = Field(
-        default=0.0, ge=0.0, description="s; profiles that lie within it are one update, for logs of 1 to 10 Hz; 0 takes each alone"
+        default=0.0,
+        ge=0.0,
+        description="s; profiles that lie within it, 16 at most, are one update, for logs of 1 to 10 Hz; 0 takes each alone",
     )
     oscillators: tuple[Oscillation, ...] = Field(
         default=(),

@@ -91,14 +91,22 @@ def prior_notes(estimator: object) -> list[str]:
     return [f"prior: {estimator.prior.settings}"] if estimator.prior.settings else []
 
 
+# Of the prior's standard deviation, above which nothing was learnt.
+_HEARD = 0.95
+
+
 def bias_notes(estimator: object, state: object) -> list[str]:
     """Say which errors of the instrument were estimated, and which the log speaks of though no state stands for them."""
     notes: list[str] = []
     estimated: tuple[str, ...] = ()
     if isinstance(estimator, EvolvingEstimator) and isinstance(state, EvolvingState):
         estimated = estimator.model.biases.names
-        found = [in_words(name, *value) for name, value in estimator.biases(state).items()]
+        of, values = estimator.model.biases, estimator.biases(state)
+        heard = [name for name, std in zip(of.names, of.std, strict=True) if values[name][1] < _HEARD * std]
+        found = [in_words(name, *values[name]) for name in heard]
         notes += [f"the instrument's errors, estimated: {', '.join(found)}"] if found else []
+        if silent := [name for name in of.names if name not in heard]:
+            notes.append(f"the log says nothing of errors in {', '.join(silent)}: no profile says how its platform moved, or too few do")
     if isinstance(state, EvolvingState | FilterState):
         suspected = {name: value for name, value in state.evidence.suspected().items() if name not in estimated}
         if suspected:

@@ -11,7 +11,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from replay_kit.checkpoint import Checkpoints, run_identity
-from replay_kit.choose import Forecasts, build, read_forecasts
+from replay_kit.choose import Forecasts, build, flow_at, read_forecasts
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError, LogError, MeasurementError, PlanError
 from replay_kit.flow import FlowEstimate
@@ -200,7 +200,7 @@ def _conclude(
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
     reports = [reader.report() for reader in readers]
     run.tally.require_usable(reports, forecasts.ensemble.grid, run.vehicle)
-    flow = run.estimator.flow(run.state)
+    flow = flow_at(run.estimator, run.state, run.last_ns)
     make_plan(run, run.last_ns, flow)
     kernel = flow.kernel
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
@@ -222,6 +222,10 @@ def _conclude(
     score = None
     if truth is not None:
         with run.clock.stage("score"):
+            if forecasts.evolves:
+                # the estimate is of the log's end, and so is what it is held against
+                truth = open_truth(run.job, run.config, flow.time_ns, forecasts.ensemble) or truth
+                prior_flow = prior_flow.at(run.last_ns)
             score, why_not = _score(run, forecasts.nearest(flow.time_ns), flow, prior_flow, truth)
             notes += why_not
     summary = run.tally.summary(reports, run.clock.seconds, run.plan, run.plan_note, score, tuple(notes))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.choose import weights_of
+from replay_kit.choose import flow_at, weights_of
 from replay_kit.config import RunConfig
 from replay_kit.errors import PlanError
 from replay_kit.estimator import BLOCK, Estimator
@@ -133,14 +133,14 @@ def _place_of(measurement: Measurement) -> tuple[float, float]:
 def _publish_when_due(run: Run, now_ns: int) -> None:
     if run.next_grid_ns is None or now_ns >= run.next_grid_ns:
         run.next_grid_ns = now_ns + int(run.config.output.interval * 1e9)
-        write_grids(run, now_ns, run.estimator.flow(run.state))
+        write_grids(run, now_ns, flow_at(run.estimator, run.state, now_ns))
         if run.writer is not None:
             run.writer.digest(now_ns)
     if run.next_plan_ns is None:
         run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
     elif now_ns >= run.next_plan_ns:
         run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
-        make_plan(run, now_ns, run.estimator.flow(run.state))
+        make_plan(run, now_ns, flow_at(run.estimator, run.state, now_ns))
 
 
 def write_grids(run: Run, now_ns: int, flow: FlowEstimate) -> None:

@@ -161,13 +161,18 @@ def unit_columns(observation: Observation | PathMean, used: NDArray[np.intp], pr
     return np.stack([bins.compress(column)[0] for column in _UNITS.columns(observation.depth[used], relative)], axis=1)
 
 
-def stretch(observation: Observation | PathMean, n_bins: int, bins: Bins, cov: Array) -> float:
+def stretch(observation: Observation | PathMean, n_bins: int, bins: Bins, innovation: Array, cov: Array) -> float:
     """Return the slope in a scale error of the logarithm of the measure's own stretching, at none: to be taken off its score.
+
+    What the regressor holds of the innovation is, on the average of sound statements of error, one a component, less the part of the
+    platform's velocity, which is in the innovation alone. It is scaled by the innovation's own normalised square, as errors are
+    often overstated.
 
     Args:
         observation: The profile.
         n_bins: Number of its usable bins.
         bins: Their rows.
+        innovation: shape (m,), of the rows.
         cov: shape (m, m), covariance of the rows' innovation.
     """
     if isinstance(observation, PathMean) or observation.platform_velocity is None or not np.isfinite(observation.common_std):
@@ -178,7 +183,7 @@ def stretch(observation: Observation | PathMean, n_bins: int, bins: Bins, cov: A
         ones[:, component] = 1.0
         rows, _ = bins.compress(ones)
         total += 1.0 - observation.common_std**2 * float(rows @ np.linalg.solve(cov, rows))
-    return total
+    return total * float(innovation @ np.linalg.solve(cov, innovation)) / innovation.size
 
 
 def in_words(name: str, estimate: float, std: float) -> str:

@@ -110,9 +110,11 @@ class Watch:
 
     Attributes:
         latest: Statistic, degrees of freedom and whether beyond the gate, of the latest profiles, oldest first.
+        grown: Product of all factors by which the covariance was grown.
     """
 
     latest: tuple[tuple[float, int, bool], ...] = ()
+    grown: float = 1.0
 
     @property
     def settled(self) -> bool:
@@ -126,20 +128,26 @@ class Watch:
         """Return the watch after a profile, and the factor by which the estimate's covariance should grow; 1 as a rule.
 
         Profiles with outliers are few, and an estimate that is wrong is contradicted by most. When half of the latest lie beyond what
-        one in forty should, the covariance grows by the median of their normalised innovations, and the watch begins anew.
+        one in forty should, the covariance grows by the median of their normalised innovations, and the watch begins anew. What
+        contradicts itself, as two instruments that disagree, would let it grow for ever: there is a limit to each growth and to all.
         """
         if config is None:
             return self, 1.0
         latest = (*self.latest, (verdict.statistic, verdict.dof, verdict.beyond))[-config.watch_profiles :]
-        if len(latest) < config.watch_profiles:
-            return Watch(latest), 1.0
+        same = Watch(latest, self.grown)
+        if len(latest) < config.watch_profiles or not config.watch:
+            return same, 1.0
         beyond = sum(statistic > limit(_TAIL, dof) for statistic, dof, _ in latest)
-        if 2 * beyond < len(latest) or not config.watch:
-            return Watch(latest), 1.0
-        return Watch(), max(1.0, float(np.median([statistic / dof for statistic, dof, _ in latest])))
+        if 2 * beyond < len(latest) or self.grown >= _ALL_GROWTH:
+            return same, 1.0
+        median = float(np.median([statistic / dof for statistic, dof, _ in latest]))
+        factor = float(np.clip(median, 1.0, min(_ONE_GROWTH, _ALL_GROWTH / self.grown)))
+        return Watch((), self.grown * factor), factor
 
 
 # one in forty: the upper end of the 95 % band
 _TAIL = 0.025
+# Factors on the covariance: of one growth, and of all together.
+_ONE_GROWTH, _ALL_GROWTH = 2.0, 8.0
 # Profiles after which the gate rejects, and the share of the latest beyond it up to which it does.
 _SETTLED, _OUTLIERS = 5, 0.34

@@ -66,7 +66,7 @@ class Looked(Generic[After]):
         if not self.believed or columns is None:
             return before
         left = columns if absorbed is None else columns - absorbed
-        stretched = stretch(observation, len(self.values), self.bins, self.innovation_cov)
+        stretched = stretch(observation, len(self.values), self.bins, self.innovation, self.innovation_cov)
         return before.after(left, self.innovation, self.innovation_cov, stretched)
 
     def said(self, said: Innovation, used: NDArray[np.intp], prior: Array, grown: float) -> Innovation:

@@ -24,21 +24,20 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
     level = np.argmin(np.abs(observation.depth[:, None] - grid.levels), axis=1)
     dry = ~outside & ~wet_column(grid, float(east), float(north))[level]
     below = observation.depth > grid.levels[-1]
-    # relative to a platform of unknown velocity, bins say something of their differences, and one alone says nothing
-    unknown = not np.isfinite(observation.common_std)
-    alone = unknown and np.count_nonzero(usable(flags)) < 2
-    useless = np.full(flags.shape, unknown and (alone or not relative))
     wrong = ~np.isfinite(observation.velocity).all(axis=1) | ~(observation.error_std > 0.0) | ~np.isfinite(observation.error_std)
     wrong &= usable(flags)
     for failed, reason in (
         (below, Reason.BELOW_GRID),
         (outside, Reason.OUTSIDE_REGION),
         (dry, Reason.ON_LAND),
-        (useless, Reason.PLATFORM_REFERENCE),
         (wrong, Reason.MALFORMED),
     ):
         reasons[failed] |= reason
         flags[failed & usable(flags)] = Flag.FAIL
+    # relative to a platform of unknown velocity, bins say something of their differences, and one alone says nothing
+    if not np.isfinite(observation.common_std) and (not relative or np.count_nonzero(usable(flags)) < 2):
+        reasons |= np.int32(Reason.PLATFORM_REFERENCE)
+        flags[usable(flags)] = Flag.FAIL
     return flags, reasons
 
 

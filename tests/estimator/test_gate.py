@@ -183,5 +183,9 @@ def test_the_watch_ignores_one_bad_profile_in_ten_and_sees_one_in_two():
     for k in range(40):
         watch, grown = watch.after(bad if k % 2 else sound, TRUST)
         growth.append(grown)
-    # the median between ten sound and ten bad ones
-    assert max(growth) == pytest.approx((400.0 + 16.0) / 2 / 16)
+    # the median between ten sound and ten bad ones is 13, a growth 2 at most
+    assert max(growth) == 2.0
+    for _ in range(400):
+        watch, grown = watch.after(bad, TRUST)
+        growth.append(grown)
+    assert np.prod(growth) == pytest.approx(8.0)

@@ -19,6 +19,8 @@ from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Innovation, Observation, PathMean, Reason
 
 _NS = 1e9
+# What comes late by no more counts at the state's time: pings wait for the position after them, other measurements do not.
+_LATE_NS = 1_200_000_000_000
 _NO_EVIDENCE_YET = Evidence()
 
 
@@ -99,32 +101,40 @@ class EvolvingEstimator:
 
     def _together(self, state: EvolvingState, observations: Sequence[Observation | PathMean]) -> list[tuple[EvolvingState, Innovation]]:
         """Return the states after observations that count together, and the innovations."""
-        before, current = self.predicted(state, observations[-1].time_ns), state
+        before, current = self.predicted(state, max(observation.time_ns for observation in observations)), state
         done: list[tuple[EvolvingState, Innovation]] = []
-        rows, told, grown, stretched = [], [], 1.0, 0.0
+        believed: list[Offered] = []
         for observation in observations:
             offered = self.offered(current, observation, before)
             if isinstance(offered, Innovation):
                 done.append((current, offered))
                 continue
-            current, innovation = self._noted(current, offered)
-            grown *= innovation.prior_inflation
+            current = replace(current, last=observation)
             if offered.looked.believed:
-                rows.append(offered.seen.design / offered.looked.error_scale)
-                told.append(offered.told / offered.looked.error_scale)
-                stretched += offered.stretched
-            done.append((current, innovation))
-        if rows:
-            design, innovations = compressed(np.concatenate(rows), np.concatenate(told))
-            means, cov = look_along(before.means, before.cov, design).posterior(innovations, 1.0)
+                believed.append(offered)
+            done.append((current, offered.looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), 1.0)))
+        if believed:
+            design, told = compressed(
+                np.concatenate([each.seen.design / each.looked.error_scale for each in believed]),
+                np.concatenate([each.told / each.looked.error_scale for each in believed]),
+            )
+            look, stretched = look_along(before.means, before.cov, design), sum(each.stretched for each in believed)
+            means, cov = look.posterior(told, 1.0)
+            # held against one state, the profiles' innovations share its error: they are evidence together, and one of them is watched
+            evidence = before.evidence
+            if any(each.columns is not None for each in believed):
+                evidence = evidence.after(told[:, 1:], told[:, 0], look.cov + np.eye(len(told)), stretched)
+            watch, grown = before.watch.after(believed[0].looked.verdict, self.trust)
             means = self._stretched(means, cov, stretched)
-            done[-1] = replace(current, means=means, cov=grown * cov, time_ns=before.time_ns), done[-1][1]
+            after = replace(current, means=means, cov=grown * cov, time_ns=before.time_ns, watch=watch, evidence=evidence)
+            done[-1] = after, replace(done[-1][1], prior_inflation=grown)
         return done
 
     def step(self, state: EvolvingState, observation: Observation | PathMean) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation, and the innovation.
 
-        An observation without a usable bin, older than the state, or the same as the one before, leaves the state untouched.
+        An observation without a usable bin, older than the state by more than twenty minutes, or the same as the one before, leaves the
+        state untouched.
         """
         offered = self.offered(state, observation)
         return (state, offered) if isinstance(offered, Innovation) else self.taken(state, offered)
@@ -145,7 +155,7 @@ class EvolvingEstimator:
         used = np.flatnonzero(usable(flags))
         if used.size == 0:
             return said
-        if state.time_ns is not None and observation.time_ns < state.time_ns:
+        if state.time_ns is not None and observation.time_ns < state.time_ns - _LATE_NS:
             return repeated(said, Reason.OUT_OF_ORDER)
         if is_repeated(state.last, observation):
             return repeated(said, Reason.DUPLICATE)
@@ -187,6 +197,7 @@ class EvolvingEstimator:
         """Return the state at a later time without observations in between: less is known of it."""
         if state.time_ns is None:
             return replace(state, time_ns=time_ns)
+        time_ns = max(time_ns, state.time_ns)
         means, cov = self.layout.predict(state.means, state.cov, (time_ns - state.time_ns) / _NS)
         return replace(state, means=means, cov=cov, time_ns=time_ns)
 
@@ -286,4 +297,4 @@ class Offered:
         """Of the observation; see ``biases.stretch``."""
         if self.columns is None or not self.looked.believed:
             return 0.0
-        return stretch(self.observation, self.used.size, self.seen, self.looked.innovation_cov)
+        return stretch(self.observation, self.used.size, self.seen, self.looked.innovation, self.looked.innovation_cov)
