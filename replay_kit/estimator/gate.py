@@ -148,6 +148,6 @@ class Watch:
 # one in forty: the upper end of the 95 % band
 _TAIL = 0.025
 # Factors on the covariance: of one growth, and of all together.
-_ONE_GROWTH, _ALL_GROWTH = 2.0, 8.0
+_ONE_GROWTH, _ALL_GROWTH = 2.0, 4.0
 # Profiles after which the gate rejects, and the share of the latest beyond it up to which it does.
 _SETTLED, _OUTLIERS = 5, 0.34

@@ -188,4 +188,4 @@ def test_the_watch_ignores_one_bad_profile_in_ten_and_sees_one_in_two():
     for _ in range(400):
         watch, grown = watch.after(bad, TRUST)
         growth.append(grown)
-    assert np.prod(growth) == pytest.approx(8.0)
+    assert np.prod(growth) == pytest.approx(4.0)
