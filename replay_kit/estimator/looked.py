@@ -107,8 +107,8 @@ def look_at(bins: Bins, values: Array, look: Look[After], trust: TrustConfig | N
         values: shape (n, 2) [m/s], of the usable bins, about the same as the rows.
         look: What is expected of the rows.
         trust: Gate; None believes everything.
-        settled: Whether the estimate has been right of late.
         correlated: Whether errors grow where residuals are correlated along the profile (not under the paper's error model).
+        settled: Whether the estimate has been right of late.
     """
     compressed, left_out = bins.compress(values)
     innovation = compressed - look.mean

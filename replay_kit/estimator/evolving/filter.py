@@ -125,7 +125,7 @@ class EvolvingEstimator:
             if any(each.columns is not None for each in believed):
                 evidence = evidence.after(told[:, 1:], told[:, 0], look.cov + np.eye(len(told)), stretched)
             watch, grown = before.watch.after(believed[0].looked.verdict, self.trust)
-            means = self._stretched(means, cov, stretched)
+            means = self._stretched(means, cov, believed)
             after = replace(current, means=means, cov=grown * cov, time_ns=before.time_ns, watch=watch, evidence=evidence)
             done[-1] = after, replace(done[-1][1], prior_inflation=grown)
         return done
@@ -171,7 +171,7 @@ class EvolvingEstimator:
         looked, after = offered.looked, state
         if looked.believed:
             means, cov = looked.look.posterior(offered.told, looked.error_scale)
-            after = replace(offered.before, means=self._stretched(means, cov, offered.stretched), cov=cov)
+            after = replace(offered.before, means=self._stretched(means, cov, [offered]), cov=cov)
         return self._noted(after, offered)
 
     def _noted(self, after: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
@@ -183,18 +183,19 @@ class EvolvingEstimator:
         after = replace(after, cov=cov, watch=watch, last=offered.observation, evidence=evidence)
         return after, looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), grown)
 
-    def _stretched(self, means: Array, cov: Array, stretched: float) -> Array:
-        """Return means with the stretching of what a scale error measures taken off; see ``biases``."""
+    def _stretched(self, means: Array, cov: Array, believed: "Sequence[Offered]") -> Array:
+        """Return means with the stretching of what a scale error measures taken off, where one is estimated; see ``biases``."""
         names = self.model.biases.names
-        if stretched == 0.0 or "scale" not in names:
+        if "scale" not in names:
             return means
+        stretched = sum(each.stretched for each in believed)
         at = self.layout.parts["biases"].start + names.index("scale")
         out = means.copy()
         out[:, 0] -= cov[:, at] * float(self.model.biases.std[names.index("scale")]) * stretched
         return out
 
     def predicted(self, state: EvolvingState, time_ns: int) -> EvolvingState:
-        """Return the state at a later time without observations in between: less is known of it."""
+        """Return the state at a later time without observations in between, of which less is known; as it is for an earlier one."""
         if state.time_ns is None:
             return replace(state, time_ns=time_ns)
         time_ns = max(time_ns, state.time_ns)
@@ -237,8 +238,7 @@ class EvolvingEstimator:
 
         Oscillations are no part of it: it is what stays when they are taken off.
         """
-        later = state if state.time_ns is not None and time_ns <= state.time_ns else self.predicted(state, time_ns)
-        return self.flow(later)
+        return self.flow(self.predicted(state, time_ns))
 
     def flow(self, state: EvolvingState) -> FlowEstimate:
         """Return the current estimate that a state stands for, at its time; its covariance is computed when first asked for."""
