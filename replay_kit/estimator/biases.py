@@ -5,8 +5,8 @@ direction. Each profile's innovation e, with covariance S, is held against what 
 
     s = sum b' S^-1 e,    I = sum b' S^-1 b,    estimate s / I, with standard deviation I^-1/2.
 
-An estimate through time follows what the current absorbs of b and takes it off; then this is what a state with a flat prior would say
-(Friedland 1969, IEEE TAC 14: bias by a filter of its own). A static one does not, and its estimates are too small.
+What the current has absorbed of b is followed beside the estimate and taken off; so this is what a state with a flat prior would say
+(Friedland 1969, IEEE TAC 14: bias by a filter of its own).
 
 A scale error is special, because b is made of what was measured: with z = (1 + s)(v - p) the density of what is logged has a factor
 (1 + s)^-1 for each component of the mean, less what the error of the platform's velocity p has in it; see ``stretch``.

@@ -6,6 +6,7 @@ With all rows H (K, Z r), their whitened data z and the prior N(w0, P0):
 
 A profile h appends to L the rows [x', chol(S)] with x = L^-1 H P0 h', S = I + h P0 h' - x'x, and to f what its innovation
 z - h w0 - x'f is when whitened by S. Nothing before it changes: all states of a run share one log of rows, which grows at its end.
+What errors of the instrument would have added to z are further columns of z and f.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,16 +36,16 @@ class RowLog:
         basis: shape (capacity, 2, r), G of each profile.
         depth: shape (capacity, Z, Z), R of each, with rows of zeros when it has fewer than Z.
         slots: shape (2 Z capacity,), of each row its position in (profile, component, row of R).
-        forward: shape (2 Z capacity,), f.
+        forward: shape (2 Z capacity, 1 + b), f.
         ends: Number of rows after 0, 1, 2 ... profiles.
         panels: Of L, of ``panel_profiles`` profiles each.
     """
 
-    def __init__(self, n_levels: int, n_modes: int, capacity: int) -> None:
+    def __init__(self, n_levels: int, n_modes: int, capacity: int, n_columns: int) -> None:
         self.basis = np.zeros((capacity, 2, n_modes))
         self.depth = np.zeros((capacity, n_levels, n_levels))
         self.slots = np.zeros(2 * n_levels * capacity, dtype=np.intp)
-        self.forward = np.zeros(2 * n_levels * capacity)
+        self.forward = np.zeros((2 * n_levels * capacity, n_columns))
         self.ends = [0]
         self.panels: list[tuple[Array, Array]] = []
         self.panel_profiles = max(1, _PANEL_ROWS // (2 * n_levels))
@@ -54,7 +55,7 @@ class RowLog:
         if n == len(self.ends) - 1 < len(self.basis):
             return self
         _, n_levels, _ = self.depth.shape
-        new = RowLog(n_levels, self.basis.shape[2], max(16, 2 * n))
+        new = RowLog(n_levels, self.basis.shape[2], max(16, 2 * n), self.forward.shape[1])
         new.basis[:n], new.depth[:n] = self.basis[:n], self.depth[:n]
         rows = self.ends[n]
         new.slots[:rows], new.forward[:rows] = self.slots[:rows], self.forward[:rows]
@@ -133,11 +134,13 @@ class Dual:
         prior: Of the weights.
         log: Rows, of which the first ``n`` profiles are this posterior's.
         n: Number of profiles.
+        prior_answers: shape (b, Z, r), what errors of one unit added to the prior's mean.
     """
 
     prior: Prior
     log: RowLog
     n: int
+    prior_answers: Array
 
     @property
     def n_rows(self) -> int:
@@ -151,7 +154,7 @@ class Dual:
 
     @property
     def forward(self) -> Array:
-        """f, shape (K,)."""
+        """f, shape (K, 1 + b)."""
         return self.log.forward[: self.n_rows]
 
     @property
@@ -168,15 +171,23 @@ class Dual:
     def sources(posteriors: "Sequence[Dual]") -> Array:
         """Return H' L'^-1 f of posteriors of one log, shape (m, Z, r); zeros below f leave L'^-1 f as it is without those rows."""
         last = max(posteriors, key=lambda posterior: posterior.n)
-        log, n, m, n_levels = last.log, last.n, len(posteriors), last.n_levels
-        forward = np.zeros((last.n_rows, m))
+        forward = np.zeros((last.n_rows, len(posteriors)))
         for column, posterior in enumerate(posteriors):
-            forward[: posterior.n_rows, column] = posterior.forward
+            forward[: posterior.n_rows, column] = posterior.forward[:, 0]
+        return last._back(forward)
+
+    def _back(self, forward: Array) -> Array:
+        """Return H' L'^-1 of columns, shape (K, m), in the shape (m, Z, r)."""
+        log, n, m, n_levels = self.log, self.n, forward.shape[1], self.n_levels
         padded = np.zeros((m, n * 2 * n_levels))
-        padded[:, log.slots[: last.n_rows]] = log.solve_transposed(n, forward).T
+        padded[:, log.slots[: self.n_rows]] = log.solve_transposed(n, forward).T
         by_level = np.matmul(padded.reshape(m, n, 2, n_levels), log.depth[:n])
         at_places = by_level.reshape(m, 2 * n, n_levels).swapaxes(1, 2).reshape(m * n_levels, 2 * n)
-        return np.asarray(at_places @ last.places).reshape(m, n_levels, last.places.shape[1])
+        return np.asarray(at_places @ self.places).reshape(m, n_levels, self.places.shape[1])
+
+    def answers(self) -> Array:
+        """Return what errors of one unit would have added to the mean, shape (b, Z, r)."""
+        return self.prior_answers + self.prior.times(self._back(self.forward[:, 1:]))
 
     def covariance(self) -> Array:
         """Return the covariance of the weights, shape (Z r, Z r)."""
@@ -213,13 +224,14 @@ class Dual:
         before = self.log.solve(self.n, self._rows_times(ahead.cross, ahead.n_solved, self.n), ahead.solved)
         cov = rows.times(ahead.cross) - before.T @ before
         prior_mean = rows.times(self.prior.mean.reshape(self.n_levels, -1))
+        seen = before.T @ self.forward
 
         def absorb(lower: Array, whitened: Array, error_scale: float) -> "Dual":
             log = self.log.extended(self.n)
             log.append(rows, error_scale, before.T / error_scale, lower, whitened)
-            return Dual(self.prior, log, self.n + 1)
+            return Dual(self.prior, log, self.n + 1, self.prior_answers)
 
-        return Look(prior_mean + before.T @ self.forward, 0.5 * (cov + cov.T), absorb)
+        return Look(prior_mean + seen[:, 0], rows.times(self.prior_answers).T + seen[:, 1:], 0.5 * (cov + cov.T), absorb)
 
     @property
     def places(self) -> Array:
@@ -241,6 +253,12 @@ class Dual:
         return rows[self.log.slots[self.log.ends[first] : self.log.ends[first + n]] - 2 * n_levels * first]
 
 
-def initial(prior: Prior, n_levels: int) -> Dual:
-    """Return the prior as a posterior of no rows."""
-    return Dual(prior, RowLog(n_levels, prior.mean.size // n_levels, 16), 0)
+def initial(prior: Prior, answers: Array) -> Dual:
+    """Return a prior as a posterior of no rows.
+
+    Args:
+        prior: Of the weights.
+        answers: shape (b, Z, r), what errors of one unit added to its mean.
+    """
+    n_errors, n_levels, n_modes = answers.shape
+    return Dual(prior, RowLog(n_levels, n_modes, 16, 1 + n_errors), 0, answers)

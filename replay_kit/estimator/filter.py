@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.config_trust import TrustConfig
-from replay_kit.estimator.biases import Evidence, unit_columns
+from replay_kit.estimator.biases import NAMES, Evidence, unit_columns
 from replay_kit.estimator.dual import initial
 from replay_kit.estimator.fit import choose_settings, members_in
 from replay_kit.estimator.forms import in_cheaper_form, inflated
@@ -91,7 +91,8 @@ class ReducedBasisEstimator:
 
     def initial(self) -> FilterState:
         """Return the prior as a state."""
-        return FilterState(initial(self.prior, self.basis.grid.levels.size), None)
+        n_levels = self.basis.grid.levels.size
+        return FilterState(initial(self.prior, np.zeros((len(NAMES), n_levels, self.prior.mean.size // n_levels))), None)
 
     def step(self, state: FilterState, observation: Observation | PathMean) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation.
@@ -131,7 +132,10 @@ class ReducedBasisEstimator:
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation that is expected to be as ``look`` says, and the innovation."""
         looked = look_at(rows, screened.values, look, self.trust, self.error_std is None, state.watch.settled)
-        posterior = in_cheaper_form(look.posterior(looked.innovation, looked.error_scale)) if looked.believed else state.posterior
+        columns = unit_columns(screened.observation, screened.used, self.basis.grid.projection, rows)
+        posterior = state.posterior
+        if looked.believed:
+            posterior = in_cheaper_form(look.posterior(look.told(looked.innovation, columns), looked.error_scale))
         watch, grown = state.watch.after(looked.verdict, self.trust)
         if grown > 1.0:
             posterior = inflated(posterior, grown)
@@ -139,7 +143,6 @@ class ReducedBasisEstimator:
         prior = rows.times(self.prior.mean.reshape(self.basis.grid.levels.size, -1))
         time_ns = screened.observation.time_ns if looked.believed else state.time_ns
         said = looked.said(screened.said, screened.used, prior, grown)
-        columns = unit_columns(screened.observation, screened.used, self.basis.grid.projection, rows)
         evidence = looked.evidence(state.evidence, screened.observation, columns)
         return FilterState(posterior, time_ns, watch, screened.observation, evidence), said
 

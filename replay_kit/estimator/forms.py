@@ -47,20 +47,19 @@ def in_cheaper_form(posterior: Posterior) -> Posterior:
 
 def folded(posterior: Dual | Span) -> Dual:
     """Return the same posterior as the prior of one without rows."""
-    n_levels = posterior.n_levels
     if isinstance(posterior, Dual) and isinstance(posterior.prior, DensePrior):
         if posterior.n == 0:
             return posterior
-        return initial(posterior.prior.less(posterior.mean, posterior.whitened_cross()), n_levels)
-    return initial(dense_prior(posterior.mean, posterior.covariance(), n_levels), n_levels)
+        return initial(posterior.prior.less(posterior.mean, posterior.whitened_cross()), posterior.answers())
+    return initial(dense_prior(posterior.mean, posterior.covariance(), posterior.n_levels), posterior.answers())
 
 
 def inflated(posterior: Posterior, factor: float) -> Dual:
     """Return a posterior whose covariance has grown by a factor."""
     assert isinstance(posterior, Dual | Span)
-    prior = folded(posterior).prior
-    assert isinstance(prior, DensePrior)
-    return initial(DensePrior(prior.mean, factor * prior.blocks), posterior.n_levels)
+    dense = folded(posterior)
+    assert isinstance(dense.prior, DensePrior)
+    return initial(DensePrior(dense.prior.mean, factor * dense.prior.blocks), dense.prior_answers)
 
 
 def directions(rows: Array) -> Array:

@@ -52,22 +52,18 @@ class Looked(Generic[After]):
         """Covariance of the innovation, with the errors of the update, shape (m, m)."""
         return self.look.cov + self.inflation * np.eye(self.innovation.size)
 
-    def evidence(
-        self, before: Evidence, observation: Observation | PathMean, columns: Array | None, absorbed: Array | None = None
-    ) -> Evidence:
+    def evidence(self, before: Evidence, observation: Observation | PathMean, columns: Array | None) -> Evidence:
         """Return the evidence of the instrument's errors after the observation; one that is not believed says nothing.
 
         Args:
             before: Of the observations before.
             observation: The observation.
             columns: shape (m, 3), what errors of one unit do to its rows; None where it says nothing of them.
-            absorbed: shape (m, 3), what the estimate took of them for the current; None where it is not followed.
         """
         if not self.believed or columns is None:
             return before
-        left = columns if absorbed is None else columns - absorbed
         stretched = stretch(observation, len(self.values), self.bins, self.innovation, self.innovation_cov)
-        return before.after(left, self.innovation, self.innovation_cov, stretched)
+        return before.after(columns - self.look.answers, self.innovation, self.innovation_cov, stretched)
 
     def said(self, said: Innovation, used: NDArray[np.intp], prior: Array, grown: float) -> Innovation:
         """Return the innovation.

@@ -79,7 +79,8 @@ def look_along(posterior: Posterior, rows: PathRows) -> Look[Posterior]:
 
     def absorb(lower: Array, whitened: Array, error_scale: float) -> Dual:
         gain = np.asarray(np.linalg.solve(lower, cross.reshape(2, -1) / error_scale), dtype=np.float64)
-        return initial(prior.less(prior.mean + whitened @ gain, gain), dense.n_levels)
+        gained = whitened.T @ gain
+        return initial(prior.less(prior.mean + gained[0], gain), dense.prior_answers + gained[1:].reshape(dense.prior_answers.shape))
 
     cov = rows.times(cross)
-    return Look(rows.times(prior.mean.reshape(rows.design.shape[1:])), 0.5 * (cov + cov.T), absorb)
+    return Look(rows.times(prior.mean.reshape(rows.design.shape[1:])), rows.times(dense.prior_answers).T, 0.5 * (cov + cov.T), absorb)

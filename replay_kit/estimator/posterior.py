@@ -23,7 +23,10 @@ _FEW_COLUMNS, _TILE = 32, (64, 512)
 
 
 class Posterior(Protocol):
-    """The weights' Gaussian after some profiles; frozen, whatever its buffers share with later ones."""
+    """The weights' Gaussian after some profiles; frozen, whatever its buffers share with later ones.
+
+    Beside its mean it follows its answers: what each instrumental error of one unit would have added to the mean (Friedland 1969).
+    """
 
     @property
     def prior(self) -> Prior:
@@ -43,6 +46,10 @@ class Posterior(Protocol):
     @staticmethod
     def sources(posteriors: Sequence[Any]) -> Array:
         """Return s of posteriors of one family, shape (m, Z, r): their means are w0 + P0 s."""
+        ...
+
+    def answers(self) -> Array:
+        """Return what errors of one unit would have added to the mean, shape (b, Z, r)."""
         ...
 
     def covariance(self) -> Array:
@@ -87,25 +94,36 @@ class Look(Generic[After]):
 
     Attributes:
         mean: shape (2 k,), of the rows.
+        answers: shape (2 k, b), what the errors that are followed would have added to it.
         cov: shape (2 k, 2 k), of the rows without their own noise.
         absorb: Makes the estimate after the rows, each over an error scale (the last argument), from the Cholesky factor of the scaled
             innovation's covariance and the innovation whitened by it.
     """
 
     mean: Array
+    answers: Array
     cov: Array
     absorb: Callable[[Array, Array, float], After]
 
-    def posterior(self, innovation: Array, error_scale: float) -> After:
+    def posterior(self, told: Array, error_scale: float) -> After:
         """Return the posterior after the rows.
 
         Args:
-            innovation: shape (2 k,), rows minus their mean; or several such columns, where the estimate follows several.
+            told: shape (2 k, 1 + b), see ``told``.
             error_scale: Standard deviation of the rows' independent noise.
         """
-        lower = self._factor(len(innovation), error_scale)
-        whitened = scipy.linalg.solve_triangular(lower, innovation / error_scale, lower=True)
+        lower = self._factor(len(told), error_scale)
+        whitened = scipy.linalg.solve_triangular(lower, told / error_scale, lower=True)
         return self.absorb(lower, np.asarray(whitened), error_scale)
+
+    def told(self, innovation: Array, columns: Array | None) -> Array:
+        """Return the innovations of the rows and of the errors that are followed, shape (2 k, 1 + b).
+
+        Args:
+            innovation: shape (2 k,), rows minus their mean.
+            columns: shape (2 k, b), what errors of one unit do to the rows; None where the log does not say.
+        """
+        return np.column_stack([innovation, (0.0 if columns is None else columns) - self.answers])
 
     def mean_after(self, innovation: Array, error_scale: float) -> Array:
         """Return the rows' mean in that posterior, shape (2 k,); arguments as in ``posterior``."""

@@ -9,7 +9,8 @@ and a profile whose rows in the directions are g = R (x) A, with innovation e = 
 
     q = (I - M C) g',    S = I + g C q,    M += q S^-1 q',    a += q S^-1 e.
 
-C is nearly singular, as directions go from long waves to short, but nothing inverts it. A new direction adds zeros to M and a.
+Errors of the instrument are further columns of e and a. C is nearly singular, as directions go from long waves to short, but nothing
+inverts it. A new direction adds zeros to M and a.
 
 What counts as a direction is measured in what a weight of one prior standard deviation does: B = V' / std and A = G std V with V
 orthonormal. A vehicle meets directions one by one and late, each barely above the tolerance; a singular value decomposition of all A
@@ -75,11 +76,12 @@ class Span:
         directions: Rows of V', shape (room, r), of which the first ``size`` are this posterior's.
         size: Number s of directions.
         matrix: shape (Z room, Z room), M without what is pending.
-        amplitude: shape (Z room,), a.
+        amplitude: shape (Z room, 1 + b), a.
         pending: Updates of M, rows of which it gains the Gram matrix, shape (., Z room); the first ``n_pending`` are this posterior's.
         n_pending: Their number.
         seen: Rows A, shape (., room), that hold all directions seen as strongly as all G did; the first ``n_seen`` are this posterior's.
         n_seen: Their number.
+        prior_answers: shape (b, Z, r), what errors of one unit added to the prior's mean.
     """
 
     prior: Prior
@@ -92,6 +94,7 @@ class Span:
     n_pending: int
     seen: Buffer
     n_seen: int
+    prior_answers: Array
 
     @property
     def room(self) -> int:
@@ -101,7 +104,7 @@ class Span:
     @property
     def n_levels(self) -> int:
         """Number of levels Z."""
-        return self.amplitude.size // self.room
+        return len(self.amplitude) // self.room
 
     @property
     def taken(self) -> Array:
@@ -121,7 +124,16 @@ class Span:
     @staticmethod
     def sources(posteriors: "Sequence[Span]") -> Array:
         """Return (I (x) B') a of posteriors, shape (m, Z, r)."""
-        return np.stack([p.amplitude.reshape(p.n_levels, -1)[:, : p.size] @ p.taken / p.mode_std for p in posteriors])
+        return np.concatenate([p._sources(slice(1)) for p in posteriors])
+
+    def _sources(self, columns: slice) -> Array:
+        """Return (I (x) B') of some columns of a, shape (., Z, r)."""
+        by_level = self.amplitude[:, columns].T.reshape(-1, self.n_levels, self.room)[..., : self.size]
+        return np.asarray(by_level @ self.taken / self.mode_std)
+
+    def answers(self) -> Array:
+        """Return what errors of one unit would have added to the mean, shape (b, Z, r)."""
+        return self.prior_answers + self.prior.times(self._sources(slice(1, None)))
 
     def covariance(self) -> Array:
         """Return the covariance of the weights, shape (Z r, Z r)."""
@@ -149,12 +161,13 @@ class Span:
         q += np.einsum("kz,cs->ckzs", rows.r, inside).reshape(q.shape)
         cov = g_cross @ q.T
         prior_mean = rows.times(self.prior.mean.reshape(n_levels, -1))
+        seen = g_cross @ self.amplitude
 
         def absorb(lower: Array, whitened: Array, error_scale: float) -> "Span":
             half_gain = scipy.linalg.solve_triangular(lower, q / error_scale, lower=True, check_finite=False)
             return self._updated(half_gain, whitened, inside)
 
-        return Look(prior_mean + g_cross @ self.amplitude, 0.5 * (cov + cov.T), absorb)
+        return Look(prior_mean + seen[:, 0], rows.times(self.prior_answers).T + seen[:, 1:], 0.5 * (cov + cov.T), absorb)
 
     def _updated(self, half_gain: Array, whitened: Array, inside: Array) -> "Span":
         """Return the posterior with M and a updated by rows whose Gram matrix M gains, shape (2 k, Z room), and G's A among those seen."""
@@ -163,7 +176,7 @@ class Span:
             new = new._summarised()
         return replace(
             new,
-            amplitude=self.amplitude + whitened @ half_gain,
+            amplitude=self.amplitude + half_gain.T @ whitened,
             pending=new.pending.appended(new.n_pending, half_gain),
             n_pending=new.n_pending + len(half_gain),
             seen=new.seen.appended(new.n_seen, inside),
@@ -211,12 +224,12 @@ class Span:
         turn = turn[strength > _NOT_NEEDED * length]
         half = self._without_room().reshape(-1, self.size) @ turn.T
         turned = np.matmul(turn, half.reshape(self.n_levels, self.size, -1))
-        amplitude = self.amplitude.reshape(self.n_levels, -1)[:, : self.size] @ turn.T
+        amplitude = self.amplitude.T.reshape(-1, self.n_levels, self.room)[..., : self.size] @ turn.T
         directions = np.vstack([turn @ self.taken, more])
-        return _build(self.prior, self.mode_std, directions, turned, amplitude, np.diag(strength[: len(turn)]))
+        return _build(self.prior, self.mode_std, directions, turned, amplitude, np.diag(strength[: len(turn)]), self.prior_answers)
 
 
-def _build(prior: Prior, mode_std: Array, directions: Array, matrix: Array, amplitude: Array, seen: Array) -> Span:
+def _build(prior: Prior, mode_std: Array, directions: Array, matrix: Array, amplitude: Array, seen: Array, prior_answers: Array) -> Span:
     """Return a posterior of parts without room, adding room.
 
     Args:
@@ -224,11 +237,12 @@ def _build(prior: Prior, mode_std: Array, directions: Array, matrix: Array, ampl
         mode_std: shape (r,).
         directions: shape (s, r), orthonormal.
         matrix: shape (Z, s0, Z s0), M in the first s0 of them, as are the others.
-        amplitude: shape (Z, s0).
+        amplitude: shape (1 + b, Z, s0).
         seen: shape (., s0).
+        prior_answers: shape (b, Z, r).
     """
     size, n_modes = directions.shape
-    n_levels, before = amplitude.shape
+    n_columns, n_levels, before = amplitude.shape
     room = min(n_modes, size + max(_MORE, int(_MORE_SHARE * size)))
     padded = np.zeros((n_levels, room, n_levels, room))
     padded[:, :before, :, :before] = matrix.reshape(n_levels, before, n_levels, before)
@@ -239,11 +253,12 @@ def _build(prior: Prior, mode_std: Array, directions: Array, matrix: Array, ampl
         Buffer(room, n_modes).appended(0, directions),
         size,
         padded.reshape(wide, wide),
-        np.pad(amplitude, ((0, 0), (0, room - before))).ravel(),
+        np.ascontiguousarray(np.pad(amplitude, ((0, 0), (0, 0), (0, room - before))).reshape(n_columns, -1).T),
         Buffer(max(_PENDING, 2 * n_levels), wide),
         0,
         Buffer(room + _SEEN, room).appended(0, np.pad(seen, ((0, 0), (0, room - before)))),
         len(seen),
+        prior_answers,
     )
 
 
@@ -288,5 +303,5 @@ def span_of(dual: Dual, directions: Array, mode_std: Array) -> Span:
     add_gram(matrix, rows, 1.0)
     seen = scipy.linalg.qr(inside, mode="r")[0][: len(directions)]
     n_levels = len(matrix) // len(directions)
-    amplitude = (dual.forward @ rows).reshape(n_levels, -1)
-    return _build(dual.prior, mode_std, directions, matrix, amplitude, seen)
+    amplitude = (dual.forward.T @ rows).reshape(-1, n_levels, len(directions))
+    return _build(dual.prior, mode_std, directions, matrix, amplitude, seen, dual.prior_answers)

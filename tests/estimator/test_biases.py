@@ -7,15 +7,19 @@ import pytest
 
 from replay_kit.config import EstimatorConfig
 from replay_kit.config_time import TimeConfig
-from replay_kit.estimator import build_estimator
+from replay_kit.estimator import build_estimator, forms
 from replay_kit.estimator.biases import NAMES, Biases, Evidence, in_words, relative_velocity, stretch, unit_columns
+from replay_kit.estimator.dense import DensePrior
+from replay_kit.estimator.dual import Dual
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.span import Span
 from replay_kit.experiments.pings import random_observations
 from replay_kit.geodesy import rotate_to_geographic, to_local
 from replay_kit.twin.field import build_field
 from replay_kit.types import Ensemble
 from tests import synthetic
 from tests.estimator.evolving.test_extras import faulty
+from tests.estimator.test_paths import dive
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 ENSEMBLE = synthetic.ensemble(n_members=24, shape=(6, 7), levels=LEVELS)
@@ -87,6 +91,23 @@ def test_through_time_the_evidence_is_what_a_state_with_a_flat_prior_says(name):
     estimate, std = on.biases(with_state)[name]
     assert without.evidence.score[index] / information == pytest.approx(estimate, rel=1e-4)
     assert 1.0 / np.sqrt(information) == pytest.approx(std, rel=1e-4)
+
+
+@pytest.mark.parametrize("form", ["dual", "span", "dense", "with a mean current"])
+def test_a_static_estimate_takes_off_what_the_current_absorbed_in_every_form(form, monkeypatch):
+    """The same as the estimate through time that forgets nothing, whose answers lie in one matrix."""
+    monkeypatch.setattr(forms, "_NEARLY_ALL", 0.75 if form == "dense" else 2.0)
+    log = list(mission(4.0, 0.0, {"dual": 12, "span": 60, "dense": 60, "with a mean current": 20}[form]))
+    if form == "span":
+        log = [replace(one, longitude=log[k % 6].longitude, latitude=log[k % 6].latitude) for k, one in enumerate(log)]
+    if form == "with a mean current":
+        log.insert(10, replace(dive(), time_ns=9))
+    static, through = build_estimator(OTHERS, CONFIG), build_evolving([OTHERS], CONFIG, TimeConfig(scale="static", dropped_std=0.0))
+    (*_, (state, _)), (*_, (same, _)) = static.steps(static.initial(), log), through.steps(through.initial(), log)
+    assert type(state.posterior) is (Span if form == "span" else Dual)
+    assert isinstance(state.posterior.prior, DensePrior) == (form in ("dense", "with a mean current"))
+    np.testing.assert_allclose(state.evidence.score, same.evidence.score, rtol=1e-6)
+    np.testing.assert_allclose(state.evidence.information, same.evidence.information, rtol=1e-6)
 
 
 def test_the_stretch_is_the_slope_of_the_measure_of_what_is_logged():

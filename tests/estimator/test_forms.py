@@ -142,7 +142,7 @@ def test_rows_in_few_directions_take_the_span_form_and_more_than_the_weights_beg
     assert isinstance(run(many, observations[:31])[0].posterior, Dual)
     assert isinstance(run(many, observations)[0].posterior, Span)
     assert isinstance(run(many, observed(places("scattered", 33)))[0].posterior, Dual)
-    assert in_cheaper_form(initial(many.prior, 3)).n == 0
+    assert in_cheaper_form(initial(many.prior, np.zeros((3, 3, many.prior.mean.size // 3)))).n == 0
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)

@@ -178,7 +178,7 @@ class EvolvingEstimator:
         """Return a state with what an observation said noted, its covariance grown where the watch asks for it, and the innovation."""
         looked = offered.looked
         watch, grown = after.watch.after(looked.verdict, self.trust)
-        evidence = looked.evidence(after.evidence, offered.observation, offered.columns, offered.absorbed)
+        evidence = looked.evidence(after.evidence, offered.observation, offered.columns)
         cov = after.cov if grown == 1.0 else grown * after.cov
         after = replace(after, cov=cov, watch=watch, last=offered.observation, evidence=evidence)
         return after, looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), grown)
@@ -282,15 +282,9 @@ class Offered:
     used: NDArray[np.intp]
 
     @property
-    def absorbed(self) -> Array:
-        """What the estimate took of such errors for the current, shape (m, 3)."""
-        return np.asarray(self.seen.design @ self.before.means[:, 1:])
-
-    @property
     def told(self) -> Array:
         """Innovations, shape (m, 4): of the rows, and of each error of one unit."""
-        columns = np.zeros_like(self.absorbed) if self.columns is None else self.columns
-        return np.column_stack([self.looked.innovation, columns - self.absorbed])
+        return self.looked.look.told(self.looked.innovation, self.columns)
 
     @property
     def stretched(self) -> float:

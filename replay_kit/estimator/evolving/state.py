@@ -88,7 +88,7 @@ def look_along(means: Array, cov: Array, design: Array) -> Look[tuple[Array, Arr
     """Return what is expected of rows, and how they change means and covariance.
 
     Args:
-        means: shape (n, c), of which the first column is the state's mean and others are followed beside it.
+        means: shape (n, 1 + b), of which the first column is the state's mean, the others its answers to errors of one unit.
         cov: shape (n, n).
         design: shape (m, n).
     """
@@ -99,4 +99,4 @@ def look_along(means: Array, cov: Array, design: Array) -> Look[tuple[Array, Arr
         return means + gain.T @ whitened, cov - gain.T @ gain
 
     spread = cross @ design.T
-    return Look(design @ means[:, 0], 0.5 * (spread + spread.T), absorb)
+    return Look(design @ means[:, 0], design @ means[:, 1:], 0.5 * (spread + spread.T), absorb)
