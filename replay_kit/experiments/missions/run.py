@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import partial
 
 from replay_kit.config import RunConfig
-from replay_kit.errors import ConfigError
+from replay_kit.errors import ConfigError, ForecastError
 from replay_kit.experiments.missions.bias import biases
 from replay_kit.experiments.missions.coverage import coverage
 from replay_kit.experiments.missions.dac import mean_currents_alone
-from replay_kit.experiments.missions.flights import fly_pings, staying
+from replay_kit.experiments.missions.flights import Flight, fly_pings, staying
 from replay_kit.experiments.missions.job import MissionJob
 from replay_kit.experiments.missions.outliers import outliers
 from replay_kit.experiments.missions.relative import relative
@@ -41,6 +41,7 @@ class MissionResult:
         members: Positions of the members that were the truth in turn.
         times: Number of times of the forecast; 1 when the truth stays as it is.
         job: What was asked for.
+        lost: Of each mission that was left out, why: the current carried the glider away.
     """
 
     rows: tuple[MissionRow, ...]
@@ -48,6 +49,7 @@ class MissionResult:
     members: tuple[int, ...]
     times: int
     job: MissionJob
+    lost: tuple[str, ...]
 
 
 def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None) -> MissionResult:
@@ -61,7 +63,7 @@ def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob,
 
     Raises:
         ConfigError: An option is wrong.
-        ForecastError: The current carried a glider out of the truth's water.
+        ForecastError: The current carried every glider out of the truth's water.
     """
     job.check()
     if "time" in job.studies and len(series) < 2:
@@ -72,18 +74,25 @@ def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob,
     members = job.members(series[0].n_members)
     total = len(members) * job.seeds * len(job.studies)
     by_study: dict[str, list[list[Figure]]] = {study: [] for study in job.studies}
-    done = 0
+    done, lost = 0, list[str]()
     for member in members:
         case = withhold(series, member)
         own, sea = own_estimator(case, config), build_field(*case.truths)
         for seed in range(job.seeds):
-            flight = staying(partial(fly_pings, sea, job.pings, job.days, job.noise), 100 * member + seed)
+            flight: Flight | None = None
             for study in job.studies:
-                scene = Scene(case, flight, own, config, job, _teller(progress, done, total, case, study))
-                by_study[study].append(_STUDIES[study](scene))
+                try:
+                    flight = flight or staying(partial(fly_pings, sea, job.pings, job.days, job.noise), 100 * member + seed)
+                    scene = Scene(case, flight, own, config, job, _teller(progress, done, total, case, study))
+                    by_study[study].append(_STUDIES[study](scene))
+                except ForecastError as error:
+                    # one mission less is no reason to lose the others
+                    lost.append(f"member {member}, seed {seed}, {study}: {error}")
                 done += 1
     rows = tuple(row for study in job.studies for row in over_missions(by_study[study]))
-    return MissionResult(rows, series[0].source, members, len(series), job)
+    if not rows:
+        raise ForecastError(f"no mission is left; {lost[0]}")
+    return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost))
 
 
 def _teller(progress: Progress | None, done: int, total: int, case: Withheld, study: str) -> Callable[[str], None]:

@@ -27,6 +27,7 @@ def to_json(result: MissionResult) -> dict[str, Any]:
         "ensemble": result.ensemble,
         "members": list(result.members),
         "times": result.times,
+        "lost": list(result.lost),
         "job": {name: _plain(value) for name, value in asdict(result.job).items()},
         "versions": {"replay-kit": __version__, "numpy": version("numpy"), "scipy": version("scipy")},
     }
@@ -61,6 +62,8 @@ def print_missions(result: MissionResult, console: Console) -> None:
                 by_mission = " ".join(_number(value) for value in row.by_mission)
                 table.add_row(row.method, row.figure, _number(row.value), _asked(row), met, by_mission)
         console.print(table)
+    for why in result.lost:
+        console.print(f"left out: {why}")
 
 
 def _words(result: MissionResult) -> str:

@@ -133,6 +133,19 @@ def test_a_course_that_leaves_the_water_is_tried_elsewhere():
         staying(partial(fly_pings, build_field(*torrent), 10, 20.0, 0.05), 0)
 
 
+def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
+    forecasts = series()
+    job = replace(JOB, studies=("outliers",), looks=1)
+    torrents = [replace(f, velocity=np.where(np.arange(6)[:, None, None, None, None] == 3, 4.0, f.velocity)) for f in forecasts]
+    left = run_missions(torrents, CONFIG, job)
+    assert len(left.lost) == 1
+    assert left.lost[0].startswith("member 3, seed 0, outliers: the current carried the glider")
+    assert {len(row.by_mission) for row in left.rows} == {1}
+    assert to_json(left)["lost"] == list(left.lost)
+    with pytest.raises(ForecastError, match="no mission is left"):
+        run_missions(torrents, CONFIG, replace(job, leave_out="3"))
+
+
 def test_looks_are_spread_evenly_and_end_with_the_mission():
     assert due(10, 3) == (3, 7, 10)
     assert due(2, 20) == (1, 2)
