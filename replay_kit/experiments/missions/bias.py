@@ -1,13 +1,14 @@
 """A compass and a scale that err: whether a run says so, whether it finds how much, and what the estimate is worth then."""
 
 import math
+from functools import partial
 from typing import get_args
 
 import numpy as np
 
 from replay_kit.config_time import Bias
 from replay_kit.estimator.evolving import EvolvingEstimator
-from replay_kit.experiments.missions.flights import measurements
+from replay_kit.experiments.missions.flights import Flight, fly_pings, measurements, pinging_seconds, staying
 from replay_kit.experiments.missions.follow import Followed, Own
 from replay_kit.experiments.missions.relative import KNOWN_STD
 from replay_kit.experiments.missions.rows import Figure
@@ -19,6 +20,8 @@ STUDY = "bias"
 HEADING_DEG, SCALE = 5.0, 0.03
 PLANTED = {"heading": math.radians(HEADING_DEG), "scale": SCALE}
 _OVER_CLEAN = 1.1
+# a scale error of 3 % is 8 mm/s of a glider's way: a thousand pings tell it, a few hundred do not
+_DAYS, _EVERY_S = 10.0, 600.0
 # standard deviations from nothing at which a bias counts as found
 _FOUND = 3.0
 _UNIT = {"heading": ("degrees", math.degrees(1.0)), "scale": ("%", 100.0), "shear": ("1/s", 1.0)}
@@ -26,8 +29,9 @@ _UNIT = {"heading": ("degrees", math.degrees(1.0)), "scale": ("%", 100.0), "shea
 
 def biases(scene: Scene) -> list[Figure]:
     """Return the figures of one mission."""
-    sound = measurements(scene.flight, Faults("platform", KNOWN_STD))
-    biased = measurements(scene.flight, Faults("platform", KNOWN_STD, HEADING_DEG, SCALE))
+    flight = _dense(scene)
+    sound = measurements(flight, Faults("platform", KNOWN_STD))
+    biased = measurements(flight, Faults("platform", KNOWN_STD, HEADING_DEG, SCALE))
     time = scene.config.time.model_copy(update={"biases": ("heading", "scale")})
     looking = own_estimator(scene.case, scene.config.model_copy(update={"time": time}))
     clean = scene.errors("sound", scene.own, sound)
@@ -49,6 +53,13 @@ def biases(scene: Scene) -> list[Figure]:
             *(_named(method, followed, planted=True) if estimator is scene.own else _found(method, looking, followed, given is biased)),
         ]
     return figures
+
+
+def _dense(scene: Scene) -> Flight:
+    """Return a mission that pings every ten minutes, as an instrument does."""
+    sea, days = scene.flight.sea, min(scene.job.days, _DAYS)
+    pings = max(1, int(pinging_seconds(sea, days) / _EVERY_S))
+    return staying(partial(fly_pings, sea, pings, days, scene.job.noise), scene.flight.seed)
 
 
 def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure]:

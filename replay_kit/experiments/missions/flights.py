@@ -87,15 +87,18 @@ def fly_pings(sea: Field, pings: int, days: float, noise: float, seed: int) -> F
     Raises:
         ConfigError: The pings do not fit into the time.
     """
-    # the last dive is flown to its end
-    available = days * _DAY_S
-    if sea.time_ns.size > 1:
-        end_s = float(sea.time_ns[-1] - sea.time_ns[0]) / _NS
-        available = min(available, end_s - dive_seconds(sea, _USUAL) - 2 * SURFACE_STEPS * STEP_S)
-    steps = int(available / pings / STEP_S)
+    steps = int(pinging_seconds(sea, days) / pings / STEP_S)
     if steps < 1:
         raise ConfigError(f"--pings: {pings} pings, {STEP_S} s apart at least, take longer than {days:g} days or the truth's time")
     return _flown(sea, pings, steps, _start_ns(sea), noise, seed)
+
+
+def pinging_seconds(sea: Field, days: float) -> float:
+    """Return for how long a mission of some days can ping [s]: in a truth that changes its last dive ends before the truth does."""
+    if sea.time_ns.size < 2:
+        return days * _DAY_S
+    end_s = float(sea.time_ns[-1] - sea.time_ns[0]) / _NS
+    return min(days * _DAY_S, end_s - dive_seconds(sea, _USUAL) - 2 * SURFACE_STEPS * STEP_S)
 
 
 def fly_dives(sea: Field, dives: int, noise: float, limits: GliderLimits, seed: int) -> Flight:
