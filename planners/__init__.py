@@ -1,12 +1,13 @@
 """Trajectory planning with CasADi over a ``FlowEstimate``.
 
 ``plan`` makes one glide and ``fly`` flies it in another flow; ``plan_mission`` makes a glider's mission of many dives,
-``plan_scenarios`` one that keeps clear in most samples of an estimate; ``plan_path`` a free path of a vehicle of bounded speed.
+``plan_scenarios`` one that keeps clear in most
+samples of an estimate; ``plan_path`` a free path of a vehicle of bounded speed.
 """
 
 from planners.auv import Auv, AuvPlan, AuvSettings, plan_path
 from planners.mission import plan_mission
-from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo
+from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo, Weights
 from planners.scenario import Chances, plan_scenarios
 from planners.settings import GlideSettings
 from planners.simulate import fly
@@ -25,6 +26,7 @@ __all__ = [
     "MissionSettings",
     "NoGo",
     "SteadyFlight",
+    "Weights",
     "fit_flight",
     "fly",
     "plan",

@@ -82,6 +82,11 @@ def leg_depths(depths: tuple[float, ...], levels: Array, n_steps: int) -> Array:
     return np.concatenate([*(part[:-1] for part in parts), [depths[-1]]])
 
 
+def step_stops(levels: Array, goal_depths: Array) -> Array:
+    """Return the depths [m] at which steps end: the levels, shape (Z,), and those of goals below the surface."""
+    return np.union1d(levels, goal_depths[goal_depths > 0.0])
+
+
 def steps_needed(depths: tuple[float, ...], levels: Array, each: int) -> int:
     """Return the number of steps of a leg: ``each`` for a dive or climb, beside one for every level crossed."""
     crossed = sum(int(np.sum((levels > min(a, b)) & (levels < max(a, b)))) for a, b in pairwise(depths))
