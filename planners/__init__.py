@@ -1,12 +1,13 @@
 """Trajectory planning with CasADi over a ``FlowEstimate``.
 
 ``plan`` makes one glide and ``fly`` flies it in another flow; ``plan_mission`` makes a glider's mission of many dives,
-``plan_scenarios`` one that keeps clear in most
+``plan_mooring`` one that stays near a place, ``plan_line`` one that follows a line, ``plan_scenarios`` one that keeps clear in most
 samples of an estimate; ``plan_path`` a free path of a vehicle of bounded speed.
 """
 
 from planners.auv import Auv, AuvPlan, AuvSettings, plan_path
 from planners.mission import plan_mission
+from planners.mission_kinds import plan_line, plan_mooring
 from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo, Weights
 from planners.scenario import Chances, plan_scenarios
 from planners.settings import GlideSettings
@@ -30,7 +31,9 @@ __all__ = [
     "fit_flight",
     "fly",
     "plan",
+    "plan_line",
     "plan_mission",
+    "plan_mooring",
     "plan_path",
     "plan_scenarios",
 ]
