@@ -2,7 +2,7 @@
 
 ``plan`` makes one glide and ``fly`` flies it in another flow; ``plan_mission`` makes a glider's mission of many dives,
 ``plan_mooring`` one that stays near a place, ``plan_line`` one that follows a line, ``plan_scenarios`` one that keeps clear in most
-samples of an estimate; ``plan_path`` a free path of a vehicle of bounded speed.
+samples of an estimate; ``waypoints_of`` makes a list of few places of a mission; ``plan_path`` a free path of a vehicle of bounded speed.
 """
 
 from planners.auv import Auv, AuvPlan, AuvSettings, plan_path
@@ -14,6 +14,7 @@ from planners.settings import GlideSettings
 from planners.simulate import fly
 from planners.solve import plan
 from planners.vehicle import Glider, SteadyFlight, fit_flight
+from planners.waypoints import Waypoints, waypoints_of
 
 __all__ = [
     "Auv",
@@ -27,6 +28,7 @@ __all__ = [
     "MissionSettings",
     "NoGo",
     "SteadyFlight",
+    "Waypoints",
     "Weights",
     "fit_flight",
     "fly",
@@ -36,4 +38,5 @@ __all__ = [
     "plan_mooring",
     "plan_path",
     "plan_scenarios",
+    "waypoints_of",
 ]

@@ -154,9 +154,13 @@ def mission_task(
         if inside is not None or not region.wet(np.array([[*point[:2], settings.depth]]))[0]:
             why = "land" if inside is None else inside[0]
             raise PlanError(f"{name} is where dives to {settings.depth:g} m may not go: {why}; move it, or dive less deep")
+    return MissionTask(currents, region, rings, vehicle, settings, begin, ends, time_on_clock(currents, start_time_ns))
+
+
+def time_on_clock(currents: Currents, time_ns: int) -> float:
+    """Return a time [ns, UTC] on the clock of the currents' times [s]; 0 for currents that do not change, and for no time."""
     first = currents.flow.time_ns
-    time = 0.0 if currents.times is None or first is None or start_time_ns == 0 else (start_time_ns - first) / 1e9
-    return MissionTask(currents, region, rings, vehicle, settings, begin, ends, time)
+    return 0.0 if currents.times is None or first is None or time_ns == 0 else (time_ns - first) / 1e9
 
 
 def front_of(task: MissionTask, rings: tuple[Ring, ...]) -> Front:
