@@ -20,10 +20,19 @@ def waypoint_text(waypoints: Waypoints, path: Path) -> str:
     Raises:
         PlanError: The name tells none.
     """
+    return _FORMS[check_form(path)](waypoints)
+
+
+def check_form(path: Path) -> str:
+    """Return the form that a file's name tells.
+
+    Raises:
+        PlanError: It tells none.
+    """
     form = path.suffix.lower() or f".{path.name.lower()}"
     if form not in _FORMS:
         raise PlanError(f"{path}: expected a name of waypoints that ends in one of {', '.join(_FORMS)}")
-    return _FORMS[form](waypoints)
+    return form
 
 
 def waypoint_rows(waypoints: Waypoints) -> list[dict[str, float | None]]:
