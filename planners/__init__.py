@@ -5,7 +5,8 @@
 samples of an estimate; ``waypoints_of`` makes a list of few places of a mission; ``plan_path`` a free path of a vehicle of bounded speed.
 """
 
-from planners.auv import Auv, AuvPlan, AuvSettings, plan_path
+from planners.auv import AuvPlan, plan_path
+from planners.auv_program import Auv, AuvSettings
 from planners.mission import plan_mission
 from planners.mission_kinds import plan_line, plan_mooring
 from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo, Weights

@@ -266,7 +266,7 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
         places, end_time = leg(place, start_time + time * HOUR, heading, angle, depths[profile], drifts[k], latent[profile])
         meet.append(ca.vertcat(places[:, -1] / KM - legs[k][:2], (end_time - start_time) / HOUR - legs[k][2]))
         if n_planes:
-            within.append(_beyond(places / KM, planes[k], n_planes) - trespass)
+            within.append(beyond(places / KM, planes[k], n_planes) - trespass)
         guide.add(k, places / KM)
         passed.append(places)
         place, time = legs[k][:2] * KM, legs[k][2]
@@ -292,7 +292,7 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
     return _Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within), program)
 
 
-def _beyond(places: Any, planes: Any, n_planes: int) -> Any:
+def beyond(places: Any, planes: Any, n_planes: int) -> Any:
     """Return how far each place [km] is beyond each of its half-planes [km]; negative inside."""
     repeated = ca.kron(places, ca.MX.ones(1, n_planes))
     return (ca.sum1(planes[:2, :] * repeated) - planes[2, :] / KM).T
