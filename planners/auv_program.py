@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import graph_key
-from planners.hazards import Ring, half_planes
-from planners.mission_program import HOUR, KM, OPTIONS, beyond
+from planners.hazards import Ring, beyond, half_planes
+from planners.mission_program import HOUR, KM, OPTIONS
 from planners.region import Region
 from planners.transcription import path_function
 from replay_kit.flow import FlowEstimate

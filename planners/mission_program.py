@@ -15,7 +15,9 @@ import numpy as np
 
 from planners.flow import graph_key
 from planners.guide import Guide, GuideTerms
+from planners.hazards import beyond
 from planners.leg import leg_function, stage_latent
+from planners.spline import FlowSpline
 from planners.vehicle import Glider
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
@@ -90,6 +92,7 @@ class MissionData:
         guide: What the path is to stay near.
         guide_weights: shape (L, n_places), of a squared kilometre between it and each place.
         guide_limits: shape (L, n_places) [m], how far from it each place may be.
+        spline: Flown in instead of the latent velocities.
     """
 
     start: Array
@@ -106,6 +109,7 @@ class MissionData:
     guide: Guide | None = None
     guide_weights: Array = field(default_factory=lambda: np.zeros((0, 0)))
     guide_limits: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    spline: FlowSpline | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +194,7 @@ def solve_mission(
         times: As for ``flow_function``.
         nearly_optimal: Whether the guess is the optimum of nearly the same problem.
     """
-    program = _program(flow, vehicle, shape, times)
+    program = _program(flow, vehicle, shape, times, data.spline)
     solver = program.warm_solver if nearly_optimal else program.solver
     unknowns, lower, upper = _unknowns(vehicle, shape, data, guess)
     answer = solver(x0=unknowns, p=_parameters(flow, data), lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
@@ -231,33 +235,35 @@ def _parameters(flow: FlowEstimate, data: MissionData) -> Array:
     guide: list[Array] = []
     if data.guide is not None:
         guide = [data.guide.origin / KM, data.guide.across.ravel(order="F"), data.guide_weights.ravel(), data.guide_limits.ravel() / KM]
-    latent = [stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F") for depths in data.depths]
+    profiles = data.depths if data.spline is None else ()
+    latent = [stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F") for depths in profiles]
     parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts, data.planes.ravel(), weights, *guide, *latent]
     return np.concatenate([np.asarray(part) for part in parts])
 
 
-def _program(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None) -> _Program:
-    key = (*graph_key(flow), vehicle, shape, None if times is None else times.tobytes())
+def _program(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None, spline: FlowSpline | None) -> _Program:
+    key = (*graph_key(flow), vehicle, shape, None if times is None else times.tobytes(), spline)
     if key not in _programs:
-        _programs[key] = _build(flow, vehicle, shape, times)
+        _programs[key] = _build(flow, vehicle, shape, times, spline)
         if len(_programs) > _MOST_PROGRAMS:
             _programs.popitem(last=False)
     _programs.move_to_end(key)
     return _programs[key]
 
 
-def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None) -> _Program:
+def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None, spline: FlowSpline | None) -> _Program:
     n_legs, n_steps, n_goals, n_planes = shape.n_legs, shape.n_steps, len(shape.goal_legs), shape.n_planes
     start, start_time, goals = ca.MX.sym("start", 2), ca.MX.sym("start_time"), ca.MX.sym("goals", 2, n_goals)
     drifts, weights, profiles = ca.MX.sym("drifts", n_legs), ca.MX.sym("weights", 5), range(max(shape.profiles) + 1)
     depths = [ca.MX.sym("depths", n_steps + 1) for _ in profiles]
-    latent = [ca.MX.sym("latent", len(flow.latent), (2 * n_steps + 2) * (1 if times is None else times.size)) for _ in profiles]
+    n_latent = len(flow.latent) if spline is None else 0
+    latent = [ca.MX.sym("latent", n_latent, (2 * n_steps + 2) * (1 if times is None else times.size)) for _ in profiles]
     planes = [ca.MX.sym("planes", 3, n_planes * shape.n_places) for _ in range(n_legs)]
     legs = [ca.MX.sym("leg", 5) for _ in range(n_legs)]
     slacks: Any = ca.MX.sym("slacks", 4, n_goals)
     trespass = ca.MX.sym("trespass", 1 if n_planes else 0)
     guide = GuideTerms(n_legs, shape.n_places if shape.guided else 0)
-    leg = leg_function(flow, vehicle, n_steps, times, shape.drifts)
+    leg = leg_function(flow, vehicle, n_steps, times, shape.drifts, spline)
     place, time = start, ca.MX.zeros(1)
     meet, within, passed = [], [], []
     for k in range(n_legs):
@@ -290,9 +296,3 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
     n_within = (n_planes + int(shape.guided)) * shape.n_places * n_legs
     lower = np.concatenate([np.zeros(n_equal), np.full(n_within, -np.inf)])
     return _Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within), program)
-
-
-def beyond(places: Any, planes: Any, n_planes: int) -> Any:
-    """Return how far each place [km] is beyond each of its half-planes [km]; negative inside."""
-    repeated = ca.kron(places, ca.MX.ones(1, n_planes))
-    return (ca.sum1(planes[:2, :] * repeated) - planes[2, :] / KM).T

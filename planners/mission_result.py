@@ -51,6 +51,7 @@ def to_plan(task: MissionTask, start: Place, goals: tuple[Place, ...], start_tim
             "tried": "; ".join(_tried(attempt) for attempt in attempts),
             "longest_met_h": max((float(attempt.flight.time[-1]) / 3600.0 for attempt in met), default=float("nan")),
             **({} if task.guide is None else {"farthest_m": best.away[0], "rms_m": best.away[1]}),
+            **({} if task.spline is None else {"spline_error": task.spline.largest_error, "spline_rms_error": task.spline.rms_error}),
         },
     )
 

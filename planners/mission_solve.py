@@ -154,6 +154,7 @@ def _solve(
         None if closest else distance_weight,
         task.guide,
         *_guide_places(task, guess.angles, shape, [depths[leg] for leg in turns], guide_weight),
+        spline=task.spline,
     )
     return solve_mission(task.flow, task.vehicle, shape, data, guess, task.currents.times, nearly_optimal=nearly_optimal)
 

@@ -15,6 +15,7 @@ from planners.mission_program import MissionGuess
 from planners.mission_values import Bathymetry, MissionSettings, NoGo
 from planners.region import Region, locate, region_of
 from planners.seed import tabulate
+from planners.spline import FlowSpline, spline_of
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
@@ -39,6 +40,7 @@ class MissionTask:
         goals: shape (G, 3) [m].
         start_time: On the clock of the currents' times [s].
         guide: What the path is to stay near, if anything.
+        spline: What the optimiser flies in instead of the currents; the check is of the currents.
     """
 
     currents: Currents
@@ -50,6 +52,7 @@ class MissionTask:
     goals: Array
     start_time: float
     guide: Guide | None = None
+    spline: FlowSpline | None = None
 
     @property
     def flow(self) -> FlowEstimate:
@@ -154,7 +157,10 @@ def mission_task(
         if inside is not None or not region.wet(np.array([[*point[:2], settings.depth]]))[0]:
             why = "land" if inside is None else inside[0]
             raise PlanError(f"{name} is where dives to {settings.depth:g} m may not go: {why}; move it, or dive less deep")
-    return MissionTask(currents, region, rings, vehicle, settings, begin, ends, time_on_clock(currents, start_time_ns))
+    if settings.spline and currents.times is not None:
+        raise PlanError("a spline holds for one estimate, not for a flow that changes; plan such a mission without")
+    spline = spline_of(currents.flow, settings.spline) if settings.spline and np.all(np.isfinite(currents.latent)) else None
+    return MissionTask(currents, region, rings, vehicle, settings, begin, ends, time_on_clock(currents, start_time_ns), spline=spline)
 
 
 def time_on_clock(currents: Currents, time_ns: int) -> float:

@@ -54,6 +54,8 @@ class MissionSettings:
         max_duration: Longest mission considered [s].
         margin: Distance kept from where it may not go [m].
         steps: Steps of the optimiser for each dive and climb, beside one for every level crossed.
+        spline: Coefficients a kernel length of a B-spline that the optimiser flies in, 3 or so; 0 for the flow itself. Its error is in
+            ``statistics``, and the plan is checked in the flow itself.
     """
 
     depth: float = 500.0
@@ -66,6 +68,7 @@ class MissionSettings:
     max_duration: float = 1.2e6
     margin: float = 50.0
     steps: int = 1
+    spline: int = 0
 
     def __post_init__(self) -> None:
         """Refuse settings that no mission can have."""
@@ -73,7 +76,7 @@ class MissionSettings:
         for name, value in {**positive, "legs": 1 if self.legs is None else self.legs}.items():
             if not value > 0:
                 raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
-        for name in ("surface_time", "margin"):
+        for name in ("surface_time", "margin", "spline"):
             if not getattr(self, name) >= 0.0:
                 raise PlanError(f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more")
 

@@ -81,6 +81,9 @@ def plan(
     waypoint_tolerance: Annotated[
         float | None, typer.Option("--waypoint-tolerance", min=0.0, help="Off the way without a waypoint [m]; the plan's by default.")
     ] = None,
+    spline: Annotated[
+        int, typer.Option("--spline", min=0, help="Optimise in a B-spline of so many points a kernel length; 0: in the flow itself.")
+    ] = 0,
     samples: Annotated[int, typer.Option("--samples", min=0, help="Fly it through so many samples of the estimate: ellipses.")] = 0,
     seed: Annotated[int, typer.Option("--seed", help="Of the samples.")] = 0,
     risk: Annotated[
@@ -97,7 +100,7 @@ def plan(
     kind.check(len(goal), risk, waypoints)
     planner = load_config(config).planner
     glider = Glider(planner.speed, SteadyFlight() if flight_model else None, *pair_of(angles, "--angles", "MIN,MAX"))
-    settings = MissionSettings(depth, dives, surface_time, objective_of(objective), planner.tolerance, legs, max_legs)
+    settings = MissionSettings(depth, dives, surface_time, objective_of(objective), planner.tolerance, legs, max_legs, spline=spline)
     estimates = [read_flow(path) for path in flows]
     begin, goals = place(start, "--start"), tuple(goal_of(text) for text in goal)
     assert begin is not None

@@ -78,8 +78,11 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
     assert (moored["status"] == "reached") == (moored["statistics"]["farthest_m"] <= 2000.0)
     assert moored["samples"]["miss_median_m"] >= 0.5 * moored["statistics"]["farthest_m"]
     places = tmp_path / "goto_l10.ma"
-    lined = run(flow, *ASK, "--json", "-", "--line", "--line-weight", 20, "--objective", "time=1,energy=0.01", "--waypoints", places)
+    lined = run(
+        flow, *ASK, "--json", "-", "--line", "--line-weight", 20, "--objective", "time=1,energy=0.01", "--waypoints", places, "--spline", 2
+    )
     said = json.loads(lined.stdout)
+    assert 0.0 < said["statistics"]["spline_error"] < 0.01
     assert said["statistics"]["rms_m"] <= said["statistics"]["farthest_m"]
     assert said["waypoints"]["message"] in places.read_text()
 
