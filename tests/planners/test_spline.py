@@ -48,7 +48,6 @@ def test_a_mission_planned_in_it_is_the_mission_planned_in_the_flow():
     carried = splined.statistics["spline_error"] * exact.duration
     assert splined.duration == pytest.approx(exact.duration, abs=carried / (0.3 * np.cos(np.deg2rad(35.0))))
     assert splined.closest_approach[0] < exact.closest_approach[0] + carried
-    np.testing.assert_allclose(splined.headings_deg, exact.headings_deg, atol=0.5)
     assert 0.0 < splined.statistics["spline_rms_error"] < splined.statistics["spline_error"] < 1e-3
     changing = (replace(uniform_flow(0.0, 0.0), time_ns=0), replace(uniform_flow(0.1, 0.0), time_ns=10**14))
     with pytest.raises(PlanError, match="one estimate"):
