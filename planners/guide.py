@@ -8,6 +8,9 @@ import numpy as np
 
 from replay_kit.types import Array
 
+# Kilometres of a trespass that a kilometre of straying costs as much as.
+_STRAYING = 0.2
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Guide:
@@ -75,6 +78,7 @@ class GuideTerms:
     Attributes:
         parameters: Origin [km], what counts of the way from it, weight and limit [km] of each place.
         stray: The unknown [km] by which the limits are missed.
+        strayed: What that costs, in kilometres of a trespass, which is worse.
         cost: Of all places.
         beyond: What is to be 0 or less, one column a leg.
     """
@@ -89,6 +93,7 @@ class GuideTerms:
             ca.MX.sym("guide_limits", n_legs * n_places),
         )
         self.stray, self.n_places = ca.MX.sym("stray", size), n_places
+        self.strayed = _STRAYING * ca.sum1(self.stray)
         self.cost: Any = ca.MX(1, 1)
         self.beyond: list[Any] = []
 

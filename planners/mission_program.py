@@ -288,7 +288,7 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
         "f": weights[0] * time
         + missed
         + weights[4] * ca.sum1(ca.vec(slacks))
-        + weights[2] * (ca.sum1(trespass) + ca.sum1(guide.stray))
+        + weights[2] * (ca.sum1(trespass) + guide.strayed)
         + guide.cost,
         "g": ca.vertcat(*meet, *within, *guide.beyond),
     }

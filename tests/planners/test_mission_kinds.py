@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import MissionPlan, MissionSettings, plan_line, plan_mission, plan_mooring
+from planners import MissionPlan, MissionSettings, NoGo, plan_line, plan_mission, plan_mooring
 from planners.guide import along_line
 from replay_kit.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
@@ -71,6 +71,19 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
     assert loose.statistics["rms_m"] == pytest.approx(off(free.track_time, free.track[:, :2], ends)[1], rel=0.05)
     assert tight.duration > free.duration
     assert tight.statistics["rms_m"] < 0.3 * loose.statistics["rms_m"]
+
+
+def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
+    flow = still_flow()
+    corners = [place(flow, *corner, 0.0) for corner in ((-1e3, -2e3), (1e3, -2e3), (1e3, 1.5e3), (-1e3, 1.5e3))]
+    area = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
+    ask = (flow, place(flow, -5e3, 0.0, 0.0), place(flow, 5e3, 0.0, 0.0))
+    result = plan_line(*ask, width=300.0, settings=replace(SETTINGS, legs=6), no_go=(area,))
+    assert result.status == "unreachable"
+    assert "farther than 300 m" in result.message
+    # the corner is the nearest that it can stay
+    assert 1.5e3 < result.statistics["farthest_m"] < 1.8e3
+    assert result.closest_approach[0] < 5.0
 
 
 def _mooring(radius: float = 1e3, duration: float = 10.0 * HOURS, east: float = 0.0) -> MissionPlan:
