@@ -7,12 +7,26 @@ import numpy as np
 import pytest
 
 from planners import MissionPlan, MissionSettings, NoGo, plan_line, plan_mission, plan_mooring
-from planners.guide import along_line
+from planners.guide import along_line, near_place
 from replay_kit.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.reference.guide import distance_from_line, distance_from_place
 
 SETTINGS = MissionSettings(depth=300.0)
 HOURS = 3600.0
+
+
+def test_distances_from_a_place_and_a_line_are_those_point_by_point():
+    points = np.random.default_rng(0).uniform(-5e3, 5e3, (20, 2))
+    begin, end = np.array([1e3, -2e3]), np.array([-3e3, 4e3])
+    place_, line = near_place(begin, 1e3, HOURS, False), along_line(begin, end, 1.0, 1e3)
+    np.testing.assert_allclose(place_.distances(points), [distance_from_place(point, begin) for point in points], rtol=1e-12)
+    np.testing.assert_allclose(line.distances(points), [distance_from_line(point, begin, end) for point in points], rtol=1e-10)
+    # over time half of it is spent at 0 and half at 300 m; of its two ends of legs one is there
+    path, time = begin + np.array([[0.0, 0.0], [0.0, 0.0], [300.0, 0.0], [300.0, 0.0]]), np.array([0.0, 50.0, 50.0, 100.0])
+    assert place_.farthest_and_rms(time, path, np.array([1, 3])) == pytest.approx((300.0, 300.0 / np.sqrt(2.0)))
+    few = replace(place_, surfacings_only=True)
+    assert few.farthest_and_rms(time, path, np.array([1, 2, 3])) == pytest.approx((300.0, 300.0 * np.sqrt(2.0 / 3.0)))
 
 
 def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_way():

@@ -17,6 +17,7 @@ from planners.waypoints import heading_for, kept_surfacings, waypoints_of
 from replay_kit.errors import PlanError
 from replay_kit.geodesy import to_local
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.reference.guide import farthest_left_out
 
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 FLOW = eddying_flow(7)
@@ -26,22 +27,14 @@ PLAN = plan_mission(
 PLACES = np.column_stack(to_local(FLOW.grid.projection, *np.vstack([[PLAN.start.longitude, PLAN.start.latitude], PLAN.surfacings]).T))
 
 
-def _farthest_left_out(kept: tuple[int, ...]) -> float:
-    """Return how far the surfacing farthest from steady progress between its neighbours in a list is, one after the other [m]."""
-    times, worst = np.concatenate([[0.0], PLAN.surfacing_times]), 0.0
-    for k in range(len(times)):
-        before, after = max(n for n in (0, *kept) if n <= k), min(n for n in (0, *kept) if n >= k)
-        if after > before:
-            share = (times[k] - times[before]) / (times[after] - times[before])
-            worst = max(worst, float(np.linalg.norm(PLACES[before] * (1 - share) + PLACES[after] * share - PLACES[k])))
-    return worst
+TIMES = np.concatenate([[0.0], PLAN.surfacing_times])
 
 
 def test_what_is_left_out_is_within_the_tolerance_and_goals_are_kept():
     counts = []
     for tolerance in (20.0, 200.0, 1e5):
         kept = kept_surfacings(PLAN, PLACES, tolerance)
-        assert _farthest_left_out(kept) <= tolerance
+        assert farthest_left_out(kept, TIMES, PLACES) <= tolerance
         assert set(PLAN.goal_legs) <= set(kept)
         counts.append(len(kept))
     assert counts[0] > counts[1] >= counts[2] == 2
