@@ -64,8 +64,8 @@ def waypoints_of(flow: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan,
 
     It heads for the next one from where it surfaces, held off by the mean current through its last leg, as gliders reckon it, at the
     mean glide angle of the legs planned; where less than a leg is left it dives less deep. The radius within which a waypoint counts as
-    reached is the plan's tolerance, doubled until all are reached, three times at most. A goal below the surface at the end is a waypoint
-    above it.
+    reached is the plan's tolerance or two, four or eight times that: whichever reaches most of them, ends within the tolerance and loses
+    least time. A goal below the surface at the end is a waypoint above it.
 
     Args:
         flow: What it is flown in: the plan's, or another one.
@@ -83,12 +83,15 @@ def waypoints_of(flow: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan,
     ends = np.column_stack(to_local(projection, *plan.surfacings.T))
     kept = kept_surfacings(plan, np.vstack([start, ends]), plan.settings.tolerance if tolerance is None else tolerance)
     angles = np.array([np.mean(legs.angles[begin:end]) for begin, end in pairwise([0, *kept])])
+    along = float(plan.vehicle.speeds(np, angles[-1])[0])
+    tried = []
     for radius in plan.settings.tolerance * _RADII:
         times, path = _follow(currents, plan, legs, (start, ends, ends[np.array(kept) - 1]), angles, radius)
-        if np.all(np.isfinite(times)):
-            break
-    off_end = float(np.linalg.norm(path[-1][0] - ends[-1]))
-    delay = path[-1][1] - plan.duration
+        off_end, delay = float(np.linalg.norm(path[-1][0] - ends[-1])), path[-1][1] - plan.duration
+        # the goal is to be met as the plan meets it; what is left to it would take time as well
+        lost = int(np.isnan(times).sum()), off_end > plan.settings.tolerance, delay + off_end / along
+        tried.append((lost, radius, times, path, off_end, delay))
+    _, radius, times, path, off_end, delay = min(tried, key=lambda one: one[0])
     surfacings = np.array([at for at, _ in path[1:]])
     off_track = float(np.max(_distance_to_legs(surfacings, np.vstack([start, ends]))))
     n_reached = int(np.isfinite(times).sum())
