@@ -134,6 +134,12 @@ def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_
     np.testing.assert_allclose(met[2], [0.0, 120.0, 200.0], atol=1e-6)
     assert np.hypot(met[0][1] - 2e3, met[1][1] - 4e3) == pytest.approx(result.closest_approach[1], abs=0.1)
     assert result.goal_times[1] not in result.surfacing_times
+    # from the surfacing after the first goal, at the same steps of the legs that are left
+    begun = result.goal_legs[0]
+    here, now = Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0), result.surfacing_times[begun - 1]
+    later = plan_mission(flow, here, goals[1:], settings=replace(SETTINGS, surface_time=600.0), warm=result, start_time_ns=int(now * 1e9))
+    assert (later.status, later.statistics["attempts"]) == ("reached", 1)
+    np.testing.assert_allclose(later.goal_times + now, result.goal_times[1:], rtol=1e-3)
 
 
 @pytest.mark.parametrize(("worth_of_a_kilometre", "comes_close"), [(0.8, False), (1.2, True)])
