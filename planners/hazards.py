@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -172,3 +174,9 @@ def bathymetry_rings(projection: Projection, longitude: Array, latitude: Array, 
     return _cells_beside(
         *to_local(projection, longitude, latitude), np.nan_to_num(bottom, nan=0.0) >= needed, f"shallower than {needed:g} m"
     )
+
+
+def beyond(places: Any, planes: Any, n_planes: int) -> Any:
+    """Return how far each place [km] is beyond each of its half-planes [km]; negative inside."""
+    repeated = ca.kron(places, ca.MX.ones(1, n_planes))
+    return (ca.sum1(planes[:2, :] * repeated) - planes[2, :] / 1e3).T

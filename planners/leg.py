@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import layer_function
+from planners.spline import FlowSpline
 from planners.track import fractions_of_duration
 from planners.vehicle import Glider
 from replay_kit.flow import FlowEstimate
@@ -82,6 +83,11 @@ def leg_depths(depths: tuple[float, ...], levels: Array, n_steps: int) -> Array:
     return np.concatenate([*(part[:-1] for part in parts), [depths[-1]]])
 
 
+def step_stops(levels: Array, goal_depths: Array) -> Array:
+    """Return the depths [m] at which steps end: the levels, shape (Z,), and those of goals below the surface."""
+    return np.union1d(levels, goal_depths[goal_depths > 0.0])
+
+
 def steps_needed(depths: tuple[float, ...], levels: Array, each: int) -> int:
     """Return the number of steps of a leg: ``each`` for a dive or climb, beside one for every level crossed."""
     crossed = sum(int(np.sum((levels > min(a, b)) & (levels < max(a, b)))) for a, b in pairwise(depths))
@@ -104,7 +110,9 @@ def stage_latent(latent: Array, levels: Array, functions: DepthFunctions, depths
     return by_time.transpose(0, 2, 1).reshape(len(latent), -1)
 
 
-def leg_function(flow: FlowEstimate, vehicle: Glider, n_steps: int, times: Array | None, drifts: bool) -> ca.Function:
+def leg_function(
+    flow: FlowEstimate, vehicle: Glider, n_steps: int, times: Array | None, drifts: bool, spline: FlowSpline | None = None
+) -> ca.Function:
     """Return the function of one leg: (place, time, heading, glide angle, depths, drift, latent) -> (places after each step, end time).
 
     Its last place is that after the drift at the surface, which takes the time ``drift`` [s].
@@ -115,20 +123,27 @@ def leg_function(flow: FlowEstimate, vehicle: Glider, n_steps: int, times: Array
         n_steps: Steps under water.
         times: As for ``flow_function``.
         drifts: Whether there is a drift at all; without, its time has no meaning.
+        spline: Flown in instead of latent velocities, of which the function then takes none.
     """
     layer, n_times = layer_function(flow.nodes, flow.kernel, times), 1 if times is None else times.size
     place, time = ca.MX.sym("place", 2), ca.MX.sym("time")
     heading, angle, drift, depths = ca.MX.sym("heading"), ca.MX.sym("angle"), ca.MX.sym("drift"), ca.MX.sym("depths", n_steps + 1)
-    latent: Any = ca.MX.sym("latent", len(flow.latent), (2 * n_steps + 2) * n_times)
+    latent: Any = ca.MX.sym("latent", len(flow.latent) if spline is None else 0, (2 * n_steps + 2) * n_times)
     stages = ca.horzsplit(latent, n_times)
     along, down = vehicle.speeds(ca, angle)
     through = along * ca.vertcat(ca.sin(heading), ca.cos(heading))
 
+    def current(at: Any, stage: int, now: Any) -> Any:
+        if spline is None:
+            return layer(at if times is None else ca.vertcat(at, now), stages[stage])
+        depth = 0.0 if stage < 0 else 0.5 * (depths[stage // 2] + depths[(stage + 1) // 2])
+        return spline.function(ca.vertcat(at, depth))
+
     def over_ground(at: Any, stage: float, now: Any) -> Any:
-        return through + layer(at if times is None else ca.vertcat(at, now), stages[round(stage)])
+        return through + current(at, round(stage), now)
 
     def drifting(at: Any, _: float, now: Any) -> Any:
-        return layer(at if times is None else ca.vertcat(at, now), stages[-1])
+        return current(at, -1, now)
 
     durations = [ca.fabs(depths[i + 1] - depths[i]) / down for i in range(n_steps)]
     # instead of the depth goes the number of its stage: two to a step

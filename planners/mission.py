@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from planners.hazards import Ring
 from planners.mission_program import MissionGuess
 from planners.mission_result import failed_plan, to_plan
-from planners.mission_solve import Attempt, safe_and_met, solve_legs
+from planners.mission_solve import Attempt, GoalSteps, goals_met, safe_and_met, solve_legs, worth
 from planners.mission_task import MissionTask, front_of, guess_of, mission_task, route_of
 from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo
 from planners.vehicle import Glider
@@ -17,6 +18,8 @@ from replay_kit.geodesy import grid_bearing_of_true_north, to_local
 from replay_kit.types import Array, Place
 
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
+# Legs more than a route suggests that are tried, beside one for each goal.
+_MORE_LEGS = 1
 
 
 def plan_mission(
@@ -38,7 +41,8 @@ def plan_mission(
     Args:
         flow: The current, or its estimates for increasing times, between which it is linear.
         start: Where it begins.
-        goals: Where it should go, in order; all but the last at the surface.
+        goals: Where it should go, in order. One at the surface is met where a leg ends; one below it by a dive that passes its depth, the
+            last one by a dive that ends there.
         vehicle: What glides.
         settings: How.
         no_go: Areas that are not to be entered.
@@ -51,15 +55,20 @@ def plan_mission(
     """
     asked = goals if isinstance(goals, tuple) else (goals,)
     task = mission_task(flow, (start, asked), vehicle, settings, (no_go, bathymetry), start_time_ns)
+    return plan_task(task, start, asked, start_time_ns, warm)
+
+
+def plan_task(task: MissionTask, start: Place, goals: tuple[Place, ...], start_time_ns: int, warm: MissionPlan | None) -> MissionPlan:
+    """Return the best plan found for a mission in its local frame; the arguments are those of ``plan_mission``."""
     attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
     if not any(safe_and_met(task, attempt) for attempt in attempts):
         if not np.all(np.isfinite(task.currents.latent)):
-            return failed_plan(task, start, asked, start_time_ns, "the current is not a number; check the estimate's latent velocities")
+            return failed_plan(task, start, goals, start_time_ns, "the current is not a number; check the estimate's latent velocities")
         attempts += _search(task, task.rings)
         if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
             # an area too wide to be passed under water between two surfacings has to be gone round
             attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
-    return to_plan(task, start, asked, start_time_ns, attempts)
+    return to_plan(task, start, goals, start_time_ns, attempts)
 
 
 def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
@@ -69,21 +78,29 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     shallow = task.leg_time(task.vehicle.angles[0])
     likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
 
-    def attempt(n_legs: int) -> Attempt:
-        return solve_legs(task, guess_of(task, route, front, n_legs), goal_legs_of(passed, n_legs), route)
+    def attempt(legs: tuple[int, ...]) -> Attempt:
+        within = legs[-1] * passed / passed[-1] - (np.array(legs) - 1.0)
+        goals = GoalSteps(legs, task.goal_steps(legs, legs[-1], within))
+        return solve_legs(task, guess_of(task, route, front, legs[-1]), goals, route)
 
-    attempts = [attempt(settings.legs or likely)]
+    attempts = [attempt(goal_legs_of(passed, settings.legs or likely))]
     if settings.legs is not None or not route.arrives:
         return attempts
-    n_legs = likely - 1
-    while n_legs >= len(task.goals) and safe_and_met(task, attempts[-1]):
-        attempts.append(attempt(n_legs))
-        n_legs -= 1
-    n_legs = likely + 1
-    while n_legs <= min(likely + 2, settings.max_legs) and not any(safe_and_met(task, done) for done in attempts):
-        attempts.append(attempt(n_legs))
-        n_legs += 1
+    for n_legs in range(likely - 1, len(task.goals) - 1, -1):
+        if not safe_and_met(task, attempts[-1]) or _best(task, attempts) is not attempts[-1]:
+            break
+        attempts.append(attempt(goal_legs_of(passed, n_legs)))
+    last = attempts[0]
+    for _ in range(likely, min(likely + _MORE_LEGS + len(task.goals), settings.max_legs)):
+        if any(done.finding is None and goals_met(task, done) for done in attempts):
+            break
+        last = attempt(one_leg_more(last.goals.legs, last.legs.angles))
+        attempts.append(last)
     return attempts
+
+
+def _best(task: MissionTask, attempts: list[Attempt]) -> Attempt:
+    return min(attempts, key=lambda attempt: worth(task, attempt))
 
 
 def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:
@@ -100,15 +117,30 @@ def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:
     return tuple(numbers)
 
 
+def one_leg_more(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:
+    """Return after which leg each goal is met with one leg more, on the way to the goal to which the glide angles are least.
+
+    Args:
+        goal_legs: Before, counted from 1.
+        angles: shape (L,), glide angles of the legs.
+    """
+    ways = [float(np.mean(angles[begin:end])) for begin, end in pairwise((0, *goal_legs))]
+    short = int(np.argmin(ways))
+    return tuple(number + int(k >= short) for k, number in enumerate(goal_legs))
+
+
 def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> list[Attempt]:
     """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are."""
     elapsed = (start_time_ns - warm.start_time_ns) / 1e9
     # a surfacing earlier than planned begins the next leg as well
     begun = int(np.sum(warm.surfacing_times < elapsed + 0.5 * task.leg_time(task.vehicle.angles[0]) * (elapsed > 0.0)))
     left = len(warm.headings_deg) - begun
-    goals = tuple(number - begun for number in warm.goal_legs if number > begun)
-    if left <= 0 or len(goals) != len(task.goals):
+    legs = tuple(number - begun for number in warm.goal_legs if number > begun)
+    if left <= 0 or len(legs) != len(task.goals):
         return []
+    begins = np.concatenate([[0.0], warm.surfacing_times])[np.array(legs) + begun - 1]
+    lasts = warm.surfacing_times[np.array(legs) + begun - 1] - begins
+    goals = GoalSteps(legs, task.goal_steps(legs, left, (warm.goal_times[-len(legs) :] - begins) / lasts))
     longitude, latitude = warm.surfacings[begun:].T
     places = np.column_stack(to_local(task.region.grid.projection, longitude, latitude))
     turn = grid_bearing_of_true_north(task.region.grid.projection, longitude, latitude)

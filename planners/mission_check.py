@@ -68,18 +68,22 @@ def check(task: MissionTask, flight: Flight) -> Finding | None:
     return Finding(what, time, leg, float(longitude), float(latitude))
 
 
-def explain(task: MissionTask, flight: Flight, miss: Array, finding: Finding | None, goal_legs: tuple[int, ...]) -> str:
+def explain(task: MissionTask, flight: Flight, miss: Array, away: tuple[float, float], finding: Finding | None, goal_times: Array) -> str:
     """Return what a mission does and, when it does not reach its goals or is not safe, why."""
-    n_legs, settings = len(flight.ends), task.settings
-    hours = flight.time[flight.ends[np.array(goal_legs) - 1]] / 3600.0
-    met = ", ".join(f"meets {_goal(k, len(miss))} at {off:.1f} m after {hours[k]:.1f} h" for k, off in enumerate(miss))
-    what = f"{n_legs} legs; {met}"
+    n_legs, settings, guide = len(flight.ends), task.settings, task.guide
+    met = ", ".join(f"meets {_goal(k, len(miss))} at {off:.1f} m after {goal_times[k] / 3600.0:.1f} h" for k, off in enumerate(miss))
+    what, short = f"{n_legs} legs; ", ""
+    if settings.weights.closest != 0.0:
+        what += met
+        short = "" if np.all(miss <= settings.tolerance) else f", outside the tolerance of {settings.tolerance:g} m"
+    if guide is not None:
+        near = f"{away[0]:.0f} m from {guide.name} at most, {away[1]:.0f} m in the root mean square, for {flight.time[-1] / 3600.0:.1f} h"
+        what += near if settings.weights.closest == 0.0 else f", {near}"
+        short += "" if away[0] <= guide.limit else f", farther than {guide.limit:g} m"
     if finding is not None:
         where = f"{finding.longitude:.4f}, {finding.latitude:.4f} in leg {finding.leg} after {finding.time / 3600.0:.1f} h"
         what += f"; not safe: crosses {finding.what} at {where}"
-    if np.all(miss <= settings.tolerance):
-        return what
-    return f"{what}, outside the tolerance of {settings.tolerance:g} m; {_binding(task, flight, n_legs)}"
+    return what if not short else f"{what}{short}; {_binding(task, flight, n_legs)}"
 
 
 def _goal(k: int, count: int) -> str:
@@ -88,7 +92,9 @@ def _goal(k: int, count: int) -> str:
 
 def _binding(task: MissionTask, flight: Flight, n_legs: int) -> str:
     settings = task.settings
-    if settings.legs is not None:
+    if settings.weights.closest:
+        return "limit: the weights, by which to come closer is not worth it, or what may be reached at all"
+    if settings.legs is not None and task.guide is None:
         return f"limit: {settings.legs} legs at glide angles from {task.vehicle.min_angle:g} to {task.vehicle.max_angle:g} degrees"
     if n_legs >= settings.max_legs:
         return f"limit: max_legs = {settings.max_legs}"

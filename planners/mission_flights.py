@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.flight import Legs, currents_of_samples, fly_legs, refined
-from planners.leg import leg_depths, steps_needed
+from planners.leg import leg_depths, step_stops, steps_needed
 from planners.mission_task import REFINED
 from planners.mission_values import MissionPlan
 from replay_kit.errors import PlanError
@@ -27,7 +27,7 @@ class MissionFlights:
         depth: shape (n,) [m].
         place: shape (K, n, 2) [m], east and north in the flows' local frame.
         surfacings: shape (K, L, 2), longitude and latitude [degrees] at each leg's end.
-        miss: shape (K, G), between each goal and the place at its leg's end [m].
+        miss: shape (K, G), between each goal and the place when it should be met [m].
     """
 
     time: Array
@@ -47,22 +47,31 @@ def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan)
     Raises:
         PlanError: The mission has no legs, or the flows are not on the same nodes.
     """
-    if len(plan.headings_deg) == 0:
-        raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
     currents = currents_of_samples([flows] if isinstance(flows, FlowEstimate) else flows)
-    projection, levels = currents.flow.grid.projection, currents.flow.levels
+    legs, projection = legs_of_plan(plan, currents.flow), currents.flow.grid.projection
     start = np.array(to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64)
-    begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
-    turn = grid_bearing_of_true_north(projection, *begins.T)
-    depths = tuple(refined(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), REFINED) for leg in plan.turns)
-    drifts = np.append(np.full(len(plan.turns) - 1, plan.settings.surface_time), 0.0)
-    legs = Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), depths, drifts)
     flight = fly_legs(currents, plan.vehicle, start, legs)
-    ends = flight.place[:, flight.ends]
+    ends, met = flight.place[:, flight.ends], flight.place[:, np.searchsorted(flight.time, plan.goal_times - 1e-6)]
     goals = np.column_stack(to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T))
-    miss = np.linalg.norm(ends[:, np.array(plan.goal_legs) - 1] - goals, axis=2)
+    miss = np.linalg.norm(met - goals, axis=2)
     surfacings = np.stack(to_geographic(projection, ends[..., 0], ends[..., 1]), axis=-1)
     return MissionFlights(flight.time, flight.depth, flight.place, surfacings, miss)
+
+
+def legs_of_plan(plan: MissionPlan, flow: FlowEstimate) -> Legs:
+    """Return what a mission tells the glider, in the local frame of a flow.
+
+    Raises:
+        PlanError: The mission has no legs.
+    """
+    if len(plan.headings_deg) == 0:
+        raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
+    levels = step_stops(flow.levels, np.array([goal.depth for goal in plan.goals]))
+    begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
+    turn = grid_bearing_of_true_north(flow.grid.projection, *begins.T)
+    depths = tuple(refined(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), REFINED) for leg in plan.turns)
+    drifts = np.append(np.full(len(plan.turns) - 1, plan.settings.surface_time), 0.0)
+    return Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), depths, drifts)
 
 
 def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:

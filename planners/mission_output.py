@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from planners.mission_values import MissionPlan
-from replay_kit.geodesy import grid_bearing_of_true_north, to_geographic, unwrap_longitude
+from replay_kit.geodesy import grid_bearing_of_true_north, to_geographic, to_local, unwrap_longitude
 from replay_kit.types import Array, Plan, PlanStatus, Projection
 
 
@@ -42,6 +42,21 @@ def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, floa
     return rows
 
 
+def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
+    """Return where each goal is, in which leg and when it is met, and how closely, one row a goal."""
+    return [
+        {
+            "longitude": goal.longitude,
+            "latitude": goal.latitude,
+            "depth_m": goal.depth,
+            "leg": float(plan.goal_legs[k]),
+            "met_s": float(plan.goal_times[k]),
+            "off_m": float(plan.closest_approach[k]),
+        }
+        for k, goal in enumerate(plan.goals)
+    ]
+
+
 def to_csv(plan: MissionPlan, ellipses: Array | None) -> str:
     """Return the legs as CSV with a line of names; without legs only that there are none."""
     rows = legs_table(plan, ellipses)
@@ -60,13 +75,14 @@ def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
         "duration_s": plan.duration,
         "energy_j": plan.energy,
         "closest_approach_m": [float(miss) for miss in plan.closest_approach],
+        "goals": goals_table(plan),
         "legs": legs_table(plan, ellipses),
         "statistics": {name: value if value == value else None for name, value in plan.statistics.items()},
     }
 
 
 def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None) -> str:
-    """Return the predicted track as a line, and start, surfacings and goals as points.
+    """Return the predicted track as a line, start, surfacings and goals as points, and ellipses as polygons.
 
     Args:
         plan: The mission.
@@ -87,11 +103,24 @@ def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None
         properties = {"name": "track", "status": plan.status, "message": plan.message, "duration_s": plan.duration, "energy_j": plan.energy}
         features.append(feature("LineString", [position(float(lon), float(lat)) for lon, lat in line], properties))
     features.append(feature("Point", position(plan.start.longitude, plan.start.latitude), {"name": "start"}))
-    for k, goal in enumerate(plan.goals):
-        features.append(feature("Point", position(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", "depth_m": goal.depth}))
+    for k, (goal, met) in enumerate(zip(plan.goals, goals_table(plan), strict=True)):
+        features.append(feature("Point", position(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", **met}))
     for row in legs_table(plan, ellipses):
         features.append(feature("Point", position(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']:.0f}", **row}))
+    for k, ellipse in enumerate([] if ellipses is None else ellipses):
+        around = [position(float(lon), float(lat)) for lon, lat in ellipse_outline(ellipse, projection)]
+        features.append(feature("Polygon", [around], {"name": f"90 % of surfacings {k + 1}"}))
     return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+
+
+def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
+    """Return points of an ellipse of ``surfacing_ellipses``, shape (5,), as longitudes and latitudes, shape (37, 2), the first repeated."""
+    longitude, latitude, major, minor, bearing_deg = ellipse
+    angle, bearing = np.linspace(0.0, 2.0 * np.pi, 37), np.deg2rad(bearing_deg)
+    along, across = major * np.cos(angle), minor * np.sin(angle)
+    east, north = to_local(projection, longitude, latitude)
+    outline = east + along * np.sin(bearing) + across * np.cos(bearing), north + along * np.cos(bearing) - across * np.sin(bearing)
+    return np.column_stack(to_geographic(projection, *outline))
 
 
 def as_glide(plan: MissionPlan, projection: Projection) -> Plan:

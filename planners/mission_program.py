@@ -6,7 +6,7 @@ so that one graph serves every estimate on the same nodes.
 """
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,10 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import graph_key
+from planners.guide import Guide, GuideTerms
+from planners.hazards import beyond
 from planners.leg import leg_function, stage_latent
+from planners.spline import FlowSpline
 from planners.vehicle import Glider
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
@@ -51,6 +54,8 @@ class MissionShape:
         profiles: Which of the mission's profiles of depth each leg follows.
         n_planes: Half-planes that every step's end has to keep to; 0 for none.
         drifts: Whether there are drifts at the surface.
+        goal_steps: After which of its leg's steps each goal is to be met, counted from 1; 0 for the leg's end. Empty: all at ends.
+        guided: Whether the path is to stay near something.
     """
 
     n_legs: int
@@ -59,6 +64,8 @@ class MissionShape:
     profiles: tuple[int, ...]
     n_planes: int
     drifts: bool
+    goal_steps: tuple[int, ...] = ()
+    guided: bool = False
 
     @property
     def n_places(self) -> int:
@@ -81,6 +88,11 @@ class MissionData:
         miss_weight: Of a squared kilometre between a goal and the path.
         penalty: Of a kilometre missed of a goal, or of a half-plane trespassed on.
         latent: As the flow function takes it.
+        distance_weight: Of a kilometre between a goal and the path, instead of the penalty; None for the penalty.
+        guide: What the path is to stay near.
+        guide_weights: shape (L, n_places), of a squared kilometre between it and each place.
+        guide_limits: shape (L, n_places) [m], how far from it each place may be.
+        spline: Flown in instead of the latent velocities.
     """
 
     start: Array
@@ -93,6 +105,11 @@ class MissionData:
     miss_weight: float
     penalty: float
     latent: Array
+    distance_weight: float | None = None
+    guide: Guide | None = None
+    guide_weights: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    guide_limits: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    spline: FlowSpline | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,6 +169,8 @@ class _Program:
 
 _programs: OrderedDict[Any, _Program] = OrderedDict()
 _MOST_PROGRAMS = 8
+# Cost of slacks that are not to count, and the distance [km] below which a weighed distance is a smooth bowl.
+_SMALL, _BOWL = 1e-6, 1e-2
 
 
 def solve_mission(
@@ -175,7 +194,7 @@ def solve_mission(
         times: As for ``flow_function``.
         nearly_optimal: Whether the guess is the optimum of nearly the same problem.
     """
-    program = _program(flow, vehicle, shape, times)
+    program = _program(flow, vehicle, shape, times, data.spline)
     solver = program.warm_solver if nearly_optimal else program.solver
     unknowns, lower, upper = _unknowns(vehicle, shape, data, guess)
     answer = solver(x0=unknowns, p=_parameters(flow, data), lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
@@ -198,10 +217,12 @@ def _unknowns(vehicle: Glider, shape: MissionShape, data: MissionData, guess: Mi
     way = np.array([np.sum(np.abs(np.diff(data.depths[profile]))) for profile in shape.profiles])
     duration = way / np.asarray(vehicle.speeds(np, guess.angles)[1]) + data.drifts
     legs = np.column_stack([guess.places / KM, np.cumsum(duration) / HOUR, guess.headings, guess.angles])
-    n_slacks = 4 * len(shape.goal_legs) + (1 if shape.n_planes else 0)
+    n_slacks = 4 * len(shape.goal_legs) + int(shape.guided) + (1 if shape.n_planes else 0)
     free, (shallow, steep) = np.inf, vehicle.angles
     lower = np.concatenate([np.tile([-free, -free, -free, -free, shallow], shape.n_legs), np.zeros(n_slacks)])
     upper = np.concatenate([np.tile([free, free, free, free, steep], shape.n_legs), np.full(n_slacks, free)])
+    if data.guide is not None:
+        lower[5 * (shape.n_legs - 1) + 2] = data.guide.least_duration / HOUR
     ends = guess.places[np.array(shape.goal_legs) - 1]
     missed = (ends - data.goals) / KM
     slacks = np.stack([np.maximum(missed, 0.0), np.maximum(-missed, 0.0)], axis=1).ravel()
@@ -209,59 +230,69 @@ def _unknowns(vehicle: Glider, shape: MissionShape, data: MissionData, guess: Mi
 
 
 def _parameters(flow: FlowEstimate, data: MissionData) -> Array:
-    weights = [data.time_weight, data.miss_weight, data.penalty]
-    latent = [stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F") for depths in data.depths]
-    parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts, data.planes.ravel(), weights, *latent]
+    missed = [0.0, data.penalty] if data.distance_weight is None else [data.distance_weight, _SMALL]
+    weights = [data.time_weight, data.miss_weight, data.penalty, *missed]
+    guide: list[Array] = []
+    if data.guide is not None:
+        guide = [data.guide.origin / KM, data.guide.across.ravel(order="F"), data.guide_weights.ravel(), data.guide_limits.ravel() / KM]
+    profiles = data.depths if data.spline is None else ()
+    latent = [stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F") for depths in profiles]
+    parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts, data.planes.ravel(), weights, *guide, *latent]
     return np.concatenate([np.asarray(part) for part in parts])
 
 
-def _program(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None) -> _Program:
-    key = (*graph_key(flow), vehicle, shape, None if times is None else times.tobytes())
+def _program(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None, spline: FlowSpline | None) -> _Program:
+    key = (*graph_key(flow), vehicle, shape, None if times is None else times.tobytes(), spline)
     if key not in _programs:
-        _programs[key] = _build(flow, vehicle, shape, times)
+        _programs[key] = _build(flow, vehicle, shape, times, spline)
         if len(_programs) > _MOST_PROGRAMS:
             _programs.popitem(last=False)
     _programs.move_to_end(key)
     return _programs[key]
 
 
-def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None) -> _Program:
+def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None, spline: FlowSpline | None) -> _Program:
     n_legs, n_steps, n_goals, n_planes = shape.n_legs, shape.n_steps, len(shape.goal_legs), shape.n_planes
     start, start_time, goals = ca.MX.sym("start", 2), ca.MX.sym("start_time"), ca.MX.sym("goals", 2, n_goals)
-    drifts, weights, profiles = ca.MX.sym("drifts", n_legs), ca.MX.sym("weights", 3), range(max(shape.profiles) + 1)
+    drifts, weights, profiles = ca.MX.sym("drifts", n_legs), ca.MX.sym("weights", 5), range(max(shape.profiles) + 1)
     depths = [ca.MX.sym("depths", n_steps + 1) for _ in profiles]
-    latent = [ca.MX.sym("latent", len(flow.latent), (2 * n_steps + 2) * (1 if times is None else times.size)) for _ in profiles]
+    n_latent = len(flow.latent) if spline is None else 0
+    latent = [ca.MX.sym("latent", n_latent, (2 * n_steps + 2) * (1 if times is None else times.size)) for _ in profiles]
     planes = [ca.MX.sym("planes", 3, n_planes * shape.n_places) for _ in range(n_legs)]
     legs = [ca.MX.sym("leg", 5) for _ in range(n_legs)]
     slacks: Any = ca.MX.sym("slacks", 4, n_goals)
     trespass = ca.MX.sym("trespass", 1 if n_planes else 0)
-    leg = leg_function(flow, vehicle, n_steps, times, shape.drifts)
+    guide = GuideTerms(n_legs, shape.n_places if shape.guided else 0)
+    leg = leg_function(flow, vehicle, n_steps, times, shape.drifts, spline)
     place, time = start, ca.MX.zeros(1)
-    meet, within = [], []
+    meet, within, passed = [], [], []
     for k in range(n_legs):
         profile = shape.profiles[k]
         heading, angle = legs[k][3], legs[k][4]
         places, end_time = leg(place, start_time + time * HOUR, heading, angle, depths[profile], drifts[k], latent[profile])
         meet.append(ca.vertcat(places[:, -1] / KM - legs[k][:2], (end_time - start_time) / HOUR - legs[k][2]))
         if n_planes:
-            within.append(_beyond(places / KM, planes[k], n_planes) - trespass)
+            within.append(beyond(places / KM, planes[k], n_planes) - trespass)
+        guide.add(k, places / KM)
+        passed.append(places)
         place, time = legs[k][:2] * KM, legs[k][2]
     misses = [slacks[:2, g] - slacks[2:, g] for g in range(n_goals)]
-    meet += [legs[number - 1][:2] - goals[:, g] / KM - misses[g] for g, number in enumerate(shape.goal_legs)]
+    for g, (number, step) in enumerate(zip(shape.goal_legs, shape.goal_steps or (0,) * n_goals, strict=True)):
+        at = legs[number - 1][:2] if step == 0 else passed[number - 1][:, step - 1] / KM
+        meet.append(at - goals[:, g] / KM - misses[g])
     missed = weights[1] * sum(ca.sumsqr(miss) for miss in misses)
+    missed += weights[3] * sum(ca.sqrt(ca.sumsqr(miss) + _BOWL**2) for miss in misses)
     program: dict[str, Any] = {
-        "x": ca.veccat(*legs, slacks, trespass),
-        "p": ca.veccat(start, start_time, goals, *depths, drifts, *planes, weights, *latent),
-        "f": weights[0] * time + missed + weights[2] * (ca.sum1(ca.vec(slacks)) + ca.sum1(trespass)),
-        "g": ca.vertcat(*meet, *within),
+        "x": ca.veccat(*legs, slacks, guide.stray, trespass),
+        "p": ca.veccat(start, start_time, goals, *depths, drifts, *planes, weights, *guide.parameters, *latent),
+        "f": weights[0] * time
+        + missed
+        + weights[4] * ca.sum1(ca.vec(slacks))
+        + weights[2] * (ca.sum1(trespass) + guide.strayed)
+        + guide.cost,
+        "g": ca.vertcat(*meet, *within, *guide.beyond),
     }
     n_equal = 3 * n_legs + 2 * n_goals
-    n_within = n_planes * shape.n_places * n_legs
+    n_within = (n_planes + int(shape.guided)) * shape.n_places * n_legs
     lower = np.concatenate([np.zeros(n_equal), np.full(n_within, -np.inf)])
     return _Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within), program)
-
-
-def _beyond(places: Any, planes: Any, n_planes: int) -> Any:
-    """Return how far each place [km] is beyond each of its half-planes [km]; negative inside."""
-    repeated = ca.kron(places, ca.MX.ones(1, n_planes))
-    return (ca.sum1(planes[:2, :] * repeated) - planes[2, :] / KM).T

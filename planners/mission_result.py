@@ -3,7 +3,7 @@
 import numpy as np
 
 from planners.mission_check import explain
-from planners.mission_solve import Attempt, energy_of, safe_and_met, worth
+from planners.mission_solve import Attempt, energy_of, goals_met, safe_and_met, worth
 from planners.mission_task import MissionTask
 from planners.mission_values import MissionPlan, MissionStatus
 from replay_kit.geodesy import grid_bearing_of_true_north, to_geographic
@@ -21,7 +21,8 @@ def to_plan(task: MissionTask, start: Place, goals: tuple[Place, ...], start_tim
     longitude, latitude = to_geographic(projection, *track[flight.ends, :2].T)
     begins = np.concatenate([[0], flight.ends[:-1]])
     turn = grid_bearing_of_true_north(projection, *to_geographic(projection, *track[begins, :2].T))
-    status: MissionStatus = "unsafe" if best.finding else "reached" if np.all(best.miss <= task.settings.tolerance) else "unreachable"
+    status: MissionStatus = "unsafe" if best.finding else "reached" if goals_met(task, best) else "unreachable"
+    goal_times = flight.time[best.goals.points(flight)]
     met = [attempt for attempt in finite if safe_and_met(task, attempt)]
     return MissionPlan(
         status=status,
@@ -36,18 +37,21 @@ def to_plan(task: MissionTask, start: Place, goals: tuple[Place, ...], start_tim
         turns=task.turns(len(best.legs.headings)),
         surfacings=np.column_stack([longitude, latitude]),
         surfacing_times=flight.time[flight.ends],
-        goal_legs=best.goal_legs,
+        goal_legs=best.goals.legs,
+        goal_times=goal_times,
         closest_approach=best.miss,
         duration=float(flight.time[-1]),
         energy=energy_of(task, best),
         track_time=flight.time,
         track=track,
-        message=explain(task, best.flight, best.miss, best.finding, best.goal_legs),
+        message=explain(task, best.flight, best.miss, best.away, best.finding, goal_times),
         statistics={
             "attempts": len(attempts),
             "iterations": sum(attempt.iterations for attempt in attempts),
             "tried": "; ".join(_tried(attempt) for attempt in attempts),
             "longest_met_h": max((float(attempt.flight.time[-1]) / 3600.0 for attempt in met), default=float("nan")),
+            **({} if task.guide is None else {"farthest_m": best.away[0], "rms_m": best.away[1]}),
+            **({} if task.spline is None else {"spline_error": task.spline.largest_error, "spline_rms_error": task.spline.rms_error}),
         },
     )
 
@@ -62,7 +66,7 @@ def failed_plan(task: MissionTask, start: Place, goals: tuple[Place, ...], start
     """Return the plan that says that no mission could be flown; it stays where it is."""
     none = np.zeros(0)
     miss = np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1)
-    nowhere = (np.zeros((0, 2)), none, (0,) * len(goals), miss, 0.0, 0.0, np.zeros(1), task.start[None].copy())
+    nowhere = (np.zeros((0, 2)), none, (0,) * len(goals), np.zeros(len(goals)), miss, 0.0, 0.0, np.zeros(1), task.start[None].copy())
     return MissionPlan(
         "failed", start, goals, start_time_ns, task.vehicle, task.settings, none, none, none, (), *nowhere, message, {"attempts": 0}
     )

@@ -8,7 +8,7 @@ from planners.flight import Flight, Legs, fly_legs, refined
 from planners.front import Route
 from planners.hazards import half_planes
 from planners.mission_check import Finding, check
-from planners.mission_program import MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
+from planners.mission_program import HOUR, KM, MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
 from planners.mission_task import REFINED, MissionTask
 from replay_kit.types import Array
 
@@ -24,6 +24,26 @@ _PROGRESS = 1e-3
 _SAME = 1.0
 # A goal met this well is met [m].
 _MET = 5.0
+# Farther than any region is wide [m].
+_FAR = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class GoalSteps:
+    """When goals are met.
+
+    Attributes:
+        legs: In which leg, counted from 1.
+        steps: After which of its steps, counted from 1; 0 for its end.
+    """
+
+    legs: tuple[int, ...]
+    steps: tuple[int, ...]
+
+    def points(self, flight: Flight) -> Array:
+        """Return the numbers of a flight's points at which the goals are met."""
+        begins, legs = np.concatenate([[0], flight.ends[:-1]]), np.array(self.legs) - 1
+        return np.asarray(np.where(np.array(self.steps) == 0, flight.ends[legs], begins[legs] + REFINED * np.array(self.steps)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +53,9 @@ class Attempt:
     Attributes:
         legs: What the glider is told.
         flight: Where that leads.
-        goal_legs: After which leg each goal is met, counted from 1.
+        goals: When each goal is met.
         miss: shape (G,) [m], flown.
+        away: Farthest distance from what it is to stay near, and its root mean square [m]; zeros when that is nothing.
         finding: The first place where it may not be; None when there is none.
         guess: The solver's point.
         iterations: IPOPT's, over all rounds.
@@ -43,32 +64,33 @@ class Attempt:
 
     legs: Legs
     flight: Flight
-    goal_legs: tuple[int, ...]
+    goals: GoalSteps
     miss: Array
+    away: tuple[float, float]
     finding: Finding | None
     guess: MissionGuess
     iterations: int
     return_status: str
 
 
-def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...], route: Route | None) -> Attempt:
+def solve_legs(task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: Route | None) -> Attempt:
     """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path trespasses without.
 
     Args:
         task: The problem.
         guess: Where to begin.
-        goal_legs: After which leg each goal is to be met, counted from 1.
+        goals: When each goal is to be met.
         route: What the guess was made of, along which the first half-planes are laid; None for what is left of an earlier plan, which is
             nearly optimal.
     """
     turns, nearly_optimal = task.turns(len(guess.headings)), route is None
     closest = task.settings.objective == "closest"
-    found = _solve(task, guess, turns, goal_legs, None, closest, nearly_optimal)
-    best = _flown(task, found, turns, goal_legs, found.iterations)
-    if not closest and np.any(best.miss > _MET):
+    found = _solve(task, guess, turns, goals, None, closest, nearly_optimal)
+    best = _flown(task, found, turns, goals, found.iterations)
+    if not closest and not task.settings.weighs_distance and task.guide is None and np.any(best.miss > _MET):
         # the goal is out of reach: from here as close to it as can be, not as the penalties would weigh it
-        found = _solve(task, found.guess, turns, goal_legs, None, True)
-        best = _flown(task, found, turns, goal_legs, best.iterations + found.iterations)
+        found = _solve(task, found.guess, turns, goals, None, True)
+        best = _flown(task, found, turns, goals, best.iterations + found.iterations)
         closest = True
     if best.finding is None:
         return best
@@ -81,9 +103,9 @@ def _kept_clear(
     """Return the best path found within half-planes, laid along a path and anew along each path found until that gains nothing more."""
     best, at, before, iterations = free, guess, np.inf, free.iterations
     for _ in range(_ROUNDS):
-        found = _solve(task, at, turns, free.goal_legs, path, closest)
+        found = _solve(task, at, turns, free.goals, path, closest)
         iterations += found.iterations
-        flown = _flown(task, found, turns, free.goal_legs, iterations)
+        flown = _flown(task, found, turns, free.goals, iterations)
         better = flown.finding is None and (best.finding is not None or worth(task, flown) < worth(task, best))
         best = flown if better or best is free else best
         gained = not np.isfinite(before) or found.objective < before - _PROGRESS * abs(before)
@@ -99,7 +121,7 @@ def _solve(
     task: MissionTask,
     guess: MissionGuess,
     turns: tuple[tuple[float, ...], ...],
-    goal_legs: tuple[int, ...],
+    goals: GoalSteps,
     path: Array | None,
     closest: bool,
     nearly_optimal: bool = False,
@@ -109,13 +131,15 @@ def _solve(
     drifts, n_steps = task.drifts(turns), task.n_steps(turns)
     depths = dict(zip(turns, task.depths(turns), strict=True))
     profiles = tuple(different.index(leg) for leg in turns)
-    shape = MissionShape(len(turns), n_steps, goal_legs, profiles, 0 if path is None else _PLANES, bool(np.any(drifts)))
+    n_planes, guided = 0 if path is None else _PLANES, task.guide is not None
+    shape = MissionShape(len(turns), n_steps, goals.legs, profiles, n_planes, bool(np.any(drifts)), goals.steps, guided)
     planes = np.zeros((len(turns), shape.n_places, 0, 3))
     if path is not None:
         surfacing = np.tile(np.arange(shape.n_places) >= n_steps - 1, len(turns))
         flat = half_planes(task.rings, path.reshape(-1, 2), surfacing, _PLANES, task.settings.margin)
         planes = flat.reshape(len(turns), shape.n_places, _PLANES, 3)
-    time_weight, miss_weight = _CLOSEST if closest else (1.0, 0.0)
+    time_weight, distance_weight, guide_weight = _weights(task)
+    time_weight, miss_weight = _CLOSEST if closest else (time_weight, 0.0)
     data = MissionData(
         task.start[:2],
         task.start_time,
@@ -127,8 +151,40 @@ def _solve(
         miss_weight,
         1e-6 if closest and path is None else _PENALTY,
         task.currents.latent[0],
+        None if closest else distance_weight,
+        task.guide,
+        *_guide_places(task, guess.angles, shape, [depths[leg] for leg in turns], guide_weight),
+        spline=task.spline,
     )
     return solve_mission(task.flow, task.vehicle, shape, data, guess, task.currents.times, nearly_optimal=nearly_optimal)
+
+
+def _weights(task: MissionTask) -> tuple[float, float | None, float]:
+    """Return the weights of an hour, of a kilometre missed and of an hour a kilometre off the guide, the largest of them 1."""
+    weights = task.settings.weights
+    hourly = weights.time + weights.energy * task.vehicle.hotel * HOUR / 1e3
+    guide = 0.0 if task.guide is None else task.guide.weight
+    largest = max(hourly, weights.closest or 0.0, guide)
+    return hourly / largest, None if weights.closest is None else weights.closest / largest, guide / largest
+
+
+def _guide_places(task: MissionTask, angles: Array, shape: MissionShape, depths: list[Array], weight: float) -> tuple[Array, Array]:
+    """Return what a squared kilometre between the guide and each place costs, and how far from it each may be [m]: (L, n_places) each."""
+    if task.guide is None:
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    hours = np.zeros((shape.n_legs, shape.n_places))
+    hours[:, : shape.n_steps] = [
+        np.abs(np.diff(steps)) / float(task.vehicle.speeds(np, angle)[1]) / HOUR for steps, angle in zip(depths, angles, strict=True)
+    ]
+    if shape.drifts:
+        hours[:-1, -1] = task.settings.surface_time / HOUR
+    # the optimiser's steps are coarser than those of the check
+    limit = min(max(task.guide.limit - task.settings.margin, 0.5 * task.guide.limit), _FAR)
+    limits = np.full(hours.shape, limit)
+    if task.guide.surfacings_only:
+        hours[:, -1] = hours.sum(axis=1)
+        hours[:, :-1], limits[:, :-1] = 0.0, _FAR
+    return weight * hours, limits
 
 
 def _along(task: MissionTask, guess: MissionGuess, turns: tuple[tuple[float, ...], ...], route: Route | None) -> Array:
@@ -142,20 +198,29 @@ def _along(task: MissionTask, guess: MissionGuess, turns: tuple[tuple[float, ...
     return np.asarray(begins[:, None] + share[:, None] * (guess.places - begins)[:, None])
 
 
-def _flown(
-    task: MissionTask, answer: MissionAnswer, turns: tuple[tuple[float, ...], ...], goal_legs: tuple[int, ...], iterations: int
-) -> Attempt:
+def _flown(task: MissionTask, answer: MissionAnswer, turns: tuple[tuple[float, ...], ...], goals: GoalSteps, iterations: int) -> Attempt:
     depths = tuple(refined(steps, REFINED) for steps in task.depths(turns))
     legs = Legs(answer.guess.headings, answer.guess.angles, depths, task.drifts(turns))
     flight = fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
-    ends = flight.place[0, flight.ends]
-    miss = np.linalg.norm(ends[np.array(goal_legs) - 1] - task.goals[:, :2], axis=1)
-    return Attempt(legs, flight, goal_legs, miss, check(task, flight), replace(answer.guess), iterations, answer.return_status)
+    miss = np.linalg.norm(flight.place[0, goals.points(flight)] - task.goals[:, :2], axis=1)
+    away = (0.0, 0.0) if task.guide is None else task.guide.farthest_and_rms(flight.time, flight.place[0], flight.ends)
+    return Attempt(legs, flight, goals, miss, away, check(task, flight), replace(answer.guess), iterations, answer.return_status)
+
+
+def goals_met(task: MissionTask, attempt: Attempt) -> bool:
+    """Return whether an attempt meets every goal within the tolerance and strays nowhere; goals that weigh nothing count as met."""
+    indifferent = task.settings.weights.closest == 0.0
+    return strayed(task, attempt) == 0.0 and (indifferent or bool(np.all(attempt.miss <= task.settings.tolerance)))
+
+
+def strayed(task: MissionTask, attempt: Attempt) -> float:
+    """Return how much farther an attempt is than it may be from what it is to stay near [m]."""
+    return 0.0 if task.guide is None else max(0.0, attempt.away[0] - task.guide.limit)
 
 
 def safe_and_met(task: MissionTask, attempt: Attempt) -> bool:
-    """Return whether an attempt meets every goal within the tolerance and goes nowhere that it may not."""
-    return attempt.finding is None and bool(np.all(attempt.miss <= task.settings.tolerance))
+    """Return whether an attempt goes nowhere that it may not and meets its goals, unless how closely is weighed against other things."""
+    return attempt.finding is None and (task.settings.weighs_distance or goals_met(task, attempt))
 
 
 def energy_of(task: MissionTask, attempt: Attempt) -> float:
@@ -166,8 +231,12 @@ def energy_of(task: MissionTask, attempt: Attempt) -> float:
 
 
 def worth(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float]:
-    """Return what attempts are sorted by: safe and at the goal first, then the objective; others by how far they miss."""
-    met = safe_and_met(task, attempt)
-    missed = 0.0 if met and task.settings.objective != "closest" else float(np.max(attempt.miss)) + (1e9 if attempt.finding else 0.0)
-    cost = energy_of(task, attempt) if task.settings.objective == "energy" else float(attempt.flight.time[-1])
+    """Return what attempts are sorted by: safe and at the goal first, then the objective; others by how far they miss and stray."""
+    settings, duration, met = task.settings, float(attempt.flight.time[-1]), safe_and_met(task, attempt)
+    count_miss = not met or settings.objective == "closest"
+    missed = float(np.max(attempt.miss)) + (1e9 if attempt.finding else 0.0) if count_miss else 0.0
+    cost = settings.weights.cost(duration, energy_of(task, attempt), float(np.sum(attempt.miss)))
+    if task.guide is not None:
+        cost += task.guide.weight * duration / HOUR * (attempt.away[1] / KM) ** 2
+        missed += strayed(task, attempt)
     return not met, missed, cost

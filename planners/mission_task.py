@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from planners.flight import Currents, currents_of
 from planners.front import Front, Route, build_front
+from planners.guide import Guide
 from planners.hazards import Ring, bathymetry_rings, no_go_ring, region_rings, trespassed
-from planners.leg import leg_depths, steps_needed
+from planners.leg import leg_depths, step_stops, steps_needed
 from planners.mission_program import MissionGuess
 from planners.mission_values import Bathymetry, MissionSettings, NoGo
 from planners.region import Region, locate, region_of
 from planners.seed import tabulate
+from planners.spline import FlowSpline, spline_of
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
@@ -37,6 +39,8 @@ class MissionTask:
         start: shape (3,) [m], local east, north, depth.
         goals: shape (G, 3) [m].
         start_time: On the clock of the currents' times [s].
+        guide: What the path is to stay near, if anything.
+        spline: What the optimiser flies in instead of the currents; the check is of the currents.
     """
 
     currents: Currents
@@ -47,6 +51,8 @@ class MissionTask:
     start: Array
     goals: Array
     start_time: float
+    guide: Guide | None = None
+    spline: FlowSpline | None = None
 
     @property
     def flow(self) -> FlowEstimate:
@@ -69,14 +75,36 @@ class MissionTask:
             legs[-1] = (0.0, deep) if down_at_once else (*legs[-1][:-1], deep)
         return tuple(legs)
 
+    @property
+    def stops(self) -> Array:
+        """Depths [m] at which steps end: the flow's levels, and those of the goals met on the way."""
+        return step_stops(self.flow.levels, self.goals[:, 2])
+
     def n_steps(self, turns: tuple[tuple[float, ...], ...]) -> int:
         """Return the steps of a leg that are enough for each."""
-        return max(steps_needed(leg, self.flow.levels, self.settings.steps) for leg in turns)
+        return max(steps_needed(leg, self.stops, self.settings.steps) for leg in turns)
 
     def depths(self, turns: tuple[tuple[float, ...], ...]) -> tuple[Array, ...]:
         """Return the depths [m] of each leg's steps."""
         n_steps = self.n_steps(turns)
-        return tuple(leg_depths(leg, self.flow.levels, n_steps) for leg in turns)
+        return tuple(leg_depths(leg, self.stops, n_steps) for leg in turns)
+
+    def goal_steps(self, goal_legs: tuple[int, ...], n_legs: int, within: Array) -> tuple[int, ...]:
+        """Return after which of its leg's steps each goal is met, counted from 1; 0 for the leg's end.
+
+        Args:
+            goal_legs: In which leg, counted from 1.
+            n_legs: Number of legs.
+            within: shape (G,), the share of its leg's way at which each goal would best be met.
+        """
+        depths, steps = self.depths(self.turns(n_legs)), []
+        for k, (leg, share) in enumerate(zip(goal_legs, within, strict=True)):
+            passes = np.flatnonzero(np.abs(depths[leg - 1][1:] - self.goals[k, 2]) < 1e-6) + 1
+            if self.goals[k, 2] == 0.0 or k == len(self.goals) - 1:
+                passes = np.zeros(1, dtype=int)
+            way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(depths[leg - 1])))])
+            steps.append(int(passes[np.argmin(np.abs(way[passes] / way[-1] - share))]))
+        return tuple(steps)
 
     def drifts(self, turns: tuple[tuple[float, ...], ...]) -> Array:
         """Return the time [s] adrift after each leg: none at the end."""
@@ -114,10 +142,9 @@ def mission_task(
     if settings.depth > region.deepest:
         raise PlanError(f"dives to {settings.depth:g} m are deeper than the deepest level, {region.deepest:g} m; choose a lesser depth")
     names = ["goal"] if len(goals) == 1 else [f"goal {k + 1}" for k in range(len(goals))]
-    if any(goal.depth > 0.0 for goal in goals[:-1]):
-        raise PlanError("only the last of several goals may be below the surface: the others are met where the glider surfaces")
-    if goals[-1].depth > settings.depth:
-        raise PlanError(f"the goal at {goals[-1].depth:g} m is deeper than the dives, {settings.depth:g} m; choose deeper dives")
+    deepest = max(goal.depth for goal in goals)
+    if deepest > settings.depth:
+        raise PlanError(f"the goal at {deepest:g} m is deeper than the dives, {settings.depth:g} m; choose deeper dives")
     begin, ends = locate(region, start, "start"), np.array([locate(region, goal, name) for goal, name in zip(goals, names, strict=True)])
     rings = region_rings(region, settings.depth)
     rings += tuple(no_go_ring(region.grid.projection, area.polygon, area.name, area.surface_only) for area in areas[0])
@@ -130,9 +157,16 @@ def mission_task(
         if inside is not None or not region.wet(np.array([[*point[:2], settings.depth]]))[0]:
             why = "land" if inside is None else inside[0]
             raise PlanError(f"{name} is where dives to {settings.depth:g} m may not go: {why}; move it, or dive less deep")
+    if settings.spline and currents.times is not None:
+        raise PlanError("a spline holds for one estimate, not for a flow that changes; plan such a mission without")
+    spline = spline_of(currents.flow, settings.spline) if settings.spline and np.all(np.isfinite(currents.latent)) else None
+    return MissionTask(currents, region, rings, vehicle, settings, begin, ends, time_on_clock(currents, start_time_ns), spline=spline)
+
+
+def time_on_clock(currents: Currents, time_ns: int) -> float:
+    """Return a time [ns, UTC] on the clock of the currents' times [s]; 0 for currents that do not change, and for no time."""
     first = currents.flow.time_ns
-    time = 0.0 if currents.times is None or first is None or start_time_ns == 0 else (start_time_ns - first) / 1e9
-    return MissionTask(currents, region, rings, vehicle, settings, begin, ends, time)
+    return 0.0 if currents.times is None or first is None or time_ns == 0 else (time_ns - first) / 1e9
 
 
 def front_of(task: MissionTask, rings: tuple[Ring, ...]) -> Front:

@@ -84,7 +84,7 @@ def plan_scenarios(
         plan = plan_mission(flow, start, asked, vehicle=vehicle, settings=wider, **rest)
         if plan.status == "failed":
             return plan, Chances(0.0, 0.0, float("nan"), float("nan"))
-        chances, clearance = chances_of(task, currents, legs_of(task, plan), plan.goal_legs)
+        chances, clearance = chances_of(task, currents, legs_of(task, plan), plan.goal_times)
         if best is None or (chances.safe, plan.status == "reached") > (best[1].safe, best[0].status == "reached"):
             best = plan, chances
         if chances.safe >= 1.0 - allowed:
@@ -102,11 +102,11 @@ def _currents_of(flow: FlowEstimate, samples: Sequence[FlowEstimate]) -> Current
     return replace(both, latent=both.latent[1:])
 
 
-def chances_of(task: MissionTask, currents: Currents, legs: Legs, goal_legs: tuple[int, ...]) -> tuple[Chances, Array]:
+def chances_of(task: MissionTask, currents: Currents, legs: Legs, goal_times: Array) -> tuple[Chances, Array]:
     """Return what comes of legs in each of some currents, and how far each keeps clear [m], shape (K,): negative where it trespasses."""
     flight = fly_legs(currents, task.vehicle, task.start[:2], legs)
-    ends = flight.place[:, flight.ends]
-    miss = np.linalg.norm(ends[:, np.array(goal_legs) - 1] - task.goals[:, :2], axis=2)
+    met = flight.place[:, np.searchsorted(flight.time, goal_times - 1e-6)]
+    miss = np.linalg.norm(met - task.goals[:, :2], axis=2)
     safe = [check(task, replace(flight, place=flight.place[k : k + 1])) is None for k in range(len(flight.place))]
     median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
     reached = float(np.mean(np.all(miss <= task.settings.tolerance, axis=1)))

@@ -1,37 +1,39 @@
 """The command that plans a glider's mission on an estimate."""
 
 import json
-from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import typer
-import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
-from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, SteadyFlight, plan_mission, plan_scenarios
+from planners import (
+    Glider,
+    MissionPlan,
+    MissionSettings,
+    SteadyFlight,
+    plan_line,
+    plan_mission,
+    plan_mooring,
+    plan_scenarios,
+    waypoints_of,
+)
 from planners.mission_flights import fly_mission, surfacing_ellipses
 from planners.mission_output import as_glide, legs_table, to_csv, to_geojson, to_json
+from planners.waypoint_output import check_form, waypoint_json, waypoint_text
+from planners.waypoints import Waypoints
 from replay_kit.cli_options import ConfigOption, JsonOption, OverwriteOption, console_beside, place, write_json, write_text
+from replay_kit.cli_plan_inputs import goal_of, objective_of, pair_of, read_areas, read_bathymetry, read_flow
 from replay_kit.config import load_config
-from replay_kit.errors import ConfigError, ForecastError, PlanError
+from replay_kit.errors import ConfigError, PlanError
 from replay_kit.flow import FlowEstimate
-from replay_kit.flow_netcdf import load
+from replay_kit.geodesy import to_local
 from replay_kit.job import check_paths
-from replay_kit.results import ResultWriter, read_estimate
+from replay_kit.results import ResultWriter
 from replay_kit.types import Array, Place
-
-_DEPTH_NAMES = (
-    "sea_floor_depth_below_sea_surface",
-    "sea_floor_depth_below_geoid",
-    "depth",
-    "height_above_mean_sea_level",
-    "elevation",
-    "z",
-)
-_UPWARDS = ("height_above_mean_sea_level", "elevation", "z")
 
 
 def plan(
@@ -51,7 +53,21 @@ def plan(
     dives: Annotated[int, typer.Option("--dives", min=1, help="Between surfacings.")] = 1,
     surface_time: Annotated[float, typer.Option("--surface-time", help="Adrift at each surfacing [s].")] = 0.0,
     legs: Annotated[int | None, typer.Option("--legs", min=1, help="Surfacings; as many as is best by default.")] = None,
-    objective: Annotated[Literal["time", "energy", "closest"], typer.Option("--objective", help="What is to be least.")] = "time",
+    max_legs: Annotated[int, typer.Option("--max-legs", min=1, help="Most surfacings considered.")] = 60,
+    objective: Annotated[
+        str,
+        typer.Option("--objective", help="time, energy, closest, or weights of hours, kJ and km off: time=1,energy=0.02,closest=5."),
+    ] = "time",
+    mooring: Annotated[
+        str | None, typer.Option("--mooring", metavar="RADIUS,HOURS", help="Stay within a radius [m] of the goal for so long.")
+    ] = None,
+    surfacings_only: Annotated[
+        bool, typer.Option("--surfacings-only", help="A mooring counts surfacings, not the track between them.")
+    ] = False,
+    line: Annotated[bool, typer.Option("--line", help="Follow the line from start to goal.")] = False,
+    line_weight: Annotated[
+        float, typer.Option("--line-weight", min=0.0, help="Hours that an hour a kilometre off the line costs more.")
+    ] = 10.0,
     angles: Annotated[str, typer.Option("--angles", metavar="MIN,MAX", help="Glide angles [degrees].")] = "15,35",
     flight_model: Annotated[bool, typer.Option("--flight-model", help="Speed from glide angle and buoyancy, not constant.")] = False,
     no_go: Annotated[
@@ -59,6 +75,15 @@ def plan(
         typer.Option("--no-go", metavar="GEOJSON", help="Polygons not to enter; a property surface_only lets dives pass below."),
     ] = None,
     bathymetry: Annotated[Path | None, typer.Option("--bathymetry", metavar="FILE.nc", help="Depth of the bottom on a grid.")] = None,
+    waypoints: Annotated[
+        Path | None, typer.Option("--waypoints", metavar="FILE", help="Few places to head for: .csv .geojson .json .ma .targets.")
+    ] = None,
+    waypoint_tolerance: Annotated[
+        float | None, typer.Option("--waypoint-tolerance", min=0.0, help="Off the way without a waypoint [m]; the plan's by default.")
+    ] = None,
+    spline: Annotated[
+        int, typer.Option("--spline", min=0, help="Optimise in a B-spline of so many points a kernel length; 0: in the flow itself.")
+    ] = 0,
     samples: Annotated[int, typer.Option("--samples", min=0, help="Fly it through so many samples of the estimate: ellipses.")] = 0,
     seed: Annotated[int, typer.Option("--seed", help="Of the samples.")] = 0,
     risk: Annotated[
@@ -67,16 +92,17 @@ def plan(
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Plan a mission of dives: headings, glide angles and surfacings to a goal or several."""
+    """Plan a mission of dives: headings, glide angles and surfacings to a goal or several, near a place, or along a line."""
     if sum(str(path) == "-" for path in (geojson, csv, json_file)) > 1:
         raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
-    check_paths([*flows, config, no_go, bathymetry], [out, geojson, csv, json_file], overwrite)
+    check_paths([*flows, config, no_go, bathymetry], [out, geojson, csv, json_file, waypoints], overwrite)
+    kind = Kind(None if mooring is None else pair_of(mooring, "--mooring", "RADIUS,HOURS"), surfacings_only, line_weight if line else None)
+    kind.check(len(goal), risk, waypoints)
     planner = load_config(config).planner
-    shallow, steep = _pair(angles)
-    glider = Glider(planner.speed, SteadyFlight() if flight_model else None, shallow, steep)
-    settings = MissionSettings(depth, dives, surface_time, objective, planner.tolerance, legs)
-    estimates = [_estimate(path) for path in flows]
-    begin, goals = place(start, "--start"), tuple(_goal(text) for text in goal)
+    glider = Glider(planner.speed, SteadyFlight() if flight_model else None, *pair_of(angles, "--angles", "MIN,MAX"))
+    settings = MissionSettings(depth, dives, surface_time, objective_of(objective), planner.tolerance, legs, max_legs, spline=spline)
+    estimates = [read_flow(path) for path in flows]
+    begin, goals = place(start, "--start"), tuple(goal_of(text) for text in goal)
     assert begin is not None
     drawn = _samples(estimates, samples, seed, risk)
     how: dict[str, Any] = {
@@ -86,17 +112,17 @@ def plan(
         "bathymetry": None if bathymetry is None else read_bathymetry(bathymetry),
         "start_time_ns": estimates[0].time_ns or 0,
     }
-    if risk is None:
-        flow = estimates[0] if len(estimates) == 1 else estimates
-        made = plan_mission(flow, begin, goals, **how)
-    else:
-        made, _ = plan_scenarios(estimates[0], drawn, begin, goals, allowed=risk, **how)
-    ellipses, spread = _spread(drawn, made)
+    flow = estimates[0] if len(estimates) == 1 else estimates
+    made = kind.plan(flow, begin, goals, how) if risk is None else plan_scenarios(estimates[0], drawn, begin, goals, allowed=risk, **how)[0]
+    few = waypoints_of(flow, made, waypoint_tolerance) if waypoints is not None and len(made.headings_deg) else None
+    ellipses, spread = _spread(drawn, made, kind)
     projection = estimates[0].grid.projection
-    print_mission(made, spread, console_beside(json_file, geojson, csv))
+    print_mission(made, few, spread, console_beside(json_file, geojson, csv))
     write_text(geojson, to_geojson(made, projection, ellipses) + "\n")
     write_text(csv, to_csv(made, ellipses))
-    write_json(json_file, {**to_json(made, ellipses), "samples": spread})
+    if waypoints is not None and few is not None:
+        write_text(waypoints, waypoint_text(few, waypoints))
+    write_json(json_file, {**to_json(made, ellipses), "samples": spread, "waypoints": None if few is None else waypoint_json(few)})
     if out is not None:
         with ResultWriter(out, overwrite) as writer:
             told = {str(int(row["leg"])): json.dumps(row) for row in legs_table(made, ellipses)}
@@ -104,27 +130,46 @@ def plan(
             writer.plan(as_glide(made, projection), projection)
 
 
-def _estimate(path: Path) -> FlowEstimate:
-    """Return the estimate in a file of either kind, told by its first bytes; what cannot be read the reader complains of."""
-    with suppress(OSError), path.open("rb") as file:
-        if file.read(5) == b"\x89MCAP":
-            return read_estimate(path)
-    return load(path)
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What kind of mission is asked for; one to goals unless one of these is given.
 
+    Attributes:
+        mooring: Radius [m] and hours of a mooring.
+        surfacings_only: Whether a mooring counts surfacings only.
+        line_weight: Of a line.
+    """
 
-def _goal(text: str) -> Place:
-    goal = place(text, "--goal")
-    assert goal is not None
-    return goal
+    mooring: tuple[float, float] | None
+    surfacings_only: bool
+    line_weight: float | None
 
+    def check(self, n_goals: int, risk: float | None, waypoints: Path | None) -> None:
+        """Refuse options that do not go together.
 
-def _pair(text: str) -> tuple[float, float]:
-    parts = text.split(",")
-    try:
-        shallow, steep = (float(part) for part in parts)
-    except ValueError as error:
-        raise ConfigError(f"--angles: expected two numbers MIN,MAX, got {text!r}") from error
-    return shallow, steep
+        Raises:
+            ConfigError: They do not, or the name of the file of waypoints tells no form.
+        """
+        if self.mooring is not None and self.line_weight is not None:
+            raise ConfigError("--mooring and --line: a mission is one or the other")
+        if (self.mooring is not None or self.line_weight is not None) and (n_goals > 1 or risk is not None):
+            raise ConfigError("--mooring and --line: expected one --goal and no --risk")
+        if waypoints is not None:
+            try:
+                check_form(waypoints)
+            except PlanError as error:
+                raise ConfigError(f"--waypoints: {error}") from error
+            if self.mooring is not None:
+                raise ConfigError("--waypoints: a mooring has none on its way; give the glider the mooring's place")
+
+    def plan(self, flow: FlowEstimate | list[FlowEstimate], begin: Place, goals: tuple[Place, ...], how: dict[str, Any]) -> MissionPlan:
+        """Return the mission of this kind."""
+        if self.mooring is not None:
+            radius, hours = self.mooring
+            return plan_mooring(flow, begin, goals[0], radius, 3600.0 * hours, surfacings_only=self.surfacings_only, **how)
+        if self.line_weight is not None:
+            return plan_line(flow, begin, goals[0], weight=self.line_weight, **how)
+        return plan_mission(flow, begin, goals, **how)
 
 
 def _samples(estimates: list[FlowEstimate], count: int, seed: int, risk: float | None) -> tuple[FlowEstimate, ...]:
@@ -142,76 +187,30 @@ def _samples(estimates: list[FlowEstimate], count: int, seed: int, risk: float |
     return estimates[0].sample(count, seed) if count else ()
 
 
-def _spread(drawn: tuple[FlowEstimate, ...], made: MissionPlan) -> tuple[Array | None, dict[str, float] | None]:
-    """Return the ellipses of the surfacings in samples of an estimate, and how far they miss the last goal."""
+def _spread(drawn: tuple[FlowEstimate, ...], made: MissionPlan, kind: Kind) -> tuple[Array | None, dict[str, float] | None]:
+    """Return the ellipses of the surfacings in samples of an estimate, and how far they miss the last goal or leave the mooring."""
     if not drawn or len(made.headings_deg) == 0:
         return None, None
     flights = fly_mission(drawn, made)
-    within = float(np.mean(np.all(flights.miss <= made.settings.tolerance, axis=1)))
-    median, ninety = (float(np.quantile(flights.miss[:, -1], q)) for q in (0.5, 0.9))
-    return surfacing_ellipses(flights, made), {"count": len(drawn), "reached": within, "miss_median_m": median, "miss_90_percent_m": ninety}
+    off, within = flights.miss[:, -1], np.all(flights.miss <= made.settings.tolerance, axis=1)
+    if kind.mooring is not None:
+        here = np.array(to_local(drawn[0].grid.projection, made.goals[0].longitude, made.goals[0].latitude))
+        counted = np.searchsorted(flights.time, made.surfacing_times - 1e-6) if kind.surfacings_only else slice(None)
+        off = np.linalg.norm(flights.place[:, counted] - here, axis=2).max(axis=1)
+        within = off <= kind.mooring[0]
+    median, ninety = (float(np.quantile(off, q)) for q in (0.5, 0.9))
+    spread = {"count": len(drawn), "reached": float(np.mean(within)), "miss_median_m": median, "miss_90_percent_m": ninety}
+    return surfacing_ellipses(flights, made), spread
 
 
-def read_areas(path: Path) -> tuple[NoGo, ...]:
-    """Return the polygons of a GeoJSON file as areas; holes count as area.
-
-    Raises:
-        PlanError: It is no GeoJSON, or holds something else than polygons.
-    """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        features = document["features"] if document["type"] == "FeatureCollection" else [document]
-        areas = []
-        for k, feature in enumerate(features):
-            properties, geometry = feature.get("properties") or {}, feature["geometry"]
-            rings = {"Polygon": lambda c: [c[0]], "MultiPolygon": lambda c: [part[0] for part in c]}[geometry["type"]](
-                geometry["coordinates"]
-            )
-            name, surface_only = str(properties.get("name", f"no-go area {k + 1}")), bool(properties.get("surface_only", False))
-            areas += [NoGo(tuple((float(corner[0]), float(corner[1])) for corner in ring), name, surface_only) for ring in rings]
-    except OSError as error:
-        raise PlanError(f"{path}: cannot read the no-go areas: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-        raise PlanError(f"{path}: expected GeoJSON features that are polygons of longitude and latitude: {error!r}") from error
-    return tuple(areas)
-
-
-def read_bathymetry(path: Path) -> Bathymetry:
-    """Return the depth of the bottom in a NetCDF file, found by its standard name or as ``depth``, ``elevation`` or ``z``.
-
-    Raises:
-        ForecastError: There is no such variable on longitude and latitude.
-    """
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as opened:
-            dataset = opened.load()
-    except (OSError, ValueError) as error:
-        raise ForecastError(f"{path}: cannot read the bathymetry: {error}") from error
-    found = [(name, str(v.attrs.get("standard_name", name))) for name, v in dataset.data_vars.items() if v.ndim == 2]
-    chosen = next((pair for pair in found if pair[1] in _DEPTH_NAMES), None)
-    axes: dict[str, Any] = {}
-    for name, variable in dataset.variables.items():
-        kind = str(variable.attrs.get("standard_name", name)).lower()
-        axes |= {axis: variable for axis in ("longitude", "latitude") if kind in (axis, axis[:3])}
-    if chosen is None or len(axes) < 2:
-        raise ForecastError(
-            f"{path}: expected one of {', '.join(_DEPTH_NAMES)} on longitude and latitude, found {', '.join(map(str, dataset))}"
-        )
-    values = np.asarray(dataset[chosen[0]], dtype=np.float64) * (-1.0 if chosen[1] in _UPWARDS else 1.0)
-    longitude, latitude = (np.asarray(axes[axis], dtype=np.float64) for axis in ("longitude", "latitude"))
-    if longitude.ndim == 1:
-        # depths lie along the axes in the order of their dimensions
-        values = values if dataset[chosen[0]].dims[0] == axes["latitude"].dims[0] else values.T
-        longitude, latitude = np.meshgrid(longitude, latitude)
-    return Bathymetry(longitude, latitude, values)
-
-
-def print_mission(made: MissionPlan, spread: dict[str, float] | None, console: Console) -> None:
-    """Print a mission: its outcome, and what to tell the glider at each surfacing."""
+def print_mission(made: MissionPlan, few: Waypoints | None, spread: dict[str, float] | None, console: Console) -> None:
+    """Print a mission: its outcome, what its waypoints lose, and what to tell the glider at each surfacing."""
     console.print(f"{made.status}: {made.message}", soft_wrap=True)
     if len(made.headings_deg) == 0:
         return
     console.print(f"{made.duration / 3600.0:.2f} h, {made.energy / 1e3:.0f} kJ, {len(made.headings_deg)} legs")
+    if few is not None:
+        console.print(few.message, soft_wrap=True)
     if spread is not None:
         console.print(
             f"in {spread['count']:.0f} samples of the estimate: {100.0 * spread['reached']:.0f} % within the tolerance, "

@@ -11,7 +11,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import CliRunner
 
 from replay_kit.cli import app
-from replay_kit.cli_plan import read_areas, read_bathymetry
+from replay_kit.cli_plan_inputs import read_areas, read_bathymetry
 from replay_kit.errors import ForecastError, PlanError
 from tests.planners.flow_samples import eddying_flow
 
@@ -71,6 +71,22 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     assert wide["duration_s"] >= past["duration_s"] * (1.0 - 1e-4)
 
 
+def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path):
+    here = ["--start=152.5,-40.0,0", "--goal=152.5,-40.0,0", "--depth", "390", "--json", "-"]
+    moored = json.loads(run(flow, *here, "--mooring", "2000,4", "--surfacings-only", "--samples", 4).stdout)
+    assert moored["duration_s"] >= 4 * 3600.0 * (1.0 - 1e-9)
+    assert (moored["status"] == "reached") == (moored["statistics"]["farthest_m"] <= 2000.0)
+    assert moored["samples"]["miss_median_m"] >= 0.5 * moored["statistics"]["farthest_m"]
+    places = tmp_path / "goto_l10.ma"
+    lined = run(
+        flow, *ASK, "--json", "-", "--line", "--line-weight", 20, "--objective", "time=1,energy=0.01", "--waypoints", places, "--spline", 2
+    )
+    said = json.loads(lined.stdout)
+    assert 0.0 < said["statistics"]["spline_error"] < 0.01
+    assert said["statistics"]["rms_m"] <= said["statistics"]["farthest_m"]
+    assert said["waypoints"]["message"] in places.read_text()
+
+
 @pytest.mark.parametrize(
     ("more", "code", "words"),
     [
@@ -78,6 +94,13 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
         (["--samples", "2"], 2, "three or more"),
         (["--csv", "-", "--json", "-"], 2, "standard output"),
         (["--risk", "0.1"], 2, "--samples"),
+        (["--objective", "time=1,speed=2"], 2, "--objective"),
+        (["--objective", "time=0"], 2, "--objective"),
+        (["--mooring", "500"], 2, "RADIUS,HOURS"),
+        (["--mooring", "500,2", "--line"], 2, "one or the other"),
+        (["--line", "--goal=152.5,-40,0"], 2, "one --goal"),
+        (["--mooring", "500,2", "--waypoints", "a.csv"], 2, "has none"),
+        (["--waypoints", "a.txt"], 2, "ends in one of"),
         (["--depth", "4000"], 3, "deepest level"),
         (["--goal=170,-40,0"], 3, "outside the forecast"),
     ],

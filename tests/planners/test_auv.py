@@ -58,6 +58,18 @@ def test_free_depths_are_no_slower():
     assert free.duration <= bound.duration * (1.0 + 1e-6)
 
 
+def test_an_area_is_gone_round_by_the_shortest_way():
+    flow, settings = still_flow(), AuvSettings(free_depth=False)
+    area, other = _area(flow, -2e3, -8e3, 2e3, 3e3), _area(flow, 4e3, -2e3, 7e3, 9e3)
+    begin, end = np.array([-12e3, 0.0, 20.0]), np.array([12e3, 1e3, 20.0])
+    corners = [(-2e3, 3e3), (2e3, 3e3), (4e3, -2e3), (7e3, -2e3)]
+    found = _path(flow, begin, end, no_go=(area, other), settings=settings)
+    taut = np.sum(np.linalg.norm(np.diff([begin[:2], *corners, end[:2]], axis=0), axis=1))
+    assert found.status == "reached"
+    # a metre takes a second; at each corner at most a quarter of a circle of the margin, 50 m and twice doubled, is more
+    assert taut <= found.duration < taut + len(corners) * np.pi / 2.0 * 200.0
+
+
 def test_what_it_may_not_cross_and_what_it_cannot_reach_is_said():
     flow = still_flow()
     wall = _area(flow, -2e3, -60e3, 2e3, 60e3)

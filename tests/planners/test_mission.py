@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, plan_mission
+from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, Weights, plan_mission
 from planners.flight import Legs, currents_of, currents_of_samples, fly_legs, refined
 from planners.hazards import Ring, half_planes, no_go_ring
 from planners.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
-from planners.mission import goal_legs_of
+from planners.mission import goal_legs_of, one_leg_more
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_local
@@ -119,22 +119,57 @@ def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_sur
     assert later.duration == pytest.approx(cold.duration - cold.surfacing_times[1], rel=1e-3)
 
 
-def test_goals_are_met_in_order_and_the_last_one_may_be_deep():
+def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_end():
     flow = eddying_flow(7)
-    goals = (place(flow, -4e3, 8e3, 0.0), place(flow, 10e3, 2e3, 200.0))
+    goals = (place(flow, -4e3, 8e3, 0.0), place(flow, 2e3, 4e3, 120.0), place(flow, 10e3, 2e3, 200.0))
     result = plan_mission(flow, place(flow, -12e3, -4e3, 40.0), goals, settings=replace(SETTINGS, surface_time=600.0))
     assert result.status == "reached"
     # thirteen dives of the optimiser's coarser steps
     assert np.all(result.closest_approach < 3.0)
     assert result.turns[0][0] == 40.0
     assert result.track[-1, 2] == result.turns[-1][-1] == 200.0
-    assert result.goal_legs[0] < result.goal_legs[1] == len(result.headings_deg)
+    assert result.goal_legs[0] < result.goal_legs[1] < result.goal_legs[2] == len(result.headings_deg)
+    # at its time the track is at the second goal's depth, within a leg
+    met = [np.interp(result.goal_times, result.track_time, result.track[:, axis]) for axis in range(3)]
+    np.testing.assert_allclose(met[2], [0.0, 120.0, 200.0], atol=1e-6)
+    assert np.hypot(met[0][1] - 2e3, met[1][1] - 4e3) == pytest.approx(result.closest_approach[1], abs=0.1)
+    assert result.goal_times[1] not in result.surfacing_times
+    # from the surfacing after the first goal, at the same steps of the legs that are left
+    begun = result.goal_legs[0]
+    here, now = Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0), result.surfacing_times[begun - 1]
+    later = plan_mission(flow, here, goals[1:], settings=replace(SETTINGS, surface_time=600.0), warm=result, start_time_ns=int(now * 1e9))
+    assert (later.status, later.statistics["attempts"]) == ("reached", 1)
+    np.testing.assert_allclose(later.goal_times + now, result.goal_times[1:], rtol=1e-3)
+
+
+@pytest.mark.parametrize(("worth_of_a_kilometre", "comes_close"), [(0.8, False), (1.2, True)])
+def test_coming_close_is_weighed_against_time(worth_of_a_kilometre: float, comes_close: bool):
+    flow = still_flow()
+    # a kilometre more at the glide angle a takes cos(a) / 0.3 / 3.6 hours: for less it is not gone, and no second dive is worth it
+    angle = np.arccos(0.8 * 0.3 * 3.6)
+    weights = Weights(time=1.0, closest=worth_of_a_kilometre)
+    ask = (flow, place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0))
+    result = plan_mission(*ask, settings=replace(SETTINGS, objective=weights))
+    assert (result.status == "reached") == comes_close
+    assert len(result.headings_deg) == (2 if comes_close else 1)
+    assert result.closest_approach[0] == pytest.approx(0.0 if comes_close else 4e3 - 600.0 / np.tan(angle), abs=15.0)
+    assert ("limit: the weights" in result.message) != comes_close
+
+
+def test_weights_are_a_sum_and_cannot_be_anything():
+    weights = Weights(time=2.0, energy=0.1, closest=0.5)
+    assert weights.cost(7200.0, 5e3, 3e3) == pytest.approx(2.0 * 2.0 + 0.1 * 5.0 + 0.5 * 3.0)
+    for wrong in ({"time": -1.0}, {"time": 0.0}, {"energy": float("nan")}, {"closest": 0.0}):
+        with pytest.raises(PlanError, match="expected numbers of 0 or more"):
+            Weights(**wrong)
 
 
 def test_each_goal_has_a_leg_of_its_own():
     assert goal_legs_of(np.array([10.0, 11.0, 40.0]), 4) == (1, 2, 4)
     assert goal_legs_of(np.array([38.0, 39.0, 40.0]), 5) == (3, 4, 5)
     assert goal_legs_of(np.array([1.0, 40.0]), 2) == (1, 2)
+    # the way that is flown flattest gets the leg more
+    assert one_leg_more((1, 3, 4), np.array([0.4, 0.3, 0.3, 0.5])) == (1, 4, 5)
 
 
 def test_a_single_dive_from_below_the_surface_may_end_at_the_depth_it_began():
@@ -222,7 +257,7 @@ def test_a_flow_that_is_not_a_number_fails_as_a_value():
         ((), SETTINGS, "needs a goal"),
         ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, depth=401.0), "deepest level, 400 m"),
         ((Place(152.5, -40.0, 350.0),), SETTINGS, "deeper than the dives"),
-        ((Place(152.5, -40.0, 10.0), Place(152.55, -40.0, 0.0)), SETTINGS, "only the last"),
+        ((Place(152.5, -40.0, 310.0), Place(152.55, -40.0, 0.0)), SETTINGS, "deeper than the dives"),
         ((Place(152.5, -40.0, 0.0), Place(152.55, -40.0, 0.0)), replace(SETTINGS, legs=1), "2 goals need as many legs"),
         ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is where dives to 300 m may not go: range"),
         ((Place(160.0, -40.0, 0.0),), SETTINGS, "outside the forecast"),

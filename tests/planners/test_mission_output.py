@@ -12,6 +12,7 @@ from planners import MissionSettings, plan_mission
 from planners.mission_flights import fly_mission, surfacing_ellipses
 from planners.mission_output import as_glide, legs_table, to_csv, to_geojson, to_json
 from replay_kit.errors import PlanError
+from replay_kit.geodesy import to_local
 from replay_kit.types import Projection
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 
@@ -64,8 +65,20 @@ def test_tables_say_what_the_plan_says():
     kinds = [feature["geometry"]["type"] for feature in features]
     assert kinds == ["LineString"] + ["Point"] * (2 + len(rows))
     assert features[0]["geometry"]["coordinates"][0] == pytest.approx([PLAN.start.longitude, PLAN.start.latitude], abs=1e-6)
+    goal = next(feature for feature in features if feature["properties"]["name"] == "goal 1")["properties"]
+    assert (goal["met_s"], goal["depth_m"]) == (PLAN.goal_times[0], 100.0)
     answer = json.loads(json.dumps(to_json(PLAN, None), allow_nan=False))
+    assert answer["goals"][0]["off_m"] == PLAN.closest_approach[0]
     assert (answer["status"], len(answer["legs"])) == ("reached", len(rows))
+
+
+def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
+    ellipse = np.array([152.5, -40.0, 300.0, 100.0, 90.0])
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, np.tile(ellipse, (len(PLAN.turns), 1))))["features"]
+    outline = np.array(features[-1]["geometry"]["coordinates"][0])
+    np.testing.assert_array_equal(outline[0], outline[-1])
+    east, north = to_local(FLOW.grid.projection, *outline.T)
+    np.testing.assert_allclose((east / 300.0) ** 2 + (north / 100.0) ** 2, 1.0, atol=1e-3)
 
 
 def test_a_mission_is_also_a_plan_for_the_result_s_messages():

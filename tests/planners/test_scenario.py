@@ -30,7 +30,7 @@ def test_the_margin_widens_until_the_samples_keep_clear():
     narrow = plan_mission(FLOW, START, GOAL, settings=SETTINGS, no_go=(AREA,))
     task = mission_task(FLOW, (START, (GOAL,)), plan.vehicle, SETTINGS, ((AREA,), None), 0)
     fresh = currents_of_samples(_drawn(60, 2))
-    (wide_chances, wide), (narrow_chances, near) = (chances_of(task, fresh, legs_of(task, one), one.goal_legs) for one in (plan, narrow))
+    (wide_chances, wide), (narrow_chances, near) = (chances_of(task, fresh, legs_of(task, one), one.goal_times) for one in (plan, narrow))
     assert plan.status == narrow.status == "reached"
     assert chances.safe >= 0.9
     assert plan.settings.margin > SETTINGS.margin

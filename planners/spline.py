@@ -1,0 +1,134 @@
+"""A B-spline of a flow for the optimiser: what it costs does not grow with the flow's nodes; it is not exact, and its error is measured.
+
+It is cubic in the plane. In depth it is linear between the levels where the flow is, and cubic otherwise. It holds for one estimate alone,
+and is not free of divergence; beyond its box it is what it is at the edge.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import BSpline
+
+from planners.flow import graph_key
+from replay_kit.flow import FlowEstimate
+from replay_kit.kernels.depth import depth_weights
+from replay_kit.kernels.horizontal import velocity_kernel
+from replay_kit.types import Array
+
+_CUBIC = 3
+# Random places in the box at which the error is measured.
+_PLACES = 2000
+# Splines kept, and with them the programs made of them.
+_MOST_SPLINES = 4
+# Places at which the kernel's matrix is made at once.
+_CHUNK = 1024
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlowSpline:
+    """A flow as a B-spline.
+
+    Attributes:
+        function: (east, north, depth) in one vector [m] -> velocity [m/s], for CasADi.
+        largest_error: Of its velocity at random places of the flow's grid, between its levels [m/s].
+        rms_error: Root mean square of that.
+    """
+
+    function: ca.Function
+    largest_error: float
+    rms_error: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Axis:
+    """Knots along one axis [m], the outermost repeated, and the degree between them."""
+
+    knots: Array
+    degree: int
+
+    @property
+    def sites(self) -> Array:
+        """One place for each coefficient, the mean of its knots: there the spline equals the flow."""
+        return np.array([self.knots[i + 1 : i + 1 + self.degree].mean() for i in range(self.knots.size - self.degree - 1)])
+
+    def basis(self, at: Array) -> Array:
+        """Return the weights of the coefficients, shape (n, n_coefficients), at places [m]."""
+        return np.asarray(BSpline.design_matrix(np.clip(at, self.knots[0], self.knots[-1]), self.knots, self.degree).toarray())
+
+
+_splines: OrderedDict[Any, FlowSpline] = OrderedDict()
+
+
+def spline_of(flow: FlowEstimate, points: int = 3) -> FlowSpline:
+    """Return a flow's B-spline over its grid, its levels and a kernel length around, with its error against the flow.
+
+    Args:
+        flow: The flow.
+        points: Coefficients a kernel length; the error falls with their fourth power.
+    """
+    key = (*graph_key(flow), flow.latent.tobytes(), points)
+    if key not in _splines:
+        _splines[key] = _spline(flow, points)
+        if len(_splines) > _MOST_SPLINES:
+            _splines.popitem(last=False)
+    return _splines[key]
+
+
+def _spline(flow: FlowEstimate, points: int) -> FlowSpline:
+    axes = _axes(flow, points)
+    coefficients = _values(flow, *(axis.sites for axis in axes))
+    for i, axis in enumerate(axes):
+        inverse = np.linalg.inv(axis.basis(axis.sites))
+        coefficients = np.moveaxis(np.tensordot(inverse, coefficients, axes=(1, i)), 0, i)
+    place = ca.MX.sym("place", 3)
+    # CasADi counts the components first, then east, north, depth
+    ordered = coefficients.transpose(2, 1, 0, 3).ravel()
+    spline = ca.Function.bspline("spline", [axis.knots.tolist() for axis in axes], ordered.tolist(), [axis.degree for axis in axes], 2, {})
+    low, high = (ca.DM([axis.knots[end] for axis in axes]) for end in (0, -1))
+    function = ca.Function("flow_spline", [place], [spline(ca.fmin(ca.fmax(place, low), high))], {"never_inline": True})
+    return FlowSpline(function, *_error(flow, axes, coefficients))
+
+
+def _axes(flow: FlowEstimate, points: int) -> tuple[_Axis, _Axis, _Axis]:
+    grid, kernel, levels = flow.grid, flow.kernel, flow.levels
+    east, north = (
+        _cubic(float(values.min()) - length, float(values.max()) + length, length / points)
+        for values, length in ((grid.east, kernel.length_east), (grid.north, kernel.length_north))
+    )
+    if levels.size == 1:
+        # the same at all depths
+        return east, north, _Axis(np.array([levels[0], levels[0], levels[0] + 1.0, levels[0] + 1.0]), 1)
+    if flow.depth_functions.kind == "hat":
+        return east, north, _Axis(np.concatenate([levels[:1], levels, levels[-1:]]), 1)
+    return east, north, _cubic(float(levels[0]), float(levels[-1]), flow.depth_functions.length / points)
+
+
+def _cubic(low: float, high: float, spacing: float) -> _Axis:
+    inner = np.linspace(low, high, int(np.ceil((high - low) / spacing)) + 1)
+    return _Axis(np.concatenate([[low] * _CUBIC, inner, [high] * _CUBIC]), _CUBIC)
+
+
+def _values(flow: FlowEstimate, east: Array, north: Array, depth: Array) -> Array:
+    """Return the velocity [m/s] on a grid, shape (n_east, n_north, n_depth, 2)."""
+    at = np.column_stack([axis.ravel() for axis in np.meshgrid(east, north, indexing="ij")])
+    layers = flow.latent @ depth_weights(flow.depth_functions, depth, flow.levels).T
+    kernel = partial(velocity_kernel, flow.kernel)
+    parts = [
+        (kernel(at[i : i + _CHUNK], flow.nodes) @ layers).reshape(2, -1, depth.size).transpose(1, 2, 0) for i in range(0, len(at), _CHUNK)
+    ]
+    return np.concatenate(parts).reshape(east.size, north.size, depth.size, 2)
+
+
+def _error(flow: FlowEstimate, axes: tuple[_Axis, _Axis, _Axis], coefficients: Array) -> tuple[float, float]:
+    """Return the largest and the root mean square error [m/s] at random places of the grid, each at a random depth between the levels."""
+    grid, rng = flow.grid, np.random.default_rng(0)
+    spans = (grid.east, grid.north, flow.levels)
+    at = np.column_stack([rng.uniform(values.min(), values.max(), _PLACES) for values in spans])
+    bases = [axis.basis(at[:, i]) for i, axis in enumerate(axes)]
+    error = np.einsum("pi,pj,pk,ijkc->pc", *bases, coefficients, optimize=True) - flow.velocity(*at.T)
+    size = np.linalg.norm(error, axis=1)
+    return float(size.max()), float(np.sqrt(np.mean(size**2)))
