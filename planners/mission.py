@@ -101,13 +101,13 @@ def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:
 
 
 def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> list[Attempt]:
-    """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are."""
+    """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are, or not as many as are asked."""
     elapsed = (start_time_ns - warm.start_time_ns) / 1e9
     # a surfacing earlier than planned begins the next leg as well
     begun = int(np.sum(warm.surfacing_times < elapsed + 0.5 * task.leg_time(task.vehicle.angles[0]) * (elapsed > 0.0)))
     left = len(warm.headings_deg) - begun
     goals = tuple(number - begun for number in warm.goal_legs if number > begun)
-    if left <= 0 or len(goals) != len(task.goals):
+    if left <= 0 or len(goals) != len(task.goals) or left > task.settings.max_legs or task.settings.legs not in (None, left):
         return []
     longitude, latitude = warm.surfacings[begun:].T
     places = np.column_stack(to_local(task.region.grid.projection, longitude, latitude))
