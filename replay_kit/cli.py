@@ -128,6 +128,10 @@ def replay(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap", help="Result, for any MCAP viewer.")],
     config: ConfigOption = None,
     goal: Annotated[str | None, typer.Option("--goal", metavar="LON,LAT,DEPTH", help="Where to go next [degrees, degrees, m].")] = None,
+    planner: Annotated[
+        Literal["glide", "mission"] | None,
+        typer.Option("--planner", help="To the goal: one glide, or a mission of dives planned anew at each surfacing."),
+    ] = None,
     estimator: Annotated[str | None, typer.Option("--estimator", help=f"reduced_basis (ours), or {', '.join(BASELINES)}.")] = None,
     preset: Annotated[
         Literal["default", "paper"] | None, typer.Option("--preset", help="Estimator: the project's, or the paper's exactly.")
@@ -183,6 +187,7 @@ def replay(
             "logs": {"clock": clock, "start": start, "end": end, "remap": remapped(remap)},
             "forecast": {**forecast_part(region, levels, level_step, lead), **times},
             "estimator": {"name": estimator, "preset": preset, "modes": modes},
+            "planner": {"kind": planner},
         },
     )
     if dry_run:

@@ -97,7 +97,7 @@ def test_two_missions_end_nearer_to_the_goal_when_they_are_planned_anew():
 
 
 def flown(miss: float, hours: float) -> Flown:
-    return Flown(miss, miss / 2.0, hours * 3600.0, 5, "arrived")
+    return Flown(miss, miss**0.5, hours * 3600.0, 5, "arrived")
 
 
 def test_the_figures_count_every_mission_and_compare_times_only_where_both_arrive():
@@ -109,6 +109,8 @@ def test_the_figures_count_every_mission_and_compare_times_only_where_both_arriv
     # ratios 0.1, 0.5, 0.3, 1.0
     assert found.ratio_median == pytest.approx(0.4)
     assert found.ratio_90 == 1.0
+    assert found.closest_ratio_median == pytest.approx((0.3**0.5 + 0.5**0.5) / 2.0)
+    assert found.closest_ratio_90 == 1.0
     assert found.time_ratio_median == pytest.approx(1.1)
     assert (found.once_near, found.replanned_near) == (0.5, 0.75)
     assert math.isnan(summarise([rows[0]]).time_ratio_median)
