@@ -262,4 +262,5 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
     """Return whether a model is what a place in the configuration says: pydantic names an entry's kind in the place."""
-    return "kind" not in model.model_fields or get_args(model.model_fields["kind"].annotation)[0] in location
+    kinds = get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
+    return len(kinds) != 1 or kinds[0] in location
