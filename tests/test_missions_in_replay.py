@@ -1,5 +1,6 @@
 """Missions planned in a replay: when, what is kept of each plan, and that the result is made again bit for bit."""
 
+import io
 import json
 from dataclasses import replace
 from itertools import pairwise
@@ -11,19 +12,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from rich.console import Console
+from typer.testing import CliRunner
 
 from planners import plan_mission
+from replay_kit import cli
 from replay_kit.cli_planners import MissionPlanner, planner_of
 from replay_kit.config import EstimatorConfig, OutputConfig, RunConfig, load_config
 from replay_kit.config_planner import PlannerConfig
-from replay_kit.errors import ConfigError, PlanError
+from replay_kit.errors import ConfigError
 from replay_kit.estimator import embed_member
 from replay_kit.forecast import read_truth
 from replay_kit.geodesy import distance, to_geographic
 from replay_kit.job import ReplayJob
-from replay_kit.planned import Ellipse
+from replay_kit.planned import Ellipse, Surfacing, outcome_of
+from replay_kit.provenance import run_settings_toml
 from replay_kit.replay import replay
-from replay_kit.report import to_json
+from replay_kit.report import print_summary, to_json
 from replay_kit.surfacings import SurfacingWatch, watched
 from replay_kit.twin import make_twin
 from replay_kit.types import Place, Projection, Source, VehicleState
@@ -66,9 +71,13 @@ def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL):
 
 
 @pytest.fixture(scope="module")
-def whole(ocean):
-    """The result and the summary of a run that was not stopped."""
-    return ocean / "whole.mcap", run(ocean, ocean / "whole.mcap")
+def stopped(ocean):
+    """The result and the summary of a run that was stopped and went on, and the checkpoint between."""
+    out, checkpoint = ocean / "out.mcap", ocean / "run.ck"
+    with pytest.raises(Killed):
+        run(ocean, out, checkpoint, stop_after=80)
+    between = checkpoint.read_bytes()
+    return out, run(ocean, out, checkpoint), between
 
 
 def decoded(path, topic):
@@ -80,8 +89,8 @@ def ns(stamp) -> int:
     return stamp.ToNanoseconds()
 
 
-def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happened(whole):
-    path, summary = whole
+def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happened(stopped):
+    path, summary, _ = stopped
     plans, outcomes, fixes = (decoded(path, topic) for topic in ("/plan/controls", "/plan/outcome", "/vehicle/fix"))
     depths = [(ns(fix.timestamp), -fix.altitude, fix) for fix in fixes]
     # the first fix not below the surface depth after each dive
@@ -107,23 +116,18 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
     figures = to_json(summary)["surfacings"]
     assert figures["count"] == len(outcomes) == len(figures["each"])
     assert figures["distance_median_m"] == pytest.approx(np.median([outcome.distance for outcome in outcomes]))
-    assert 0.0 <= figures["inside_ellipse"] <= 1.0
+    assert figures["inside_ellipse"] == np.mean([outcome.inside_ellipse for outcome in outcomes])
+    said = io.StringIO()
+    print_summary(summary, Console(file=said, width=200))
+    words = f"Surfacings: {len(outcomes)} predicted by the plan before; median distance {figures['distance_median_m']:.0f} m"
+    assert words in said.getvalue()
 
 
-def test_a_run_stopped_between_surfacings_goes_on_to_the_same_bytes(ocean, tmp_path, whole):
-    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
-    for stop_after in (100, None):
-        try:
-            summary = run(ocean, out, checkpoint, stop_after)
-        except Killed:
-            # a plan was in force, whose surfacing had not come
-            assert b"MissionPlan" in checkpoint.read_bytes()
-    assert out.read_bytes() == whole[0].read_bytes()
-    assert summary.outcomes == whole[1].outcomes
-
-
-def test_a_result_with_missions_is_made_again(ocean, whole):
-    verdict = verify(whole[0], [ocean], planner_of)
+def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, stopped):
+    path, _, checkpoint = stopped
+    # a plan was in force, whose surfacing had not come
+    assert b"MissionPlan" in checkpoint
+    verdict = verify(path, [ocean], planner_of)
     assert verdict.same, verdict
 
 
@@ -157,6 +161,15 @@ def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one():
     assert seen_in([position(t, 0.0) for t in range(5)]) == []
 
 
+def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
+    longitude, latitude = (float(value) for value in to_geographic(Projection(152.0, -40.0), -300.0, 400.0))
+    fix = VehicleState(90 * 10**9, longitude, latitude, 0.0, False, Source(0, "/fix", 0, 0))
+    found = outcome_of(0, Surfacing(100 * 10**9, 152.0, -40.0), fix)
+    assert found.distance == pytest.approx(500.0)
+    assert found.direction_deg == pytest.approx(360.0 - np.rad2deg(np.arctan2(3.0, 4.0)))
+    assert (found.late, found.inside) == (-10.0, None)
+
+
 @given(st.floats(10.0, 5e3), st.floats(0.1, 1.0), st.floats(0.0, 179.9), st.floats(0.0, 6.28), st.sampled_from([0.97, 1.03]))
 def test_an_ellipse_holds_what_lies_inside(major, ratio, bearing, angle, share):
     minor, centre = ratio * major, Projection(152.0, -40.0)
@@ -176,9 +189,11 @@ def test_settings_that_contradict_each_other_are_refused(tmp_path, ocean):
     assert not PlannerConfig().at_surfacings
     assert PlannerConfig(when="surfacing").at_surfacings
     assert not PlannerConfig(kind="mission", when="interval").at_surfacings
-    deep = CONFIG.model_copy(update={"planner": PLANNER.model_copy(update={"depth": 900.0})})
-    with pytest.raises(PlanError, match=r"\[planner\] depth is 900 m"):
-        run(ocean, tmp_path / "out.mcap", config=deep)
+    # asked for on the command line; a glide has no dives that could be too deep
+    path.write_text(run_settings_toml(CONFIG.model_copy(update={"planner": PlannerConfig(depth=900.0)})))
+    logs = [str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "-o", str(tmp_path / "out.mcap")]
+    done = CliRunner().invoke(cli.app, ["replay", *logs, "--config", str(path), "--goal=152.42,-39.66,0", "--planner", "mission"])
+    assert "[planner] depth is 900 m" in str(done.exception)
 
 
 def test_a_stated_number_of_legs_is_that_of_the_first_plan():
