@@ -44,7 +44,8 @@ def plan_mission(
         no_go: Areas that are not to be entered.
         bathymetry: Depth of the bottom, beside the forecast's land.
         start_time_ns: When it begins [ns, UTC].
-        warm: An earlier plan for the same goals; what is left of it is tried first, and when that leads there nothing else is.
+        warm: An earlier plan for the same goals; what is left of it is tried first, if that is no other number of legs than is asked for,
+            and when that leads there nothing else is.
 
     Raises:
         PlanError: The start or a goal is outside of the region, on land or where the mission may not go, or a depth does not fit.
