@@ -51,7 +51,7 @@ class Flown:
 
     Attributes:
         miss: Between the goal and the last surfacing [m].
-        closest: Between the goal and the surfacing nearest to it [m].
+        closest: Between the goal and the surfacing, or the start, nearest to it [m].
         duration: To the last surfacing [s].
         legs: Flown.
         ended: Why no further leg was flown: ``arrived``, ``plan ended``, ``legs used up``, or the reason in words.
