@@ -48,7 +48,8 @@ def plan_mission(
         no_go: Areas that are not to be entered.
         bathymetry: Depth of the bottom, beside the forecast's land.
         start_time_ns: When it begins [ns, UTC].
-        warm: An earlier plan for the same goals; what is left of it is tried first, and when that leads there nothing else is.
+        warm: An earlier plan for the same goals; what is left of it is tried first, if that is no other number of legs than is asked for,
+            and when that leads there nothing else is.
 
     Raises:
         PlanError: The start or a goal is outside of the region, on land or where the mission may not go, or a depth does not fit.
@@ -130,17 +131,17 @@ def one_leg_more(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:
 
 
 def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> list[Attempt]:
-    """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are."""
+    """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are, or not as many as are asked."""
     elapsed = (start_time_ns - warm.start_time_ns) / 1e9
     # a surfacing earlier than planned begins the next leg as well
     begun = int(np.sum(warm.surfacing_times < elapsed + 0.5 * task.leg_time(task.vehicle.angles[0]) * (elapsed > 0.0)))
     left = len(warm.headings_deg) - begun
-    legs = tuple(number - begun for number in warm.goal_legs if number > begun)
-    if left <= 0 or len(legs) != len(task.goals):
+    goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
+    if left <= 0 or len(goal_legs) != len(task.goals) or left > task.settings.max_legs or task.settings.legs not in (None, left):
         return []
-    begins = np.concatenate([[0.0], warm.surfacing_times])[np.array(legs) + begun - 1]
-    lasts = warm.surfacing_times[np.array(legs) + begun - 1] - begins
-    goals = GoalSteps(legs, task.goal_steps(legs, left, (warm.goal_times[-len(legs) :] - begins) / lasts))
+    begins = np.concatenate([[0.0], warm.surfacing_times])[np.array(goal_legs) + begun - 1]
+    lasts = warm.surfacing_times[np.array(goal_legs) + begun - 1] - begins
+    goals = GoalSteps(goal_legs, task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / lasts))
     longitude, latitude = warm.surfacings[begun:].T
     places = np.column_stack(to_local(task.region.grid.projection, longitude, latitude))
     turn = grid_bearing_of_true_north(task.region.grid.projection, longitude, latitude)

@@ -25,11 +25,12 @@ from replay_kit.results import Journal, ResultWriter, read_journal
 from replay_kit.run import Run
 
 #: Begins the file; then the run's identity, the SHA-256 of the rest, and the rest.
-_MAGIC = b"replay-kit checkpoint 1\n"
+_MAGIC = b"replay-kit checkpoint 2\n"
 _HEAD = len(_MAGIC) + 64 + 32
 _OF_RUN = (
-    *("tally", "state", "dive_start", "dive", "vehicle", "plan", "plan_note"),
+    *("tally", "state", "dive_start", "dive", "vehicle", "planned", "plan_note"),
     *("next_plan_ns", "next_grid_ns", "last_ns", "positions"),
+    *("expected", "outcomes", "watch", "surfaced"),
 )
 # What a pickle of these values is made of; nothing else is loaded.
 _FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
@@ -194,7 +195,7 @@ class _Loader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in _FUNCTIONS | _CLASSES:
             return super().find_class(module, name)
-        if module.startswith("replay_kit.") and "." not in name:
+        if module.startswith(("replay_kit.", "planners.")) and "." not in name:
             found = super().find_class(module, name)
             if isinstance(found, type) and found.__module__ == module and _is_value(found):
                 return found

@@ -7,14 +7,11 @@ Exit codes: 0 done; 1 the run failed inside; 2 bad option or configuration; 3 in
 import logging
 import os
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-import planners
-from planners.region import locate, region_of
 from replay_kit import __version__
 from replay_kit.baselines import BASELINES
 from replay_kit.cli_experiment import experiment
@@ -42,17 +39,16 @@ from replay_kit.cli_options import (
     write_json,
 )
 from replay_kit.cli_plan import plan
+from replay_kit.cli_planners import planner_of
 from replay_kit.cli_qc import qc
-from replay_kit.config import PlannerConfig, load_config
+from replay_kit.config import load_config
 from replay_kit.convert import convert as convert_logs
 from replay_kit.convert import convert_json, print_converted
 from replay_kit.errors import ReplayKitError
-from replay_kit.flow import FlowEstimate
 from replay_kit.job import ReplayJob, check_outputs, check_paths
 from replay_kit.rehearse import print_rehearsal, rehearsal_json, rehearse
 from replay_kit.replay import replay as replay_logs
 from replay_kit.report import print_summary, to_json
-from replay_kit.types import Place, Plan
 from replay_kit.verify import print_verdict, verdict_json
 from replay_kit.verify import verify as verify_result
 
@@ -70,31 +66,6 @@ app.add_typer(experiment, name="experiment")
 
 # The root of usage errors: click's own or the copy that newer typer carries, so it is found through a public name.
 _UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
-
-
-@dataclass(frozen=True, slots=True)
-class GlidePlanner:
-    """The glide planner bound to a configuration: what ``replay`` asks of a planner."""
-
-    settings: planners.GlideSettings
-
-    @classmethod
-    def of(cls, config: PlannerConfig) -> "GlidePlanner":
-        """Return the planner of a configuration."""
-        return cls(planners.GlideSettings(speed=config.speed, tolerance=config.tolerance, max_duration=config.max_duration))
-
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Plan | None) -> Plan:
-        """Return the best glide found from start towards goal."""
-        return planners.plan(flow, start, goal, settings=self.settings, start_time_ns=start_time_ns, warm=warm)
-
-    def check(self, flow: FlowEstimate, goal: Place) -> None:
-        """Raise PlanError when the goal is outside the region or on land."""
-        locate(region_of(flow.grid), goal, "goal")
-
-    def closest_approach(self, flow: FlowEstimate, plan: Plan) -> float:
-        """Return how close [m] a plan passes its goal when it is flown in a flow."""
-        _, _, closest_approach = planners.fly(flow, plan)
-        return closest_approach
 
 
 def main() -> None:
@@ -157,6 +128,10 @@ def replay(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap", help="Result, for any MCAP viewer.")],
     config: ConfigOption = None,
     goal: Annotated[str | None, typer.Option("--goal", metavar="LON,LAT,DEPTH", help="Where to go next [degrees, degrees, m].")] = None,
+    planner: Annotated[
+        Literal["glide", "mission"] | None,
+        typer.Option("--planner", help="To the goal: one glide, or a mission of dives planned anew at each surfacing."),
+    ] = None,
     estimator: Annotated[str | None, typer.Option("--estimator", help=f"reduced_basis (ours), or {', '.join(BASELINES)}.")] = None,
     preset: Annotated[
         Literal["default", "paper"] | None, typer.Option("--preset", help="Estimator: the project's, or the paper's exactly.")
@@ -212,6 +187,7 @@ def replay(
             "logs": {"clock": clock, "start": start, "end": end, "remap": remapped(remap)},
             "forecast": {**forecast_part(region, levels, level_step, lead), **times},
             "estimator": {"name": estimator, "preset": preset, "modes": modes},
+            "planner": {"kind": planner},
         },
     )
     if dry_run:
@@ -220,7 +196,7 @@ def replay(
         write_json(json_file, rehearsal_json(rehearsal))
         return
     with part_named(out), progress("replaying") as advance:
-        summary, _ = replay_logs(job, settings, GlidePlanner.of(settings.planner), advance)
+        summary, _ = replay_logs(job, settings, planner_of(settings.planner), advance)
     print_summary(summary, console_beside(json_file))
     write_json(json_file, to_json(summary))
     raise typer.Exit(summary.exit_code)
@@ -239,7 +215,7 @@ def verify(
     """Make a result again from its inputs and the configuration in it; name what differs, with exit 5."""
     check_paths([result], [json_file], overwrite)
     with progress("replaying") as advance:
-        verdict = verify_result(result, inputs or [], GlidePlanner.of, advance)
+        verdict = verify_result(result, inputs or [], planner_of, advance)
     print_verdict(verdict, console_beside(json_file))
     write_json(json_file, verdict_json(verdict))
     raise typer.Exit(0 if verdict.same else 5)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
 from replay_kit.config_map import TopicMap
+from replay_kit.config_planner import PlannerConfig
 from replay_kit.config_quality import QualityConfig
 from replay_kit.config_time import TimeConfig
 from replay_kit.config_trust import TrustConfig
@@ -177,15 +178,6 @@ class EstimatorConfig(_Section):
         return "all" if value is None else value
 
 
-class PlannerConfig(_Section):
-    """``[planner]``: the glide."""
-
-    speed: float = Field(default=0.3, gt=0.0, description="m/s through water")
-    tolerance: float = Field(default=250.0, gt=0.0, description="m; a plan that passes this close has reached the goal")
-    interval: float = Field(default=43200.0, gt=0.0, description="s of log time between plans; a very large number plans only at the end")
-    max_duration: float = Field(default=432000.0, gt=0.0, description="s; longest glide considered")
-
-
 class OutputConfig(_Section):
     """``[output]``: what is published, and how often."""
 
@@ -270,4 +262,5 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
     """Return whether a model is what a place in the configuration says: pydantic names an entry's kind in the place."""
-    return "kind" not in model.model_fields or get_args(model.model_fields["kind"].annotation)[0] in location
+    kinds = get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
+    return len(kinds) != 1 or kinds[0] in location

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,23 +14,39 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.copying import RawLog
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
+from replay_kit.planned import Surfacing
 from replay_kit.results import ResultWriter
 from replay_kit.types import Ensemble, LogReader, Place, Plan, VehicleState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planned:
+    """What a planner answers.
+
+    Attributes:
+        plan: The plan, as results hold it.
+        surfacing: Where and when it says that the vehicle will surface next; None when it does not say.
+        memory: What the planner wants back when it plans anew, or flies the plan; a frozen value.
+    """
+
+    plan: Plan
+    surfacing: Surfacing | None = None
+    memory: Any = None
 
 
 class Planner(Protocol):
     """What a replay needs of a planner; the command line hands one in."""
 
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Plan | None) -> Plan:
-        """Return the best glide found from start towards goal."""
+    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Planned | None) -> Planned:
+        """Return the best plan found from start towards goal."""
         ...
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land."""
         ...
 
-    def closest_approach(self, flow: FlowEstimate, plan: Plan) -> float:
-        """Return how close [m] a plan passes its goal when it is flown in a flow."""
+    def closest_approach(self, flow: FlowEstimate, planned: Planned) -> float:
+        """Return how close [m] a plan comes to its goal when it is flown in a flow."""
         ...
 
 

@@ -22,7 +22,7 @@ from replay_kit.measurements import MeasurementState, finish, initial_state, int
 from replay_kit.provenance import bias_notes, prior_notes, run_metadata, run_settings_toml
 from replay_kit.report import ReplaySummary, TruthScore
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.run import Run, handle, make_plan, work_off, write_grids
+from replay_kit.run import Run, handle, make_plan, settle_surfacing, work_off, write_grids
 from replay_kit.scoring import score_against_truth
 from replay_kit.tally import Stopwatch, Tally
 from replay_kit.types import Ensemble, LogReader
@@ -200,6 +200,7 @@ def _conclude(
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
     reports = [reader.report() for reader in readers]
     run.tally.require_usable(reports, forecasts.ensemble.grid, run.vehicle)
+    settle_surfacing(run)
     flow = flow_at(run.estimator, run.state, run.last_ns)
     make_plan(run, run.last_ns, flow)
     kernel = flow.kernel
@@ -228,7 +229,8 @@ def _conclude(
                 prior_flow = prior_flow.at(run.last_ns)
             score, why_not = _score(run, forecasts.nearest(flow.time_ns), flow, prior_flow, truth)
             notes += why_not
-    summary = run.tally.summary(reports, run.clock.seconds, run.plan, run.plan_note, score, tuple(notes))
+    plan = None if run.planned is None else run.planned.plan
+    summary = run.tally.summary(reports, run.clock.seconds, (plan, run.plan_note, tuple(run.outcomes)), score, tuple(notes))
     return summary, flow
 
 
@@ -240,11 +242,12 @@ def _score(
         score, truth_flow = score_against_truth(flow, ensemble, truth, run.positions, run.job.truth_radius_km, run.config.estimator)
     except MeasurementError as error:
         return None, [f"no score: {error}"]
-    if run.plan is None or run.planner is None or run.plan.status == "failed":
+    if run.planned is None or run.planner is None or run.planned.plan.status == "failed":
         return score, []
-    mean_plan = run.planner.plan(prior_flow, run.plan.start, run.plan.goal, run.plan.start_time_ns, None)
+    plan = run.planned.plan
+    mean_plan = run.planner.plan(prior_flow, plan.start, plan.goal, plan.start_time_ns, None)
     try:
-        closest = [run.planner.closest_approach(truth_flow, plan) for plan in (run.plan, mean_plan)]
+        closest = [run.planner.closest_approach(truth_flow, planned) for planned in (run.planned, mean_plan)]
     except PlanError as error:
         return score, [f"the plans cannot be flown in the truth: {error}"]
     return replace(score, closest_approach_m=closest[0], ensemble_mean_closest_approach_m=closest[1]), []

@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from replay_kit.logs.losses import loss_json, loss_words
+from replay_kit.planned import Outcome
+from replay_kit.report_plan import outcomes_in_words, outcomes_json, plan_in_words, plan_json
 from replay_kit.types import Array, Loss, Plan
 
 
@@ -94,6 +96,7 @@ class ReplaySummary:
         seconds: Wall time of each stage.
         plan: The last plan.
         plan_note: Why there is no plan although a goal was given; empty otherwise.
+        outcomes: Surfacings that plans said would be next, beside the vehicle's.
         truth: Score against a truth, if one was given.
         notes: What the user should know.
     """
@@ -113,6 +116,7 @@ class ReplaySummary:
     seconds: Mapping[str, float]
     plan: Plan | None
     plan_note: str
+    outcomes: tuple[Outcome, ...]
     truth: TruthScore | None
     notes: tuple[str, ...]
 
@@ -163,27 +167,12 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
             "plan": plan_json(summary.plan)
             if summary.plan
             else ({"status": "failed", "message": summary.plan_note} if summary.plan_note else None),
+            "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
             "truth": _truth_json(summary.truth) if summary.truth else None,
             "notes": list(summary.notes),
         }
     )
     return answer
-
-
-def plan_json(plan: Plan) -> dict[str, Any]:
-    """Return a plan's figures for JSON."""
-    return {
-        "status": plan.status,
-        "closest_approach_m": plan.closest_approach,
-        "heading_deg": plan.heading_deg,
-        "glide_angle_deg": plan.glide_angle_deg,
-        "speed": plan.speed,
-        "duration_s": plan.duration,
-        "start": [plan.start.longitude, plan.start.latitude, plan.start.depth],
-        "goal": [plan.goal.longitude, plan.goal.latitude, plan.goal.depth],
-        "message": plan.message,
-        "statistics": dict(plan.statistics),
-    }
 
 
 def _truth_json(truth: TruthScore) -> dict[str, Any]:
@@ -217,6 +206,8 @@ def print_summary(summary: ReplaySummary, console: Console) -> None:
         _say(console, f"Plan: {plan_in_words(summary.plan)}")
     elif summary.plan_note:
         _say(console, f"Plan: none; {summary.plan_note}")
+    if summary.outcomes:
+        _say(console, f"Surfacings: {outcomes_in_words(summary.outcomes)}")
     if summary.truth is not None:
         _print_truth(summary.truth, console)
     _say(console, "Time: " + ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in summary.seconds.items()))
@@ -256,16 +247,6 @@ def _dive_table(summary: ReplaySummary) -> Table:
     for row in summary.by_dive:
         table.add_row(str(row.dive), str(row.profiles), str(row.bins), _cm(row.rms_predicted), _cm(row.rms_prior), f"{row.nis_per_dof:.2f}")
     return table
-
-
-def plan_in_words(plan: Plan) -> str:
-    """Return a plan as a sentence."""
-    if plan.status == "failed":
-        return f"failed: {plan.message}"
-    return (
-        f"{plan.status}: steer {plan.heading_deg:.1f} degrees true at {plan.speed:.2f} m/s through water, "
-        f"{plan.glide_angle_deg:.2f} degrees down; {plan.message}"
-    )
 
 
 def _print_truth(truth: TruthScore, console: Console) -> None:

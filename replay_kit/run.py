@@ -10,11 +10,14 @@ from replay_kit.config import RunConfig
 from replay_kit.errors import PlanError
 from replay_kit.estimator import BLOCK, Estimator
 from replay_kit.flow import FlowEstimate
-from replay_kit.job import Planner, ReplayJob
+from replay_kit.geodesy import to_geographic, to_local
+from replay_kit.job import Planned, Planner, ReplayJob
 from replay_kit.measurements import Event, Skipped, Used
+from replay_kit.planned import Outcome, Surfacing, outcome_of
 from replay_kit.results import ResultWriter
+from replay_kit.surfacings import SurfacingWatch, watched
 from replay_kit.tally import Stopwatch, Tally
-from replay_kit.types import Array, Innovation, Measurement, PathMean, Place, Plan, VehicleState
+from replay_kit.types import Array, Innovation, Measurement, PathMean, Place, VehicleState
 
 # A log may hold positions and nothing else.
 _WAITING = 4096
@@ -37,7 +40,11 @@ class Run:
         dive_start: The state before the dive's first observation.
         dive: Number of the dive.
         vehicle: Last position.
-        plan: Last plan, or None, with the reason in ``plan_note``.
+        planned: Last plan, or None, with the reason in ``plan_note``.
+        expected: When it begins [ns, UTC] and the surfacing that it says is next, until the vehicle has surfaced; None without.
+        outcomes: Surfacings that plans said would be next, beside the vehicle's.
+        watch: What tells a surfacing.
+        surfaced: Fix at which the vehicle surfaced, until all that came with it is assimilated; None at other times.
         next_plan_ns: When the next plan is due [ns, UTC].
         next_grid_ns: When the next depth slices are due.
         last_ns: Time of the last message.
@@ -59,7 +66,11 @@ class Run:
     dive_start: Any
     dive: int = 0
     vehicle: VehicleState | None = None
-    plan: Plan | None = None
+    planned: Planned | None = None
+    expected: tuple[int, Surfacing] | None = None
+    outcomes: list[Outcome] = field(default_factory=list)
+    watch: SurfacingWatch = field(default_factory=SurfacingWatch)
+    surfaced: VehicleState | None = None
     plan_note: str = ""
     next_plan_ns: int | None = None
     next_grid_ns: int | None = None
@@ -94,6 +105,8 @@ def work_off(run: Run) -> None:
         means = weights_of(run.estimator, states)
     after = iter(zip(done, means, strict=True))
     for event in run.waiting:
+        if run.surfaced is not None and event.time_ns > run.surfaced.time_ns:
+            settle_surfacing(run)
         if isinstance(event, Measurement):
             (state, innovation), mean = next(after)
             _assimilated(run, event, state, innovation, mean)
@@ -102,6 +115,8 @@ def work_off(run: Run) -> None:
             if run.writer is not None:
                 with run.clock.stage("write"):
                     run.writer.fix(event)
+        run.watch, fix = watched(run.watch, event, run.config.measurements.surface_depth)
+        run.surfaced = fix or run.surfaced
     run.waiting.clear()
     run.n_observations = 0
 
@@ -143,6 +158,31 @@ def _publish_when_due(run: Run, now_ns: int) -> None:
         make_plan(run, now_ns, flow_at(run.estimator, run.state, now_ns))
 
 
+def settle_surfacing(run: Run) -> None:
+    """Put the last plan's next surfacing beside the vehicle's, if it has surfaced, and plan anew from there when that is asked for."""
+    fix, run.surfaced = run.surfaced, None
+    if fix is None or run.planner is None or run.job.goal is None:
+        return
+    if run.expected is not None:
+        outcome, run.expected = outcome_of(*run.expected, fix), None
+        run.outcomes.append(outcome)
+        if run.writer is not None:
+            with run.clock.stage("write"):
+                run.writer.outcome(outcome)
+    if run.config.planner.at_surfacings:
+        run.next_plan_ns = fix.time_ns + int(run.config.planner.interval * 1e9)
+        flow, seconds = flow_at(run.estimator, run.state, fix.time_ns), run.config.planner.surface_time
+        make_plan(run, fix.time_ns + int(seconds * 1e9), flow, _adrift(flow, fix, seconds))
+
+
+def _adrift(flow: FlowEstimate, fix: VehicleState, seconds: float) -> Place:
+    """Return where a vehicle that has surfaced leaves the surface after some time adrift."""
+    east, north = to_local(flow.grid.projection, fix.longitude, fix.latitude)
+    current = flow.velocity(east, north, 0.0)
+    longitude, latitude = to_geographic(flow.grid.projection, east + seconds * current[0], north + seconds * current[1])
+    return Place(float(longitude), float(latitude), 0.0)
+
+
 def write_grids(run: Run, now_ns: int, flow: FlowEstimate) -> None:
     """Write the depth slices of a flow, if there is a result to write."""
     if run.writer is None:
@@ -157,18 +197,21 @@ def _start_place(vehicle: VehicleState) -> Place:
     return Place(vehicle.longitude, vehicle.latitude, max(vehicle.depth, 0.0) if np.isfinite(vehicle.depth) else 0.0)
 
 
-def make_plan(run: Run, now_ns: int, flow: FlowEstimate) -> None:
-    """Plan from where the vehicle is; a vehicle outside the region is said and does not end the replay."""
+def make_plan(run: Run, now_ns: int, flow: FlowEstimate, start: Place | None = None) -> None:
+    """Plan from a place, by default from where the vehicle is; a vehicle outside the region is said and does not end the replay."""
     if run.planner is None or run.job.goal is None or run.vehicle is None:
         return
     with run.clock.stage("plan"):
         try:
-            run.plan, run.plan_note = run.planner.plan(flow, _start_place(run.vehicle), run.job.goal, now_ns, run.plan), ""
+            run.planned, run.plan_note = run.planner.plan(flow, start or _start_place(run.vehicle), run.job.goal, now_ns, run.planned), ""
         except PlanError as error:
-            run.plan, run.plan_note = None, str(error)
+            run.planned, run.plan_note = None, str(error)
+    run.expected = None
+    if run.planned is not None and run.planned.surfacing is not None:
+        run.expected = run.planned.plan.start_time_ns, run.planned.surfacing
     if run.writer is not None:
         with run.clock.stage("write"):
-            if run.plan is not None:
-                run.writer.plan(run.plan, flow.grid.projection)
+            if run.planned is not None:
+                run.writer.plan(run.planned.plan, flow.grid.projection)
             else:
                 run.writer.log(now_ns, "warning", f"no plan: {run.plan_note}")

@@ -10,6 +10,7 @@ import numpy as np
 
 from replay_kit.errors import MeasurementError
 from replay_kit.estimator.screening import usable
+from replay_kit.planned import Outcome
 from replay_kit.report import DiveRow, ReplaySummary, TopicRow, TruthScore
 from replay_kit.types import Array, Grid, Innovation, LogReport, PathMean, Plan, Reason, VehicleState
 
@@ -185,12 +186,19 @@ class Tally:
         self,
         reports: Sequence[LogReport],
         seconds: Mapping[str, float],
-        plan: Plan | None,
-        plan_note: str,
+        planned: tuple[Plan | None, str, tuple[Outcome, ...]],
         truth: TruthScore | None,
         notes: tuple[str, ...],
     ) -> ReplaySummary:
-        """Return the replay's summary."""
+        """Return the replay's summary.
+
+        Args:
+            reports: Of the logs.
+            seconds: Wall time of each stage.
+            planned: The last plan, why there is none, and what became of the surfacings that plans said would be next.
+            truth: Score against a truth, if one was given.
+            notes: What the user should know.
+        """
         dives = tuple(
             DiveRow(dive, sums.profiles, sums.bins, sums.rms("predicted"), sums.rms("prior"), sums.nis_per_dof)
             for dive, sums in sorted(self._dives.items())
@@ -209,8 +217,9 @@ class Tally:
             nis_per_dof=self._all.nis_per_dof,
             by_dive=dives,
             seconds=dict(seconds),
-            plan=plan,
-            plan_note=plan_note,
+            plan=planned[0],
+            plan_note=planned[1],
+            outcomes=planned[2],
             truth=truth,
             notes=notes,
         )

@@ -15,7 +15,8 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit import __version__
-from replay_kit.config import PlannerConfig, RunConfig, load_config
+from replay_kit.config import RunConfig, load_config
+from replay_kit.config_planner import PlannerConfig
 from replay_kit.errors import LogError
 from replay_kit.job import Planner, ReplayJob
 from replay_kit.provenance import file_hash

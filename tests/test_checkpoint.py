@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replay_kit import cli
 from replay_kit.checkpoint import journal_path
+from replay_kit.cli_planners import planner_of
 from replay_kit.config import OutputConfig, RunConfig
 from replay_kit.errors import ConfigError, LogError
 from replay_kit.forecast import read_truth
@@ -58,7 +58,7 @@ def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL, 
         if seen == stop_after:
             raise Killed
 
-    return replay(job, config, cli.GlidePlanner.of(config.planner), on_message)
+    return replay(job, config, planner_of(config.planner), on_message)
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_copied_inputs_of_several_logs_are_copied_once_however_often_a_run_is_st
             run(ocean, out, checkpoint, stop_after, logs=logs, include_inputs=True)
     run(ocean, out, checkpoint, logs=logs, include_inputs=True)
     assert out.read_bytes() == (tmp_path / "whole.mcap").read_bytes()
-    assert verify(out, [ocean], cli.GlidePlanner.of).same
+    assert verify(out, [ocean], planner_of).same
 
 
 def test_checkpoints_change_nothing_in_the_result(ocean, tmp_path, whole):

@@ -11,6 +11,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import CliRunner
 
 from replay_kit import cli, flow_netcdf
+from replay_kit.cli_planners import planner_of
 from replay_kit.config import EstimatorConfig, MeasurementConfig, RunConfig, load_config
 from replay_kit.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.estimator import embed_member
@@ -43,7 +44,7 @@ def ocean(tmp_path_factory) -> Path:
 
 
 def run(ocean, *logs, out=None, config=SETTINGS, **options):
-    planner = cli.GlidePlanner.of(config.planner)
+    planner = planner_of(config.planner)
     job = ReplayJob(tuple(ocean / log for log in logs), options.pop("ensemble", ocean / "ensemble.nc"), out, **options)
     return replay(job, config, planner)
 

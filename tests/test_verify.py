@@ -12,6 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import CliRunner
 
 from replay_kit import cli
+from replay_kit.cli_planners import planner_of
 from replay_kit.config import RunConfig
 from replay_kit.errors import LogError
 from replay_kit.forecast import read_truth
@@ -34,7 +35,7 @@ def run(tmp_path_factory) -> Path:
     config = RunConfig()
     make_twin(read_truth(str(folder / "truth.nc"), config.forecast), "glider", 60, 0.05, 1, folder / "glider.mcap")
     job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
-    replay(job, config, cli.GlidePlanner.of(config.planner))
+    replay(job, config, planner_of(config.planner))
     return folder
 
 
@@ -71,7 +72,7 @@ def index_of(path: Path, topic: str) -> int:
 
 
 def test_a_result_is_made_again(run):
-    verdict = verify(run / "out.mcap", [], cli.GlidePlanner.of)
+    verdict = verify(run / "out.mcap", [], planner_of)
     assert verdict.same
     assert verdict.messages == read_recorded(run / "out.mcap").digests[-1].messages > 100
     assert not verdict.notes
@@ -93,7 +94,7 @@ def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
         return message.SerializeToString()
 
     path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, change))
-    verdict = verify(path, [run], cli.GlidePlanner.of)
+    verdict = verify(path, [run], planner_of)
     assert (verdict.difference.index, verdict.difference.topic) == (index, topic)
     assert len(verdict.difference.fields) == 1
     assert verdict.difference.fields[0].startswith(f"{field}: ")
@@ -104,9 +105,9 @@ def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
 def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
     count = read_recorded(run / "out.mcap").digests[-1].messages
     path = changed(run / "out.mcap", tmp_path / "short.mcap", (count - 1, lambda schema, data: None))
-    assert verify(path, [run], cli.GlidePlanner.of).difference.fields == ("only the second has this message",)
+    assert verify(path, [run], planner_of).difference.fields == ("only the second has this message",)
     path = changed(run / "out.mcap", tmp_path / "nc.mcap", attachment=lambda name, data: data[:-1] if name == "estimate.nc" else data)
-    verdict = verify(path, [run], cli.GlidePlanner.of)
+    verdict = verify(path, [run], planner_of)
     assert verdict.others == ("attachment estimate.nc",)
     assert verdict.difference is None
 
@@ -116,7 +117,7 @@ def test_other_settings_than_recorded_are_found_at_the_first_digest(run, tmp_pat
         return data.replace(b"velocity_std = 0.09", b"velocity_std = 0.1").replace(b"surface_depth = 3.0", b"surface_depth = 200.0")
 
     path = changed(run / "out.mcap", tmp_path / "other.mcap", attachment=settings)
-    verdict = verify(path, [run], cli.GlidePlanner.of)
+    verdict = verify(path, [run], planner_of)
     assert not verdict.same
     assert verdict.difference.index < read_recorded(path).digests[1].messages
 
@@ -133,9 +134,9 @@ def test_a_digest_that_lies_or_is_missing_hides_nothing(run, tmp_path):
         return values | {"sha256": "0" * 64} if name == "replay_kit.digest" else values
 
     for metadata in (lying, lambda name, values: None if name == "replay_kit.digest" else values):
-        verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", (index, turned), metadata), [run], cli.GlidePlanner.of)
+        verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", (index, turned), metadata), [run], planner_of)
         assert verdict.difference.index == index
-        untouched = verify(changed(run / "out.mcap", tmp_path / "same.mcap", metadata=metadata), [run], cli.GlidePlanner.of)
+        untouched = verify(changed(run / "out.mcap", tmp_path / "same.mcap", metadata=metadata), [run], planner_of)
         assert untouched.difference is None
         assert "the digests" in untouched.others
 
@@ -144,7 +145,7 @@ def test_changed_metadata_schemas_and_stamps_are_named(run, tmp_path):
     def options(name, values):
         return values | {"modes": "7"} if name == "replay_kit.options" else values
 
-    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=options), [run], cli.GlidePlanner.of)
+    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=options), [run], planner_of)
     assert verdict.others == ("metadata replay_kit.options",)
     path = changed(run / "out.mcap", tmp_path / "later.mcap", later_ns=5)
     assert first_difference(run / "out.mcap", path).fields[0].startswith("publish_ns: ")
@@ -165,7 +166,7 @@ def test_other_versions_are_said(run, tmp_path):
     def older(name, values):
         return values | {"numpy": "1.0", "gone": "3"} if name == "replay_kit.versions" else values
 
-    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=older), [run], cli.GlidePlanner.of)
+    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=older), [run], planner_of)
     assert verdict.same
     assert any("made with numpy 1.0, here it is" in note for note in verdict.notes)
     assert any("made with gone 3, here it is none" in note for note in verdict.notes)
@@ -174,13 +175,13 @@ def test_other_versions_are_said(run, tmp_path):
 def test_inputs_are_known_by_their_content(run, tmp_path):
     shutil.copy(run / "out.mcap", tmp_path / "out.mcap")
     with pytest.raises(LogError, match=r"log0 is glider\.mcap with SHA-256 .*there is none.*--inputs"):
-        verify(tmp_path / "out.mcap", [], cli.GlidePlanner.of)
+        verify(tmp_path / "out.mcap", [], planner_of)
     shutil.copy(run / "ensemble.nc", tmp_path / "ensemble.nc")
     (tmp_path / "glider.mcap").write_bytes((run / "glider.mcap").read_bytes() + b"x")
     with pytest.raises(LogError, match="found only other contents"):
-        verify(tmp_path / "out.mcap", [], cli.GlidePlanner.of)
+        verify(tmp_path / "out.mcap", [], planner_of)
     with pytest.raises(LogError, match="expected a whole result"):
-        verify(run / "glider.mcap", [run], cli.GlidePlanner.of)
+        verify(run / "glider.mcap", [run], planner_of)
 
 
 def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):

@@ -15,6 +15,7 @@ from replay_kit import __version__
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import save_bytes
 from replay_kit.logs.raw import RawMessage
+from replay_kit.planned import Outcome
 from replay_kit.results import messages
 from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.journal import Journal
@@ -150,6 +151,10 @@ class ResultWriter:
         self._log("/plan/path", messages.plan_path(plan), time_ns)
         self._log("/plan/geojson", messages.plan_geojson(plan, projection), time_ns)
         self._log_own("/plan/controls", "Plan", messages.plan_controls(plan), time_ns)
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Write a plan's next surfacing beside the vehicle's to ``/plan/outcome``."""
+        self._log_own("/plan/outcome", "PlanOutcome", messages.plan_outcome(outcome), outcome.time_ns)
 
     def log(self, time_ns: int, level: messages.Level, text: str) -> None:
         """Write an event to ``/log``."""

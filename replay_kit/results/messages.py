@@ -13,6 +13,7 @@ import numpy as np
 
 from replay_kit.errors import ReplayKitError
 from replay_kit.geodesy import to_geographic, unwrap_longitude
+from replay_kit.planned import Outcome
 from replay_kit.results.schemas import encode
 from replay_kit.types import Array, Innovation, Place, Plan, Projection, VehicleState
 
@@ -138,6 +139,27 @@ def plan_controls(plan: Plan) -> bytes:
             "track_depth": track_depth,
             "statistics": [{"name": name, "value": str(value)} for name, value in sorted(plan.statistics.items())],
         },
+    )
+
+
+def plan_outcome(outcome: Outcome) -> bytes:
+    """Return ``replay_kit.PlanOutcome``; without an ellipse its numbers are NaN."""
+    predicted, ellipse = outcome.predicted, outcome.predicted.ellipse
+    names = {"longitude": "longitude", "latitude": "latitude", "major": "major", "minor": "minor", "bearing": "bearing_deg"}
+    return encode(
+        "PlanOutcome",
+        {
+            "timestamp": _time(outcome.time_ns),
+            "planned_time": _time(outcome.planned_ns),
+            "predicted_time": _time(predicted.time_ns),
+            "predicted": {"longitude": predicted.longitude, "latitude": predicted.latitude, "depth": 0.0},
+            "actual": {"longitude": outcome.longitude, "latitude": outcome.latitude, "depth": 0.0},
+            "distance": outcome.distance,
+            "direction_deg": outcome.direction_deg,
+            "late": outcome.late,
+            "inside_ellipse": bool(outcome.inside),
+        }
+        | {f"ellipse_{name}": math.nan if ellipse is None else getattr(ellipse, field) for name, field in names.items()},
     )
 
 

@@ -103,6 +103,22 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         Field("track_depth", "double", repeated=True),
         Field("statistics", ".replay_kit.Statistic", repeated=True),
     ),
+    "PlanOutcome": (
+        Field("timestamp", _TIME),
+        Field("planned_time", _TIME),
+        Field("predicted_time", _TIME),
+        Field("predicted", ".replay_kit.Place"),
+        Field("actual", ".replay_kit.Place"),
+        Field("distance", "double"),
+        Field("direction_deg", "double"),
+        Field("late", "double"),
+        Field("inside_ellipse", "bool"),
+        Field("ellipse_longitude", "double"),
+        Field("ellipse_latitude", "double"),
+        Field("ellipse_major", "double"),
+        Field("ellipse_minor", "double"),
+        Field("ellipse_bearing", "double"),
+    ),
 }
 
 

@@ -1,0 +1,1 @@
+"""Studies of planning on twin missions."""
