@@ -51,15 +51,24 @@ def plan_mission(
     """
     asked = goals if isinstance(goals, tuple) else (goals,)
     task = mission_task(flow, (start, asked), vehicle, settings, (no_go, bathymetry), start_time_ns)
-    attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
-    if not any(safe_and_met(task, attempt) for attempt in attempts):
-        if not np.all(np.isfinite(task.currents.latent)):
-            return failed_plan(task, start, asked, start_time_ns, "the current is not a number; check the estimate's latent velocities")
-        attempts += _search(task, task.rings)
-        if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
-            # an area too wide to be passed under water between two surfacings has to be gone round
-            attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
+    attempts = attempts_of(task, warm, start_time_ns)
+    if not attempts:
+        return failed_plan(task, start, asked, start_time_ns, "the current is not a number; check the estimate's latent velocities")
     return to_plan(task, start, asked, start_time_ns, attempts)
+
+
+def attempts_of(task: MissionTask, warm: MissionPlan | None, start_time_ns: int) -> list[Attempt]:
+    """Return what came of each number of legs tried; nothing when the current is not a number."""
+    attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
+    if any(safe_and_met(task, attempt) for attempt in attempts):
+        return attempts
+    if not np.all(np.isfinite(task.currents.latent)):
+        return []
+    attempts += _search(task, task.rings)
+    if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
+        # an area too wide to be passed under water between two surfacings has to be gone round
+        attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
+    return attempts
 
 
 def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
@@ -69,15 +78,15 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     shallow = task.leg_time(task.vehicle.angles[0])
     likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
 
-    def attempt(n_legs: int) -> Attempt:
-        return solve_legs(task, guess_of(task, route, front, n_legs), goal_legs_of(passed, n_legs), route)
+    def attempt(n_legs: int, fewer: bool = False) -> Attempt:
+        return solve_legs(task, guess_of(task, route, front, n_legs), goal_legs_of(passed, n_legs), route, fewer=fewer)
 
     attempts = [attempt(settings.legs or likely)]
     if settings.legs is not None or not route.arrives:
         return attempts
     n_legs = likely - 1
     while n_legs >= len(task.goals) and safe_and_met(task, attempts[-1]):
-        attempts.append(attempt(n_legs))
+        attempts.append(attempt(n_legs, fewer=True))
         n_legs -= 1
     n_legs = likely + 1
     while n_legs <= min(likely + 2, settings.max_legs) and not any(safe_and_met(task, done) for done in attempts):

@@ -10,6 +10,7 @@ from planners.hazards import half_planes
 from planners.mission_check import Finding, check
 from planners.mission_program import MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
 from planners.mission_task import REFINED, MissionTask
+from planners.spread import Spread
 from replay_kit.types import Array
 
 # Hours that a kilometre missed costs: more than any current takes to carry a glider over it.
@@ -18,10 +19,14 @@ _PENALTY = 50.0
 _CLOSEST = 1e-5, 1.0
 # Rounds of half-planes laid anew for the path found, and half-planes for each of its points.
 _ROUNDS, _PLANES = 6, 3
+# Rounds where margins are wide: what they are made for is known roughly.
+_ROUNDS_WIDER = 3
 # Half-planes laid anew have to lower the cost by this share.
 _PROGRESS = 1e-3
 # Half-planes laid anew for ends that moved by less than this [m] would be the same.
 _SAME = 1.0
+# Legs that miss by so many tolerances where time counts do not come within one where only the miss does.
+_FAR_OFF = 2.0
 # A goal met this well is met [m].
 _MET = 5.0
 
@@ -39,6 +44,7 @@ class Attempt:
         guess: The solver's point.
         iterations: IPOPT's, over all rounds.
         return_status: IPOPT's last.
+        trespass: Of the solver's point, beyond the worst half-plane [m].
     """
 
     legs: Legs
@@ -49,9 +55,10 @@ class Attempt:
     guess: MissionGuess
     iterations: int
     return_status: str
+    trespass: float
 
 
-def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...], route: Route | None) -> Attempt:
+def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...], route: Route | None, *, fewer: bool = False) -> Attempt:
     """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path trespasses without.
 
     Args:
@@ -60,12 +67,15 @@ def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...
         goal_legs: After which leg each goal is to be met, counted from 1.
         route: What the guess was made of, along which the first half-planes are laid; None for what is left of an earlier plan, which is
             nearly optimal.
+        fewer: Whether more legs are known to lead there: then it is of no use how near these come, or how clear they keep.
     """
     turns, nearly_optimal = task.turns(len(guess.headings)), route is None
     closest = task.settings.objective == "closest"
     found = _solve(task, guess, turns, goal_legs, None, closest, nearly_optimal)
     best = _flown(task, found, turns, goal_legs, found.iterations)
     if not closest and np.any(best.miss > _MET):
+        if fewer and np.any(best.miss > _FAR_OFF * task.settings.tolerance):
+            return best
         # the goal is out of reach: from here as close to it as can be, not as the penalties would weigh it
         found = _solve(task, found.guess, turns, goal_legs, None, True)
         best = _flown(task, found, turns, goal_legs, best.iterations + found.iterations)
@@ -75,13 +85,33 @@ def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...
     return _kept_clear(task, best, guess, turns, closest, _along(task, guess, turns, route))
 
 
+def solve_clear(task: MissionTask, before: Attempt, spread: Spread) -> Attempt:
+    """Return the optimum kept clear by the margins that a spread asks for, found from an attempt without them."""
+    turns, at, best, iterations = task.turns(len(before.guess.headings)), before.guess, None, 0
+    closest = task.settings.objective == "closest" or bool(np.any(before.miss > task.settings.tolerance))
+    for _ in range(_ROUNDS_WIDER):
+        path = _along(task, at, turns, None)
+        found = _solve(task, at, turns, before.goal_legs, path, closest, best is not None, spread)
+        iterations += found.iterations
+        if best is not None and found.objective > best.objective - _PROGRESS * abs(best.objective):
+            break
+        best, at = found, found.guess
+    assert best is not None
+    return _flown(task, best, turns, before.goal_legs, iterations)
+
+
 def _kept_clear(
-    task: MissionTask, free: Attempt, guess: MissionGuess, turns: tuple[tuple[float, ...], ...], closest: bool, path: Array
+    task: MissionTask,
+    free: Attempt,
+    guess: MissionGuess,
+    turns: tuple[tuple[float, ...], ...],
+    closest: bool,
+    path: Array,
 ) -> Attempt:
     """Return the best path found within half-planes, laid along a path and anew along each path found until that gains nothing more."""
     best, at, before, iterations = free, guess, np.inf, free.iterations
-    for _ in range(_ROUNDS):
-        found = _solve(task, at, turns, free.goal_legs, path, closest)
+    for again in range(_ROUNDS):
+        found = _solve(task, at, turns, free.goal_legs, path, closest, again > 0)
         iterations += found.iterations
         flown = _flown(task, found, turns, free.goal_legs, iterations)
         better = flown.finding is None and (best.finding is not None or worth(task, flown) < worth(task, best))
@@ -103,8 +133,9 @@ def _solve(
     path: Array | None,
     closest: bool,
     nearly_optimal: bool = False,
+    spread: Spread | None = None,
 ) -> MissionAnswer:
-    """Return the solver's answer; ``path``, shape (L, n_places, 2) [m], is what half-planes are laid for."""
+    """Return the solver's answer; ``path``, shape (L, n_places, 2) [m], is what half-planes are laid for; a spread widens margins."""
     different = tuple(dict.fromkeys(turns))
     drifts, n_steps = task.drifts(turns), task.n_steps(turns)
     depths = dict(zip(turns, task.depths(turns), strict=True))
@@ -114,6 +145,8 @@ def _solve(
     if path is not None:
         surfacing = np.tile(np.arange(shape.n_places) >= n_steps - 1, len(turns))
         flat = half_planes(task.rings, path.reshape(-1, 2), surfacing, _PLANES, task.settings.margin)
+        if spread is not None:
+            flat[..., 2] -= spread.margins(flat[..., :2])
         planes = flat.reshape(len(turns), shape.n_places, _PLANES, 3)
     time_weight, miss_weight = _CLOSEST if closest else (1.0, 0.0)
     data = MissionData(
@@ -150,7 +183,9 @@ def _flown(
     flight = fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
     ends = flight.place[0, flight.ends]
     miss = np.linalg.norm(ends[np.array(goal_legs) - 1] - task.goals[:, :2], axis=1)
-    return Attempt(legs, flight, goal_legs, miss, check(task, flight), replace(answer.guess), iterations, answer.return_status)
+    return Attempt(
+        legs, flight, goal_legs, miss, check(task, flight), replace(answer.guess), iterations, answer.return_status, answer.trespass
+    )
 
 
 def safe_and_met(task: MissionTask, attempt: Attempt) -> bool:
