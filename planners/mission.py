@@ -17,6 +17,8 @@ from replay_kit.geodesy import grid_bearing_of_true_north, to_local
 from replay_kit.types import Array, Place
 
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
+# Legs with which a goal is approached that the graph finds out of reach: more of them only crawl against a current.
+_LEGS_OUT_OF_REACH = 24
 
 
 def plan_mission(
@@ -74,8 +76,10 @@ def attempts_of(task: MissionTask, warm: MissionPlan | None, start_time_ns: int)
 def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     """Return what came of each number of legs tried: as the route clear of rings suggests, then fewer while that helps, else more."""
     settings, front = task.settings, front_of(task, rings)
-    route, passed = route_of(task, front)
+    route, passed = route_of(task, front, settings.max_duration)
     shallow = task.leg_time(task.vehicle.angles[0])
+    if not route.arrives and settings.legs is None:
+        route, passed = route_of(task, front, min(settings.max_duration, _LEGS_OUT_OF_REACH * shallow))
     likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
 
     def attempt(n_legs: int, fewer: bool = False) -> Attempt:

@@ -19,6 +19,8 @@ _PENALTY = 50.0
 _CLOSEST = 1e-5, 1.0
 # Rounds of half-planes laid anew for the path found, and half-planes for each of its points.
 _ROUNDS, _PLANES = 6, 3
+# No more rounds after so many of the solver's iterations times legs: a minute of them makes a hopeless mission no better.
+_EFFORT = 1500
 # Rounds where margins are wide: what they are made for is known roughly.
 _ROUNDS_WIDER = 3
 # Half-planes laid anew have to lower the cost by this share.
@@ -71,8 +73,15 @@ def solve_legs(task: MissionTask, guess: MissionGuess, goal_legs: tuple[int, ...
     """
     turns, nearly_optimal = task.turns(len(guess.headings)), route is None
     closest = task.settings.objective == "closest"
-    found = _solve(task, guess, turns, goal_legs, None, closest, nearly_optimal)
+    hopeless = route is not None and not route.arrives
+    found = _solve(task, guess, turns, goal_legs, None, closest or hopeless, nearly_optimal)
     best = _flown(task, found, turns, goal_legs, found.iterations)
+    if hopeless and not closest:
+        # the graph knows no way: only if these legs come there all the same does time count
+        closest = bool(np.any(best.miss > task.settings.tolerance))
+        if not closest:
+            found = _solve(task, found.guess, turns, goal_legs, None, False)
+            best = _flown(task, found, turns, goal_legs, best.iterations + found.iterations)
     if not closest and np.any(best.miss > _MET):
         if fewer and np.any(best.miss > _FAR_OFF * task.settings.tolerance):
             return best
@@ -118,7 +127,8 @@ def _kept_clear(
         best = flown if better or best is free else best
         gained = not np.isfinite(before) or found.objective < before - _PROGRESS * abs(before)
         moved = float(np.max(np.abs(found.guess.places - at.places)))
-        if moved < _SAME or (best.finding is None and not gained):
+        spent = (iterations - free.iterations) * len(turns) > _EFFORT
+        if moved < _SAME or spent or (best.finding is None and not gained):
             break
         at, before = found.guess, found.objective
         path = _along(task, at, turns, None)
