@@ -28,7 +28,7 @@ from replay_kit.types import Array, Place
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
 # Most margins tried, by how much more than the samples fall short they are widened, and by how much at least [m].
 _PLANS, _MORE, _LEAST = 4, 1.15, 50.0
-# A plan made without the samples is good enough when this share of what is allowed trespasses: few samples tell a share badly.
+# A plan is good enough when no more than this share of what is allowed trespasses: few samples tell a share badly.
 _FEWER = 0.5
 # Legs more than before that are tried where a wider margin leaves the goal out of reach.
 _LONGER = 2
@@ -104,7 +104,7 @@ def plan_scenarios(
         flight, away = flights_of(task, currents, legs, pilot)
         chances, clear = chances_of(task, flight, attempt.goal_legs)
         tried.append((attempt, chances, more))
-        if chances.safe >= 1.0 - (allowed if len(tried) > 1 else _FEWER * allowed):
+        if chances.safe >= 1.0 - _FEWER * allowed:
             break
         if len(tried) > 1:
             more += max(_MORE * float(np.quantile(-clear, 1.0 - allowed)), _LEAST)
