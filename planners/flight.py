@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,11 +12,10 @@ from planners.vehicle import Glider
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.kernels.depth import depth_weights
-from replay_kit.kernels.horizontal import velocity_kernel
 from replay_kit.types import Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Currents:
     """K flows on the same nodes.
 
@@ -31,12 +31,20 @@ class Currents:
     latent: Array
     times: Array | None
 
+    @cached_property
+    def columns(self) -> Array:
+        """The latent velocities of each level and time, shape (Z T, K, 2N): only few of them count at a depth."""
+        return np.ascontiguousarray(self.latent.transpose(2, 0, 1))
+
     def weights(self, depths: Array) -> Array:
         """Return the weights of the levels, shape (n, Z), at depths [m]."""
         return depth_weights(self.flow.depth_functions, depths, self.flow.levels)
 
     def velocity(self, place: Array, of_levels: Array, time: float) -> Array:
-        """Return the current of each flow [m/s], shape (K, 2), at its own place, shape (K, 2) [m].
+        """Return the current of each flow [m/s], shape (K, 2), at its own place, shape (K, 2) [m]; one flow serves any number of places.
+
+        The kernel's matrix (``velocity_kernel``) is never made: with w = k (sy beta_u - sx beta_v), its product with the latent
+        velocities is (k beta_u / ly^2 - sy w, k beta_v / lx^2 + sx w), summed over the nodes.
 
         Args:
             place: shape (K, 2) [m].
@@ -48,8 +56,17 @@ class Currents:
             weights = np.asarray(
                 np.kron([np.interp(time, self.times, one) for one in np.eye(self.times.size)], of_levels), dtype=np.float64
             )
-        rows = velocity_kernel(self.flow.kernel, place, self.nodes).reshape(2, len(place), -1)
-        return np.asarray(np.einsum("ckn,kn->kc", rows, self.latent @ weights))
+        latent = sum(weights[i] * self.columns[i] for i in np.flatnonzero(weights))
+        assert isinstance(latent, np.ndarray), "some level counts at every depth"
+        kernel, n = self.flow.kernel, len(self.nodes)
+        dx, dy = place[:, :1] - self.nodes[:, 0], place[:, 1:] - self.nodes[:, 1]
+        sx, sy = dx / kernel.length_east**2, dy / kernel.length_north**2
+        k = (kernel.speed * kernel.length_east) ** 2 * np.exp(-0.5 * (sx * dx + sy * dy))
+        east, north = latent[:, :n], latent[:, n:]
+        turning = k * (sy * east - sx * north)
+        u = np.sum(k * east, axis=1) / kernel.length_north**2 - np.sum(sy * turning, axis=1)
+        v = np.sum(k * north, axis=1) / kernel.length_east**2 + np.sum(sx * turning, axis=1)
+        return np.column_stack([u, v])
 
 
 def currents_of(flow: FlowEstimate | Sequence[FlowEstimate]) -> Currents:
@@ -94,7 +111,7 @@ class Flight:
     """Where the legs lead.
 
     Attributes:
-        time: shape (n,) [s], since the start.
+        time: shape (n,) [s], since the start; shape (K, n) where each flight is corrected on its own.
         depth: shape (n,) [m].
         place: shape (K, n, 2) [m], local east and north in each current.
         leg: shape (n,), number of the leg that ends there or later; 0 for the first.
@@ -124,12 +141,12 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
         along, down = (float(speed) for speed in vehicle.speeds(np, legs.angles[k]))
         through = along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])])
 
-        rate = _rate(currents, through, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])]))
+        rate = rate_over_ground(currents, through, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])]))
         path += fly_steps(rate, *path[-1], steps, np.abs(np.diff(steps)) / down, steps.size - 1)
         depths += list(steps[1:])
         if legs.drifts[k] > 0.0:
             durations, surface = np.full(DRIFT_STEPS, legs.drifts[k] / DRIFT_STEPS), np.zeros(DRIFT_STEPS + 1)
-            path += fly_steps(_rate(currents, np.zeros(2), start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
+            path += fly_steps(rate_over_ground(currents, np.zeros(2), start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
             depths += [0.0] * DRIFT_STEPS
         number += [k] * (len(path) - len(number))
         ends.append(len(path) - 1)
@@ -137,7 +154,7 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
     return Flight(np.array([now for _, now in path]), np.array(depths), places, np.array(number), np.array(ends))
 
 
-def _rate(currents: Currents, through: Array, start_time: float, depths: Array) -> Callable[[Array, float, float], Array]:
+def rate_over_ground(currents: Currents, through: Array, start_time: float, depths: Array) -> Callable[[Array, float, float], Array]:
     """Return the velocity over ground as a function of places, depth and time; the depths that it will be asked for are known."""
     weights = dict(zip(depths.tolist(), currents.weights(depths), strict=True))
 

@@ -39,26 +39,40 @@ class Ring:
         """Return whether points, shape (n, 2) [m], lie within the ring, by the even-odd rule."""
         begin, end = self.corners, np.roll(self.corners, -1, axis=0)
         found = np.zeros(len(points), dtype=bool)
-        for part in range(0, len(points), _CHUNK):
-            x, y = points[part : part + _CHUNK].T[:, :, None]
+        near = np.flatnonzero(self.from_box(points) == 0.0)
+        for part in range(0, len(near), _CHUNK):
+            x, y = points[near[part : part + _CHUNK]].T[:, :, None]
             straddles = (begin[:, 1] <= y) != (end[:, 1] <= y)
             with np.errstate(divide="ignore", invalid="ignore"):
                 crossing = begin[:, 0] + (y - begin[:, 1]) / (end[:, 1] - begin[:, 1]) * (end[:, 0] - begin[:, 0])
-            found[part : part + _CHUNK] = np.sum(straddles & (x < crossing), axis=1) % 2 == 1
+            found[near[part : part + _CHUNK]] = np.sum(straddles & (x < crossing), axis=1) % 2 == 1
         return found
 
     def forbids(self, points: Array) -> NDArray[np.bool_]:
         """Return which points, shape (n, 2) [m], the ring forbids."""
         return np.asarray(self.inside(points) != self.outside)
 
+    def from_box(self, points: Array) -> Array:
+        """Return how far points, shape (n, 2) [m], are outside of the box around the ring [m]; 0 inside of it."""
+        low, high = self.corners.min(axis=0), self.corners.max(axis=0)
+        return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0.0), axis=1))
+
     def nearest(self, points: Array) -> Array:
         """Return the nearest point of the ring to each point, shape (n, 2) [m]."""
-        edges = np.roll(self.corners, -1, axis=0) - self.corners
-        away = points[:, None] - self.corners
-        share = np.clip(np.sum(away * edges, axis=2) / np.maximum(np.sum(edges**2, axis=1), 1e-12), 0.0, 1.0)
-        on_edges = self.corners + share[..., None] * edges
-        best = np.argmin(np.sum((points[:, None] - on_edges) ** 2, axis=2), axis=1)
-        return np.asarray(on_edges[np.arange(len(points)), best])
+        edges, found = np.roll(self.corners, -1, axis=0) - self.corners, np.empty((len(points), 2))
+        for part in range(0, len(points), _CHUNK):
+            here = points[part : part + _CHUNK]
+            away = here[:, None] - self.corners
+            share = np.clip(np.sum(away * edges, axis=2) / np.maximum(np.sum(edges**2, axis=1), 1e-12), 0.0, 1.0)
+            on_edges = self.corners + share[..., None] * edges
+            best = np.argmin(np.sum((here[:, None] - on_edges) ** 2, axis=2), axis=1)
+            found[part : part + _CHUNK] = on_edges[np.arange(len(here)), best]
+        return found
+
+    def clearance(self, points: Array) -> Array:
+        """Return the distance from the ring of points, shape (n, 2) [m]: negative where it forbids them."""
+        distance = np.linalg.norm(self.nearest(points) - points, axis=1)
+        return np.asarray(np.where(self.forbids(points), -distance, distance))
 
 
 def no_go_ring(projection: Projection, polygon: Sequence[tuple[float, float]], name: str, surface_only: bool = False) -> Ring:
@@ -131,7 +145,7 @@ def half_planes(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool
         signed = np.where(ring.forbids(points), -distance, distance)
         normal = away / np.where(distance > 0.0, signed, 1.0)[:, None]
         planes[:, k, :2], planes[:, k, 2] = normal, np.sum(normal * nearest, axis=1) - margin
-        counts = surfacing | (not ring.surface_only)
+        counts = (surfacing | (not ring.surface_only)) & (distance > 0.0)
         distances[:, k] = np.where(counts, signed, np.inf)
         planes[~counts, k] = [0.0, 0.0, _FAR]
     order = np.argsort(distances, axis=1, kind="stable")[:, :count]

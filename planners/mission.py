@@ -20,6 +20,8 @@ from replay_kit.types import Array, Place
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
 # Legs more than a route suggests that are tried, beside one for each goal.
 _MORE_LEGS = 1
+# Legs with which a goal is approached that the graph finds out of reach: more of them only crawl against a current.
+_LEGS_OUT_OF_REACH = 24
 
 
 def plan_mission(
@@ -61,28 +63,38 @@ def plan_mission(
 
 def plan_task(task: MissionTask, start: Place, goals: tuple[Place, ...], start_time_ns: int, warm: MissionPlan | None) -> MissionPlan:
     """Return the best plan found for a mission in its local frame; the arguments are those of ``plan_mission``."""
-    attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
-    if not any(safe_and_met(task, attempt) for attempt in attempts):
-        if not np.all(np.isfinite(task.currents.latent)):
-            return failed_plan(task, start, goals, start_time_ns, "the current is not a number; check the estimate's latent velocities")
-        attempts += _search(task, task.rings)
-        if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
-            # an area too wide to be passed under water between two surfacings has to be gone round
-            attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
+    attempts = attempts_of(task, warm, start_time_ns)
+    if not attempts:
+        return failed_plan(task, start, goals, start_time_ns, "the current is not a number; check the estimate's latent velocities")
     return to_plan(task, start, goals, start_time_ns, attempts)
+
+
+def attempts_of(task: MissionTask, warm: MissionPlan | None, start_time_ns: int) -> list[Attempt]:
+    """Return what came of each number of legs tried; nothing when the current is not a number."""
+    attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
+    if any(safe_and_met(task, attempt) for attempt in attempts):
+        return attempts
+    if not np.all(np.isfinite(task.currents.latent)):
+        return []
+    attempts += _search(task, task.rings)
+    if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
+        # an area too wide to be passed under water between two surfacings has to be gone round
+        attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
+    return attempts
 
 
 def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     """Return what came of each number of legs tried: as the route clear of rings suggests, then fewer while that helps, else more."""
     settings, front = task.settings, front_of(task, rings)
-    route, passed = route_of(task, front)
+    route, passed = route_of(task, front, settings.max_duration)
     shallow = task.leg_time(task.vehicle.angles[0])
+    if not route.arrives and settings.legs is None:
+        route, passed = route_of(task, front, min(settings.max_duration, _LEGS_OUT_OF_REACH * shallow))
     likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
 
-    def attempt(legs: tuple[int, ...]) -> Attempt:
-        within = legs[-1] * passed / passed[-1] - (np.array(legs) - 1.0)
-        goals = GoalSteps(legs, task.goal_steps(legs, legs[-1], within))
-        return solve_legs(task, guess_of(task, route, front, legs[-1]), goals, route)
+    def attempt(legs: tuple[int, ...], fewer: bool = False) -> Attempt:
+        guess = guess_of(task, route, front, legs[-1])
+        return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer)
 
     attempts = [attempt(goal_legs_of(passed, settings.legs or likely))]
     if settings.legs is not None or not route.arrives:
@@ -90,7 +102,7 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     for n_legs in range(likely - 1, len(task.goals) - 1, -1):
         if not safe_and_met(task, attempts[-1]) or _best(task, attempts) is not attempts[-1]:
             break
-        attempts.append(attempt(goal_legs_of(passed, n_legs)))
+        attempts.append(attempt(goal_legs_of(passed, n_legs), fewer=True))
     last = attempts[0]
     for _ in range(likely, min(likely + _MORE_LEGS + len(task.goals), settings.max_legs)):
         if any(done.finding is None and goals_met(task, done) for done in attempts):
@@ -116,6 +128,18 @@ def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:
         least, most = (numbers[-1] if numbers else 0) + 1, n_legs - (len(passed) - 1 - k)
         numbers.append(int(np.clip(np.round(n_legs * share), least, most)))
     return tuple(numbers)
+
+
+def goal_steps_of(task: MissionTask, passed: Array, legs: tuple[int, ...]) -> GoalSteps:
+    """Return when each goal is met.
+
+    Args:
+        task: The problem.
+        passed: shape (G,), when the goals are passed [s]; the last ends the mission.
+        legs: In which leg each is met, counted from 1.
+    """
+    within = legs[-1] * passed / passed[-1] - (np.array(legs) - 1.0)
+    return GoalSteps(legs, task.goal_steps(legs, legs[-1], within))
 
 
 def one_leg_more(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:

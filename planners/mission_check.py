@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.flight import Flight
-from planners.hazards import trespassed
+from planners.hazards import Ring, trespassed
 from planners.mission_task import MissionTask
 from replay_kit.geodesy import to_geographic
 from replay_kit.types import Array
@@ -66,6 +67,40 @@ def check(task: MissionTask, flight: Flight) -> Finding | None:
     longitude, latitude = to_geographic(task.region.grid.projection, *dense[i, :2])
     leg = int(flight.leg[int(np.ceil(number[i]))]) + 1
     return Finding(what, time, leg, float(longitude), float(latitude))
+
+
+def clearances(task: MissionTask, flight: Flight) -> dict[str, Array]:
+    """Return how far each of K flights keeps clear of what is forbidden, by its name, shape (K,) [m]: not above 0 where it trespasses.
+
+    A flight that is never as near as one of its steps is long is infinitely far: nothing in between needs a look.
+    """
+    count, found = len(flight.place), dict[str, Array]()
+    surfaced = (flight.depth <= _DEPTH) & (np.arange(flight.depth.size) > 0)
+    for ring in task.rings:
+        looked = np.flatnonzero(surfaced) if ring.surface_only else np.arange(flight.depth.size)
+        found[ring.name] = np.minimum(found.get(ring.name, np.full(count, np.inf)), _clearance(ring, flight.place[:, looked], looked))
+    if not task.region.grid.wet.all():
+        track = np.dstack([flight.place, np.broadcast_to(flight.depth, flight.place.shape[:2])])
+        wet = task.region.wet(track.reshape(-1, 3)).reshape(count, -1).all(axis=1)
+        land = found.get("land", np.full(count, np.inf))
+        found["land"] = np.where(wet, land, np.minimum(land, 0.0))
+    return found
+
+
+def _clearance(ring: Ring, place: Array, numbers: NDArray[np.intp]) -> Array:
+    """Return how far each of K paths, shape (K, n, 2) [m], keeps clear of one ring; only successive numbers are joined by a step."""
+    clear = np.full(place.shape[:2], np.inf)
+    longest = float(np.max(np.linalg.norm(np.diff(place, axis=1), axis=2)[:, np.diff(numbers) == 1], initial=0.0))
+    near = np.ones(clear.shape, dtype=bool) if ring.outside else (ring.from_box(place.reshape(-1, 2)) <= longest).reshape(clear.shape)
+    clear[near] = ring.clearance(place[near])
+    # a step that begins no farther away than it is long may come nearer on its way
+    flight, step = np.nonzero((np.abs(clear[:, :-1]) <= longest) & (np.diff(numbers) == 1))
+    if flight.size:
+        share = np.linspace(0.0, 1.0, int(np.ceil(longest / SPACING)) + 1)[:, None]
+        between = place[flight, step][:, None] + share * (place[flight, step + 1] - place[flight, step])[:, None]
+        nearest = ring.clearance(between.reshape(-1, 2)).reshape(flight.size, -1).min(axis=1)
+        np.minimum.at(clear, (flight, step), nearest)
+    return np.asarray(clear.min(axis=1))
 
 
 def explain(task: MissionTask, flight: Flight, miss: Array, away: tuple[float, float], finding: Finding | None, goal_times: Array) -> str:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.flight import Flight, Legs, fly_legs, refined
 from planners.front import Route
@@ -10,6 +11,7 @@ from planners.hazards import half_planes
 from planners.mission_check import Finding, check
 from planners.mission_program import HOUR, KM, MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
 from planners.mission_task import REFINED, MissionTask
+from planners.spread import Spread
 from replay_kit.types import Array
 
 # Hours that a kilometre missed costs: more than any current takes to carry a glider over it.
@@ -18,10 +20,16 @@ _PENALTY = 50.0
 _CLOSEST = 1e-5, 1.0
 # Rounds of half-planes laid anew for the path found, and half-planes for each of its points.
 _ROUNDS, _PLANES = 6, 3
+# No more rounds after so many of the solver's iterations times legs: a minute of them makes a hopeless mission no better.
+_EFFORT = 1500
+# Rounds where margins are wide: what they are made for is known roughly.
+_ROUNDS_WIDER = 3
 # Half-planes laid anew have to lower the cost by this share.
 _PROGRESS = 1e-3
 # Half-planes laid anew for ends that moved by less than this [m] would be the same.
 _SAME = 1.0
+# Legs that miss by so many tolerances where time counts do not come within one where only the miss does.
+_FAR_OFF = 2.0
 # A goal met this well is met [m].
 _MET = 5.0
 # Farther than any region is wide [m].
@@ -40,7 +48,7 @@ class GoalSteps:
     legs: tuple[int, ...]
     steps: tuple[int, ...]
 
-    def points(self, flight: Flight) -> Array:
+    def points(self, flight: Flight) -> NDArray[np.intp]:
         """Return the numbers of a flight's points at which the goals are met."""
         begins, legs = np.concatenate([[0], flight.ends[:-1]]), np.array(self.legs) - 1
         return np.asarray(np.where(np.array(self.steps) == 0, flight.ends[legs], begins[legs] + REFINED * np.array(self.steps)))
@@ -60,6 +68,7 @@ class Attempt:
         guess: The solver's point.
         iterations: IPOPT's, over all rounds.
         return_status: IPOPT's last.
+        trespass: Of the solver's point, beyond the worst half-plane [m].
     """
 
     legs: Legs
@@ -71,9 +80,10 @@ class Attempt:
     guess: MissionGuess
     iterations: int
     return_status: str
+    trespass: float
 
 
-def solve_legs(task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: Route | None) -> Attempt:
+def solve_legs(task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: Route | None, *, fewer: bool = False) -> Attempt:
     """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path trespasses without.
 
     Args:
@@ -82,12 +92,23 @@ def solve_legs(task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: 
         goals: When each goal is to be met.
         route: What the guess was made of, along which the first half-planes are laid; None for what is left of an earlier plan, which is
             nearly optimal.
+        fewer: Whether more legs are known to lead there: then it is of no use how near these come, or how clear they keep.
     """
     turns, nearly_optimal = task.turns(len(guess.headings)), route is None
-    closest = task.settings.objective == "closest"
-    found = _solve(task, guess, turns, goals, None, closest, nearly_optimal)
+    # where distance is weighed against other things, a goal that is not met is no failure
+    closest, weighed = task.settings.objective == "closest", task.settings.weighs_distance or task.guide is not None
+    hopeless = route is not None and not route.arrives and not weighed
+    found = _solve(task, guess, turns, goals, None, closest or hopeless, nearly_optimal)
     best = _flown(task, found, turns, goals, found.iterations)
-    if not closest and not task.settings.weighs_distance and task.guide is None and np.any(best.miss > _MET):
+    if hopeless and not closest:
+        # the graph knows no way: only if these legs come there all the same does time count
+        closest = bool(np.any(best.miss > task.settings.tolerance))
+        if not closest:
+            found = _solve(task, found.guess, turns, goals, None, False)
+            best = _flown(task, found, turns, goals, best.iterations + found.iterations)
+    if not closest and not weighed and np.any(best.miss > _MET):
+        if fewer and np.any(best.miss > _FAR_OFF * task.settings.tolerance):
+            return best
         # the goal is out of reach: from here as close to it as can be, not as the penalties would weigh it
         found = _solve(task, found.guess, turns, goals, None, True)
         best = _flown(task, found, turns, goals, best.iterations + found.iterations)
@@ -97,20 +118,36 @@ def solve_legs(task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: 
     return _kept_clear(task, best, guess, turns, closest, _along(task, guess, turns, route))
 
 
+def solve_clear(task: MissionTask, before: Attempt, spread: Spread) -> Attempt:
+    """Return the optimum kept clear by the margins that a spread asks for, found from an attempt without them."""
+    turns, at, best, iterations = task.turns(len(before.guess.headings)), before.guess, None, 0
+    missed = not task.settings.weighs_distance and bool(np.any(before.miss > task.settings.tolerance))
+    for _ in range(_ROUNDS_WIDER):
+        path = _along(task, at, turns, None)
+        found = _solve(task, at, turns, before.goals, path, missed or task.settings.objective == "closest", best is not None, spread)
+        iterations += found.iterations
+        if best is not None and found.objective > best.objective - _PROGRESS * abs(best.objective):
+            break
+        best, at = found, found.guess
+    assert best is not None
+    return _flown(task, best, turns, before.goals, iterations)
+
+
 def _kept_clear(
     task: MissionTask, free: Attempt, guess: MissionGuess, turns: tuple[tuple[float, ...], ...], closest: bool, path: Array
 ) -> Attempt:
     """Return the best path found within half-planes, laid along a path and anew along each path found until that gains nothing more."""
     best, at, before, iterations = free, guess, np.inf, free.iterations
-    for _ in range(_ROUNDS):
-        found = _solve(task, at, turns, free.goals, path, closest)
+    for again in range(_ROUNDS):
+        found = _solve(task, at, turns, free.goals, path, closest, again > 0)
         iterations += found.iterations
         flown = _flown(task, found, turns, free.goals, iterations)
         better = flown.finding is None and (best.finding is not None or worth(task, flown) < worth(task, best))
         best = flown if better or best is free else best
         gained = not np.isfinite(before) or found.objective < before - _PROGRESS * abs(before)
         moved = float(np.max(np.abs(found.guess.places - at.places)))
-        if moved < _SAME or (best.finding is None and not gained):
+        spent = (iterations - free.iterations) * len(turns) > _EFFORT
+        if moved < _SAME or spent or (best.finding is None and not gained):
             break
         at, before = found.guess, found.objective
         path = _along(task, at, turns, None)
@@ -125,8 +162,9 @@ def _solve(
     path: Array | None,
     closest: bool,
     nearly_optimal: bool = False,
+    spread: Spread | None = None,
 ) -> MissionAnswer:
-    """Return the solver's answer; ``path``, shape (L, n_places, 2) [m], is what half-planes are laid for."""
+    """Return the solver's answer; ``path``, shape (L, n_places, 2) [m], is what half-planes are laid for; a spread widens margins."""
     different = tuple(dict.fromkeys(turns))
     drifts, n_steps = task.drifts(turns), task.n_steps(turns)
     depths = dict(zip(turns, task.depths(turns), strict=True))
@@ -137,6 +175,8 @@ def _solve(
     if path is not None:
         surfacing = np.tile(np.arange(shape.n_places) >= n_steps - 1, len(turns))
         flat = half_planes(task.rings, path.reshape(-1, 2), surfacing, _PLANES, task.settings.margin)
+        if spread is not None:
+            flat[..., 2] -= spread.margins(flat[..., :2])
         planes = flat.reshape(len(turns), shape.n_places, _PLANES, 3)
     time_weight, distance_weight, guide_weight = _weights(task)
     time_weight, miss_weight = _CLOSEST if closest else (time_weight, 0.0)
@@ -204,7 +244,8 @@ def _flown(task: MissionTask, answer: MissionAnswer, turns: tuple[tuple[float, .
     flight = fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
     miss = np.linalg.norm(flight.place[0, goals.points(flight)] - task.goals[:, :2], axis=1)
     away = (0.0, 0.0) if task.guide is None else task.guide.farthest_and_rms(flight.time, flight.place[0], flight.ends)
-    return Attempt(legs, flight, goals, miss, away, check(task, flight), replace(answer.guess), iterations, answer.return_status)
+    finding, guess = check(task, flight), replace(answer.guess)
+    return Attempt(legs, flight, goals, miss, away, finding, guess, iterations, answer.return_status, answer.trespass)
 
 
 def goals_met(task: MissionTask, attempt: Attempt) -> bool:

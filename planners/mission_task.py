@@ -186,11 +186,11 @@ def front_of(task: MissionTask, rings: tuple[Ring, ...]) -> Front:
     return build_front(table, shares, rings, task.deep_enough, (1.0 - adrift) * along)
 
 
-def route_of(task: MissionTask, front: Front) -> tuple[Route, Array]:
-    """Return the quickest route past all goals, and when it passes them [s]."""
+def route_of(task: MissionTask, front: Front, longest: float) -> tuple[Route, Array]:
+    """Return the quickest route past all goals, none of its parts longer than ``longest`` [s], and when it passes them [s]."""
     points, times, passed, arrives = [task.start[None, :2]], [np.zeros(1)], [], True
     for goal in task.goals:
-        route = front.route(points[-1][-1], goal[:2], task.settings.max_duration)
+        route = front.route(points[-1][-1], goal[:2], longest)
         points.append(route.points[1:])
         times.append(times[-1][-1] + route.times[1:])
         passed.append(float(times[-1][-1]))

@@ -1,20 +1,25 @@
 """A mission that keeps clear of what is forbidden in most samples of what an estimate does not know, not in the estimate alone.
 
-Headings that are held whatever comes cannot make the spread of where they lead smaller: what a plan can do is to keep farther away. So
-the margin kept from forbidden areas, land and shallows is widened by what the samples fall short of, until few enough trespass.
+Headings that are held whatever comes cannot make the spread of where they lead smaller: what a plan can do is to keep farther away,
+place by place by what the samples deviate there. A pilot who corrects the mission at each surfacing makes the spread itself smaller.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from planners.flight import Currents, Legs, currents_of_samples, fly_legs, refined
-from planners.mission import plan_mission
-from planners.mission_check import check
-from planners.mission_task import REFINED, MissionTask, mission_task
+from planners.feedback import Pilot, fly_corrected
+from planners.flight import Currents, Flight, Legs, currents_of_samples, fly_legs
+from planners.mission import attempts_of, goal_legs_of, goal_steps_of
+from planners.mission_check import clearances
+from planners.mission_program import MissionGuess
+from planners.mission_result import failed_plan, to_plan
+from planners.mission_solve import Attempt, safe_and_met, solve_clear, worth
+from planners.mission_task import MissionTask, mission_task
 from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo
+from planners.spread import Spread
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
@@ -22,8 +27,14 @@ from replay_kit.geodesy import grid_bearing_of_true_north
 from replay_kit.types import Array, Place
 
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
-# Most plans made, and by how much more than the samples fall short a margin is widened.
-_PLANS, _MORE = 4, 1.15
+# Most margins tried, by how much more than the samples fall short they are widened, and by how much at least [m].
+_PLANS, _MORE, _LEAST = 4, 1.15, 50.0
+# A plan is good enough when no more than this share of what is allowed trespasses: few samples tell a share badly.
+_FEWER = 0.5
+# Legs more than before that are tried where a wider margin leaves the goal out of reach.
+_LONGER = 2
+# A margin kept this well is kept [m].
+_KEPT = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +46,17 @@ class Chances:
         safe: Share that goes nowhere that it may not.
         miss_median: Of the last goal [m].
         miss_90_percent: Nine of ten miss the last goal by less [m].
+        trespass: Share that goes where it may not, by the name of what it enters; what none enters is not in it.
     """
 
     reached: float
     safe: float
     miss_median: float
     miss_90_percent: float
+    trespass: Mapping[str, float]
+
+
+_NONE = Chances(0.0, 0.0, float("nan"), float("nan"), {})
 
 
 def plan_scenarios(
@@ -50,13 +66,14 @@ def plan_scenarios(
     goals: Place | tuple[Place, ...],
     *,
     allowed: float = 0.1,
+    pilot: Pilot | None = None,
     vehicle: Glider = _VEHICLE,
     settings: MissionSettings = _SETTINGS,
     no_go: tuple[NoGo, ...] = (),
     bathymetry: Bathymetry | None = None,
     start_time_ns: int = 0,
 ) -> tuple[MissionPlan, Chances]:
-    """Return the mission planned on the estimate with the margin that keeps the samples clear, and what comes of it in them.
+    """Return the mission planned on the estimate with the margins that keep the samples clear, and what comes of it in them.
 
     When no margin tried keeps enough of them clear, the plan that keeps most is returned: ``Chances.safe`` says how many.
 
@@ -66,6 +83,7 @@ def plan_scenarios(
         start: As for ``plan_mission``, as are the others.
         goals: Where it should go.
         allowed: Share of the samples that may trespass.
+        pilot: Who corrects the mission at each surfacing; None when its headings are held whatever comes.
         vehicle: What glides.
         settings: How; its margin is the least one.
         no_go: Areas that are not to be entered.
@@ -77,21 +95,94 @@ def plan_scenarios(
     """
     asked, currents = goals if isinstance(goals, tuple) else (goals,), _currents_of(flow, samples)
     task = mission_task(flow, (start, asked), vehicle, settings, (no_go, bathymetry), start_time_ns)
-    best, plan, margin = None, None, settings.margin
+    attempts = attempts_of(task, None, start_time_ns)
+    if not attempts:
+        return failed_plan(task, start, asked, start_time_ns, "the current is not a number; check the estimate's latent velocities"), _NONE
+    attempt, tried = min(attempts, key=lambda one: worth(task, one)), list[tuple[Attempt, Chances, float]]()
+    more = 0.0
     for _ in range(_PLANS):
-        wider = replace(settings, margin=margin)
-        rest: dict[str, Any] = {"no_go": no_go, "bathymetry": bathymetry, "start_time_ns": start_time_ns, "warm": plan}
-        plan = plan_mission(flow, start, asked, vehicle=vehicle, settings=wider, **rest)
-        if plan.status == "failed":
-            return plan, Chances(0.0, 0.0, float("nan"), float("nan"))
-        chances, clearance = chances_of(task, currents, legs_of(task, plan), plan.goal_times)
-        if best is None or (chances.safe, plan.status == "reached") > (best[1].safe, best[0].status == "reached"):
-            best = plan, chances
-        if chances.safe >= 1.0 - allowed:
+        legs = replace(attempt.legs, depths=task.depths(task.turns(len(attempt.legs.headings))))
+        flight, predicted = flights_of(task, currents, legs, pilot)
+        chances, clear = chances_of(task, flight, points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)]))
+        tried.append((attempt, chances, more))
+        if chances.safe >= 1.0 - _FEWER * allowed:
             break
-        margin += max(_MORE * float(np.quantile(-clearance, 1.0 - allowed)), 0.1 * margin)
-    assert best is not None
-    return best
+        if len(tried) > 1:
+            more += max(_MORE * float(np.quantile(-clear, 1.0 - allowed)), _LEAST)
+        attempt = _wider(task, attempt, Spread(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, more))
+    best = max(tried, key=lambda one: (one[1].safe, safe_and_met(task, one[0])))
+    plan = to_plan(task, start, asked, start_time_ns, [best[0]])
+    counts = {"margins_tried": len(tried), "attempts": len(attempts) + len(tried) - 1, "margin_beside_spread_m": best[2]}
+    return replace(plan, statistics={**plan.statistics, **counts}), best[1]
+
+
+def fly_scenarios(
+    flow: FlowEstimate,
+    samples: Sequence[FlowEstimate],
+    plan: MissionPlan,
+    *,
+    pilot: Pilot | None = None,
+    no_go: tuple[NoGo, ...] = (),
+    bathymetry: Bathymetry | None = None,
+) -> Chances:
+    """Return what comes of a mission in samples of the current.
+
+    Args:
+        flow: The estimate: what a pilot knows of the current.
+        samples: Flows on its nodes.
+        plan: The mission.
+        pilot: Who corrects it at each surfacing; None when its headings are held whatever comes.
+        no_go: Areas that are not to be entered.
+        bathymetry: Depth of the bottom.
+
+    Raises:
+        PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
+    """
+    if len(plan.headings_deg) == 0:
+        raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
+    task = mission_task(flow, (plan.start, plan.goals), plan.vehicle, plan.settings, (no_go, bathymetry), plan.start_time_ns)
+    flight, predicted = flights_of(task, _currents_of(flow, samples), legs_of(task, plan), pilot)
+    return chances_of(task, flight, points_at(predicted, plan.goal_times))[0]
+
+
+def legs_of(task: MissionTask, plan: MissionPlan) -> Legs:
+    """Return what a plan tells the glider."""
+    begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
+    turn = grid_bearing_of_true_north(task.region.grid.projection, *begins.T)
+    return Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), task.depths(plan.turns), task.drifts(plan.turns))
+
+
+def points_at(predicted: Flight, times: Array) -> NDArray[np.intp]:
+    """Return the numbers of a flight's points at some times, shape (G,) [s]; all flights of the same legs have the same points."""
+    return np.asarray(np.argmin(np.abs(predicted.time - times[:, None]), axis=1))
+
+
+def chances_of(task: MissionTask, flight: Flight, points: NDArray[np.intp]) -> tuple[Chances, Array]:
+    """Return what comes of K flights, and how far each keeps clear of everything [m], shape (K,): not above 0 where it trespasses.
+
+    Args:
+        task: The problem.
+        flight: The flights.
+        points: shape (G,), numbers of their points at which the goals are to be met.
+    """
+    miss = np.linalg.norm(flight.place[:, points] - task.goals[:, :2], axis=2)
+    by_name = clearances(task, flight)
+    clear = np.min(list(by_name.values()), axis=0)
+    trespass = {name: float(np.mean(one <= 0.0)) for name, one in by_name.items() if np.any(one <= 0.0)}
+    median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
+    reached = float(np.mean(np.all(miss <= task.settings.tolerance, axis=1)))
+    return Chances(reached, float(np.mean(clear > 0.0)), median, ninety, trespass), clear
+
+
+def flights_of(task: MissionTask, currents: Currents, legs: Legs, pilot: Pilot | None) -> tuple[Flight, Flight]:
+    """Return the flights of legs in K currents, and the predicted one."""
+    predicted = fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
+    if pilot is None:
+        flight = fly_legs(currents, task.vehicle, task.start[:2], legs)
+    else:
+        targets = predicted.place[0, predicted.ends]
+        flight = fly_corrected(task.currents, currents, task.vehicle, task.start[:2], legs, targets, pilot).flight
+    return flight, predicted
 
 
 def _currents_of(flow: FlowEstimate, samples: Sequence[FlowEstimate]) -> Currents:
@@ -102,26 +193,27 @@ def _currents_of(flow: FlowEstimate, samples: Sequence[FlowEstimate]) -> Current
     return replace(both, latent=both.latent[1:])
 
 
-def chances_of(task: MissionTask, currents: Currents, legs: Legs, goal_times: Array) -> tuple[Chances, Array]:
-    """Return what comes of legs in each of some currents, and how far each keeps clear [m], shape (K,): negative where it trespasses."""
-    flight = fly_legs(currents, task.vehicle, task.start[:2], legs)
-    met = flight.place[:, np.searchsorted(flight.time, goal_times - 1e-6)]
-    miss = np.linalg.norm(met - task.goals[:, :2], axis=2)
-    safe = [check(task, replace(flight, place=flight.place[k : k + 1])) is None for k in range(len(flight.place))]
-    median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
-    reached = float(np.mean(np.all(miss <= task.settings.tolerance, axis=1)))
-    points = flight.place.reshape(-1, 2)
-    clearance = np.full(len(points), np.inf)
-    for ring in task.rings:
-        if not ring.surface_only:
-            distance = np.linalg.norm(ring.nearest(points) - points, axis=1)
-            clearance = np.minimum(clearance, np.where(ring.forbids(points), -distance, distance))
-    return Chances(reached, float(np.mean(safe)), median, ninety), clearance.reshape(len(flight.place), -1).min(axis=1)
+def _wider(task: MissionTask, before: Attempt, spread: Spread) -> Attempt:
+    """Return the attempt kept clear by wider margins; with more legs where the goal is out of reach otherwise."""
+    found = solve_clear(task, before, spread)
+    n_legs = len(before.legs.headings)
+    for longer in range(n_legs + 1, min(n_legs + _LONGER, task.settings.max_legs) + 1):
+        if (safe_and_met(task, found) and found.trespass < _KEPT) or task.settings.legs is not None:
+            break
+        more = solve_clear(task, _cut_anew(task, before, longer), spread)
+        found = min(found, more, key=lambda one: (not safe_and_met(task, one), one.trespass))
+    return found
 
 
-def legs_of(task: MissionTask, plan: MissionPlan) -> Legs:
-    """Return what a plan tells the glider, its steps as fine as in the check."""
-    begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
-    turn = grid_bearing_of_true_north(task.region.grid.projection, *begins.T)
-    depths = tuple(refined(steps, REFINED) for steps in task.depths(plan.turns))
-    return Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), depths, task.drifts(plan.turns))
+def _cut_anew(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
+    """Return an attempt whose guess has so many legs of equal time along the same path."""
+    flight, lasts = attempt.flight, float(attempt.flight.time[-1])
+    at = lasts * np.arange(1, n_legs + 1) / n_legs
+    places = np.column_stack([np.interp(at, flight.time, flight.place[0, :, i]) for i in (0, 1)])
+    headings = np.interp(at - 0.5 * at[0], flight.time, np.unwrap(attempt.legs.headings)[flight.leg])
+    candidates = np.linspace(*task.vehicle.angles, 64)
+    lasting = np.array([task.leg_time(float(angle)) for angle in candidates])
+    angles = np.full(n_legs, candidates[np.argmin(np.abs(lasting - at[0]))])
+    passed = flight.time[attempt.goals.points(flight)]
+    goals = goal_steps_of(task, passed, goal_legs_of(passed, n_legs))
+    return replace(attempt, guess=MissionGuess(places, headings, angles), goals=goals)

@@ -172,6 +172,7 @@ def _legs_left(before: planners.MissionPlan, start_time_ns: int) -> int:
 def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:
     """Return the mission of the first leg alone, up to when it reaches the surface: without the drift."""
     drift = mission.settings.surface_time if len(mission.headings_deg) > 1 else 0.0
+    surfaces = mission.surfacing_times[:1] - drift
     return replace(
         mission,
         headings_deg=mission.headings_deg[:1],
@@ -179,9 +180,10 @@ def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:
         pitches_deg=mission.pitches_deg[:1],
         turns=mission.turns[:1],
         surfacings=mission.surfacings[:1],
-        surfacing_times=mission.surfacing_times[:1] - drift,
+        surfacing_times=surfaces,
         goals=mission.goals[-1:],
         goal_legs=(1,),
+        goal_times=surfaces,
     )
 
 

@@ -24,7 +24,7 @@ from replay_kit.flow import FlowEstimate
 from replay_kit.forecast import read_ensemble
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.types import Array
-from tests.benchmarks import planners_mission
+from tests.benchmarks import planners_mission, planners_scenario
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
 from tests.benchmarks.planners_search import closest_by_search, tabulated
@@ -47,6 +47,9 @@ def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
     made = [*glide_rows(tiny), flow_row(tiny), *zermelo_rows(tiny), front_row(tiny)]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
+    made += planners_scenario.rows(
+        None if tiny or not QG.exists() else QG, _MEMBERS[1:2] if tiny else _MEMBERS[1:6:4], 1 if tiny else 5, tiny
+    )
     return [{"peak_mb": None} | one for one in made]
 
 

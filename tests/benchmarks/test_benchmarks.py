@@ -10,6 +10,8 @@ ALLOWED = {
     "past": 0.01,
     "late": 1e-3,
     "turned": 0.5,
+    "unsafe": 0.12,
+    "corrected": 0.8,
     "messages": 0.5,
     "mean": 1e-8,
     "covariance": 1e-6,

@@ -61,7 +61,7 @@ def test_as_close_as_an_exhaustive_search(seed: int) -> None:
     goal = np.array([*rng.uniform(-2.5e4, 2.5e4, 2), rng.uniform(50.0, 380.0)])
     settings = replace(SETTINGS, max_duration=1.2e5 if seed < 4 else 3e4)
     found = plan(flow, place(flow, *begin), place(flow, *goal), settings=settings)
-    searched = exhaustive_closest_approach(flow, begin, goal, 0.3, settings.max_duration, headings=90, times=30, steps=16)
+    searched = exhaustive_closest_approach(flow, begin, goal, 0.3, settings.max_duration, headings=72, times=24, steps=12)
     assert found.closest_approach <= searched + 10.0
 
 

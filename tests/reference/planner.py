@@ -38,13 +38,13 @@ def exhaustive_closest_approach(
     tried = np.column_stack([heading, (goal[2] - start[2]) / (speed * duration), np.log(duration)])
     distance = _closest(flow, start, goal, speed, tried, steps)
     best = np.inf
-    for i in np.argsort(distance, kind="stable")[:3]:
+    for i in np.argsort(distance, kind="stable")[:2]:
         simplex = tried[i] + np.vstack([np.zeros(3), np.diag([0.02, 0.05 * tried[i, 1], 0.03])])
         answer = minimize(
             lambda x: float(_closest(flow, start, goal, speed, _within(x, max_duration)[None], 2 * steps)[0]),
             tried[i],
             method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": 1e-6, "fatol": 0.1, "maxiter": 150},
+            options={"initial_simplex": simplex, "xatol": 1e-6, "fatol": 1.0, "maxiter": 60},
         )
         best = min(best, float(answer.fun))
     return best

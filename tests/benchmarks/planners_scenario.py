@@ -1,0 +1,130 @@
+"""A mission of ten dives in samples of what an estimate does not know: kept clear of an area, and corrected at its surfacings.
+
+The estimate has met twenty profiles of a member left out of the quasi-geostrophic set where the shared data are there; else it is made of
+random eddies.
+"""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planners import Glider, MissionPlan, MissionSettings, NoGo, Pilot, fly_scenarios, plan_mission, plan_scenarios
+from planners.flight import Legs, currents_of, fly_legs
+from planners.leg import leg_depths, steps_needed
+from replay_kit.config import RunConfig
+from replay_kit.estimator import build_estimator
+from replay_kit.experiments.pings import random_observations
+from replay_kit.experiments.truths import leave_out
+from replay_kit.flow import FlowEstimate
+from replay_kit.forecast import read_ensemble
+from replay_kit.twin.field import build_field
+from replay_kit.types import Array, Place
+from tests.benchmarks.estimator import row
+from tests.planners.flow_samples import eddying_flow, place
+
+Row = dict[str, Any]
+DIVES, SAMPLES, FRESH, ALLOWED = 10, 20, 500, 0.1
+_PINGS, _NOISE = 20, 0.09
+# Width of the area, and how far its edge reaches over the path of the plan made without it [m].
+_WIDE, _OVER = 6e3, 200.0
+
+
+def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool) -> list[Row]:
+    """Return what came of missions in estimates of each member: time of a plan, share that trespasses, and what corrections are worth."""
+    found: dict[str, list[float]] = {"took": [], "unsafe": [], "unsafe_without": [], "miss": [], "corrected": [], "flown": []}
+    for member in members:
+        flow = _estimate(data, member)
+        drawn, fresh = flow.sample(SAMPLES, 1), flow.sample(40 if tiny else FRESH, 2)
+        for seed in range(missions):
+            settings, ask = _mission(flow, np.random.default_rng(seed), 4 if tiny else DIVES)
+            free = plan_mission(flow, *ask, settings=settings)
+            area = _downstream(flow, free)
+            without = plan_mission(flow, *ask, settings=settings, no_go=(area,))
+            began = time.perf_counter()
+            kept, _ = plan_scenarios(flow, drawn, *ask, allowed=ALLOWED, settings=settings, no_go=(area,))
+            found["took"].append(time.perf_counter() - began)
+            held, plain = (fly_scenarios(flow, fresh, one, no_go=(area,)) for one in (kept, without))
+            began = time.perf_counter()
+            corrected = fly_scenarios(flow, fresh, free, pilot=Pilot())
+            found["flown"].append(time.perf_counter() - began)
+            found["unsafe"].append(1.0 - held.safe)
+            found["unsafe_without"].append(1.0 - plain.safe)
+            found["miss"].append(held.miss_90_percent / plain.miss_90_percent)
+            found["corrected"].append(corrected.miss_90_percent / fly_scenarios(flow, fresh, free).miss_90_percent)
+    count = len(found["took"])
+    of = {name: np.array(values) for name, values in found.items()}
+    medians = {f"{name}_median": float(np.median(values)) for name, values in of.items()}
+    kept_row = row(
+        f"{count} scenario plans of {DIVES} dives, {SAMPLES} samples: {ALLOWED:.0%} may enter an area, 12 % asked, in 15 s",
+        float(np.median(of["took"])),
+        "the plan made on the estimate",
+        None,
+        None,
+        {"unsafe_share": float(np.median(of["unsafe"]))},
+        slowest_s=float(of["took"].max()),
+        most_unsafe=float(of["unsafe"].max()),
+        **medians,
+    )
+    pilot_row = row(
+        f"{count} missions of {DIVES} dives in fresh samples, corrected at surfacings: nine of ten miss by, over the same held: 0.8 asked",
+        float(np.median(of["flown"])),
+        "headings held",
+        None,
+        None,
+        {"corrected_share": float(np.median(of["corrected"]))},
+        worst_share=float(of["corrected"].max()),
+    )
+    return [kept_row, pilot_row]
+
+
+def _estimate(data: Path | None, member: int) -> FlowEstimate:
+    if data is None:
+        flow = eddying_flow(member, speed=0.15)
+        others = np.stack([(0.2 * eddying_flow(100 + k, speed=0.15).latent) for k in range(4)], axis=1)
+        # each mode is one flow for all levels: the weights of a level move it at that level
+        modes = others.mean(axis=2)
+        each = np.kron(np.ones((flow.levels.size,) * 2), np.eye(4))
+        return replace(flow, modes=modes, covariance=each + 1e-6 * np.eye(len(each)))
+    config = RunConfig()
+    case = leave_out(read_ensemble(data, config.forecast), member)
+    estimator = build_estimator(case.ensemble, config.estimator)
+    state = estimator.initial()
+    for observation in random_observations(build_field(case.truth), _PINGS, _NOISE, 0):
+        state, _ = estimator.step(state, observation)
+    return estimator.flow(state)
+
+
+def _mission(flow: FlowEstimate, rng: np.random.Generator, dives: int) -> tuple[MissionSettings, tuple[Place, Place]]:
+    """Return settings, and a start and a goal that dives of random headings and angles lead to in the estimate."""
+    deepest = min(500.0, 0.95 * float(flow.levels[-1]))
+    settings = MissionSettings(depth=deepest, surface_time=600.0, legs=dives)
+    turns = (0.0, deepest, 0.0)
+    depths = leg_depths(turns, flow.levels, steps_needed(turns, flow.levels, 1))
+    half = 0.5 * np.array([flow.grid.east.max(), flow.grid.north.max()])
+    drifts = np.append(np.full(dives - 1, 600.0), 0.0)
+    while True:
+        start = rng.uniform(-half, half)
+        headings = rng.uniform(0.0, 2.0 * np.pi) + rng.normal(0.0, 0.3, dives)
+        angles = np.deg2rad(rng.uniform(16.0, 25.0, dives))
+        path = fly_legs(currents_of(flow), Glider(), start, Legs(headings, angles, (depths,) * dives, drifts)).place[0]
+        if np.all(np.abs(path) < 1.6 * half):
+            return settings, (place(flow, *start, 0.0), place(flow, *path[-1], 0.0))
+
+
+def _downstream(flow: FlowEstimate, plan: MissionPlan) -> NoGo:
+    """Return a square on the side of a path's middle to which the current carries."""
+    middle = len(plan.track) // 2
+    along = _unit(plan.track[middle + 20, :2] - plan.track[middle - 20, :2])
+    across = np.array([-along[1], along[0]])
+    current = np.mean([flow.velocity(*at) for at in plan.track[::10]], axis=0)
+    across *= 1.0 if current @ across > 0.0 else -1.0
+    centre = plan.track[middle, :2] + (0.5 * _WIDE - _OVER) * across
+    corners = [place(flow, *(centre + 0.5 * _WIDE * (a * along + b * across)), 0.0) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
