@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from replay_kit.experiments.paper.diagnostics import coherence
-from replay_kit.experiments.planning.misses import Flown, order_of, pictures_of, place_of_average, tables_of
+from replay_kit.experiments.planning.misses import Flown, order_of, pictures_of, place_of_average, place_of_mean, tables_of
 from replay_kit.experiments.planning.told import Told
 from replay_kit.experiments.planning.world import LABELS, World
 from replay_kit.experiments.reachable import TARGET_DEPTH, draw_pairs
@@ -39,6 +39,6 @@ def glides(world: World) -> Told:
         "Glides of constant velocity",
         tables_of(NAME, title, flown),
         order_of(flown),
-        (place_of_average(flown, float(np.mean(coherent)), once=True),),
+        (place_of_average(flown, float(np.mean(coherent)), once=True), place_of_mean(flown)),
         pictures_of(NAME, flown),
     )

@@ -20,6 +20,8 @@ from replay_kit.types import Array
 NAME = "masked"
 _CLEAN = ("reached", "unreachable")
 _SHOWN = 6
+# Twice what most goals take; ways against the current would take minutes to plan.
+_MOST_LEGS = 24
 Row = tuple[str | int | float | bool, ...]
 
 
@@ -48,7 +50,7 @@ def masked(world: World) -> Told:
 
 def _planned(world: World, case: Masked) -> tuple[Row, Array | None]:
     """Return a case's row, and its path; None without one."""
-    vehicle, settings = world.calls.glider(SPEED, *ANGLES), world.calls.settings(depth=world.depth)
+    vehicle, settings = world.calls.glider(SPEED, *ANGLES), world.calls.settings(depth=world.depth, max_legs=_MOST_LEGS)
     areas = tuple(world.calls.no_go(area, f"area {k + 1}") for k, area in enumerate(case.areas))
     began = time.perf_counter()
     nothing = float("nan")

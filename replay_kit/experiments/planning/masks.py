@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from replay_kit.errors import ForecastError
 from replay_kit.estimator.modes import embed
-from replay_kit.experiments.planning.recheck import Polygon, crossed
+from replay_kit.experiments.planning.recheck import Polygon, corners_of, crossed
 from replay_kit.experiments.reachable import Pair
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_geographic
@@ -18,12 +18,10 @@ _ISLANDS, _AREAS = (1, 5), (1, 4)  # at least, and fewer than
 _ISLAND_RADII = (0.6, 1.8)  # cells, of the two axes
 _AREA_RADII = (4e3, 12e3)  # m, of the corners
 _CORNERS = (5, 10)
-_APART = (15e3, 45e3)  # m, start and goal
+_AWAY = (8e3, 22e3)  # m, start and goal from what lies between
 # Start and goal keep so far from what is forbidden [m]; the planner's own margin is less.
 _CLEAR = 500.0
 _MAX_DRAWS = 400
-# Of so many pairs the first with something between is taken.
-_PAIRS = 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +57,7 @@ def with_land(flow: FlowEstimate, dry: NDArray[np.bool_], nugget: float) -> Flow
 
 
 def draw_masked(flow: FlowEstimate, depth: float, nugget: float, rng: np.random.Generator) -> Masked:
-    """Return an estimate with islands and areas, and start and goal of a mission, across one of them where that is found.
+    """Return an estimate with islands and areas, and start and goal of a mission on two sides of one of them.
 
     Args:
         flow: The estimate.
@@ -72,15 +70,9 @@ def draw_masked(flow: FlowEstimate, depth: float, nugget: float, rng: np.random.
     """
     masked = with_land(flow, _islands(flow.grid, rng), nugget)
     areas = tuple(_area(masked.grid, rng) for _ in range(rng.integers(*_AREAS)))
-    found = None
-    for _ in range(_PAIRS):
-        start, goal = _ends(masked.grid, areas, depth, rng)
-        blocked = crossed(masked.grid, areas, np.vstack([start, goal])) is not None
-        found = Masked(masked, areas, Pair(_place(masked.grid, start), _place(masked.grid, goal)), blocked)
-        if blocked:
-            break
-    assert found is not None
-    return found
+    start, goal = _ends(masked.grid, areas, depth, rng)
+    blocked = crossed(masked.grid, areas, np.vstack([start, goal])) is not None
+    return Masked(masked, areas, Pair(_place(masked.grid, start), _place(masked.grid, goal)), blocked)
 
 
 def _islands(grid: Grid, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -108,12 +100,14 @@ def _area(grid: Grid, rng: np.random.Generator) -> Polygon:
 
 
 def _ends(grid: Grid, areas: tuple[Polygon, ...], depth: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return two places, shape (3,) [m] each, at the dives' depth, that are clear all around."""
+    """Return two places, shape (3,) [m] each, at the dives' depth, that are clear all around, on two sides of an island or an area."""
     around = _CLEAR * np.array([(np.sin(b), np.cos(b)) for b in np.linspace(0.0, 2.0 * np.pi, 9)])
+    land = ~grid.wet[0]
+    hazards = np.vstack([np.column_stack([grid.east[land], grid.north[land]]), *(corners_of(grid, area).mean(axis=0) for area in areas)])
     for _ in range(_MAX_DRAWS):
-        start = _inside(grid, rng)
-        bearing, away = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_APART)
-        ends = start, start + away * np.array([np.sin(bearing), np.cos(bearing)])
+        bearing, away = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_AWAY, 2)
+        centre, way = hazards[rng.integers(len(hazards))], np.array([np.sin(bearing), np.cos(bearing)])
+        ends = centre - away[0] * way, centre + away[1] * way
         circles = [np.column_stack([end + around, np.full(len(around), depth)]) for end in ends]
         if all(crossed(grid, areas, circle) is None for circle in circles):
             return np.append(ends[0], depth), np.append(ends[1], depth)

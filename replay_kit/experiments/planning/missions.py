@@ -6,7 +6,7 @@ import numpy as np
 
 from replay_kit.experiments.paper.diagnostics import coherence
 from replay_kit.experiments.planning.flights import ANGLES, draw_missions
-from replay_kit.experiments.planning.misses import NEAR, Flown, order_of, pictures_of, place_of_average, tables_of
+from replay_kit.experiments.planning.misses import NEAR, Flown, order_of, pictures_of, place_of_average, place_of_mean, tables_of
 from replay_kit.experiments.planning.told import Told
 from replay_kit.experiments.planning.world import LABELS, World
 from replay_kit.experiments.reachable import SPEED
@@ -46,6 +46,6 @@ def missions(world: World) -> Told:
         "Missions of many dives",
         tables_of(NAME, title, flown),
         order_of(flown),
-        (place_of_average(flown, float(np.mean(coherent)), once=False),),
+        (place_of_average(flown, float(np.mean(coherent)), once=False), place_of_mean(flown)),
         pictures_of(NAME, flown),
     )

@@ -22,6 +22,8 @@ NAME = "scenarios"
 _KEPT, _RATIO, _SECONDS = 0.12, 1.05, 15.0
 # The share of the path beside which the area lies, and how far out it reaches, in spreads of the samples across the path.
 _BESIDE, _DEEP = (0.35, 0.65), 6.0
+# How far the area overlaps the path [m]: a plan that keeps clear of it is another one.
+_OVERLAP = 100.0
 # Points between two of a flight, so that a path does not cut an area's corner unseen.
 _FINER = 8
 
@@ -116,7 +118,7 @@ def trespasses(corners: Array, place: Array) -> Array:
 
 
 def area_downstream(flow: FlowEstimate, plan: Mission, flights: Flights) -> Polygon:
-    """Return a rectangle on the side of a mission's middle to which the current sets, its near edge at the path.
+    """Return a rectangle on the side of a mission's middle to which the current sets, its near edge a little over the path.
 
     Args:
         flow: The estimate.
@@ -131,7 +133,7 @@ def area_downstream(flow: FlowEstimate, plan: Mission, flights: Flights) -> Poly
     across *= 1.0 if float(np.mean(flow.velocity(*plan.track[begin : end + 1].T) @ across)) >= 0.0 else -1.0
     half = flights.place.shape[1] // 2
     out = max(_DEEP * float(np.std(flights.place[:, half] @ across)), 3e3)
-    near, reach = float(np.max((middle - middle[0]) @ across)), float(np.linalg.norm(middle[-1] - middle[0]))
+    near, reach = float(np.max((middle - middle[0]) @ across)) - _OVERLAP, float(np.linalg.norm(middle[-1] - middle[0]))
     corners = [middle[0] + a * along + b * across for a, b in ((0.0, near), (reach, near), (reach, near + out), (0.0, near + out))]
     longitude, latitude = to_geographic(flow.grid.projection, *np.array(corners).T)
     return tuple((float(x), float(y)) for x, y in zip(longitude, latitude, strict=True))
@@ -174,8 +176,8 @@ def _words(world: World) -> str:
     job = world.job
     return (
         f"Each plan is made with {job.samples} samples of the estimate after {job.pings} pings and flown through {job.fresh} others "
-        "without correction on the way. The area begins where the deterministic plan passes without it, on the side to which the current "
-        "sets there. Trespasses are counted with the angles that the area's edges are seen under, not by the planner."
+        f"without correction on the way. The area overlaps by {_OVERLAP:g} m the path that is planned without it, on the side to which the "
+        "current sets there. Trespasses are counted with the angles that the area's edges are seen under, not by the planner."
     )
 
 
