@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.errors import PlanError
+from replay_kit.estimator.modes import embed
 from replay_kit.experiments.planning.flights import ANGLES
 from replay_kit.experiments.planning.masks import with_land
 from replay_kit.experiments.planning.told import Asked, Table, Told
@@ -86,14 +87,15 @@ def cases(flow: FlowEstimate, nugget: float) -> tuple[Impossible, ...]:
     grid = flow.grid
     rows, columns = grid.east.shape
     j, i = rows // 2, columns // 2
-    middle, beside = np.array([grid.east[j, i], grid.north[j, i]]), np.array([grid.east[j, i // 2], grid.north[j, i // 2]])
+    column = max(i - 4, 1)
+    middle, beside = (np.array([grid.east[j, k], grid.north[j, k]]) for k in (i, column))
     away = np.maximum(*np.abs(np.indices(grid.east.shape) - np.array([j, i])[:, None, None]))
     here, there = _place(flow, beside, 0.0), _place(flow, middle, 0.0)
     deepest = float(flow.levels[-1])
     edge = np.array([2.0 * float(np.max(grid.east)), 0.0])
     return (
         Impossible("goal on land", with_land(flow, away == 0, nugget), here, there, ("land",)),
-        _against_current(flow),
+        _against_current(flow, middle, nugget),
         Impossible("goal below the deepest level", flow, here, _place(flow, middle, deepest + 100.0), ("deep",)),
         Impossible("goal outside of the region", flow, here, _place(flow, edge, 0.0), ("outside",)),
         Impossible(
@@ -102,21 +104,13 @@ def cases(flow: FlowEstimate, nugget: float) -> tuple[Impossible, ...]:
     )
 
 
-def _against_current(flow: FlowEstimate) -> Impossible:
-    """Return a problem in a flow scaled so that its fastest place is too fast, with the goal up the current from there."""
-    inner = np.s_[
-        flow.grid.east.shape[0] // 3 : -(flow.grid.east.shape[0] // 3), flow.grid.east.shape[1] // 3 : -(flow.grid.east.shape[1] // 3)
-    ]
-    points = np.column_stack([flow.grid.east[inner].ravel(), flow.grid.north[inner].ravel()])
-    mean = np.mean(
-        [flow.velocity(points[:, 0], points[:, 1], depth) for depth in np.linspace(0.0, min(500.0, float(flow.levels[-1])), 11)], axis=0
-    )
-    speed = np.linalg.norm(mean, axis=1)
-    fastest = int(np.argmax(speed))
-    scaled = replace(flow, latent=flow.latent * _TIMES * SPEED / speed[fastest])
-    start = points[fastest]
-    goal = start - _UPSTREAM * mean[fastest] / speed[fastest]
-    return Impossible("current faster than the vehicle", scaled, _place(flow, start, 0.0), _place(flow, goal, 0.0), ("current",))
+def _against_current(flow: FlowEstimate, start: Array, nugget: float) -> Impossible:
+    """Return a problem in a current that is too fast everywhere, with the goal up the current: in an eddy it could be reached round it."""
+    count = len(flow.nodes)
+    uniform = np.repeat([_TIMES * SPEED, 0.0], count)[:, None] * np.ones(flow.levels.size)
+    fast = replace(flow.certain(), latent=embed(flow.kernel, flow.nodes, uniform, nugget))
+    goal = start - np.array([_UPSTREAM, 0.0])
+    return Impossible("current faster than the vehicle", fast, _place(flow, start, 0.0), _place(flow, goal, 0.0), ("current",))
 
 
 def _place(flow: FlowEstimate, point: Array, depth: float) -> Place:

@@ -10,16 +10,17 @@ from replay_kit.errors import PlanError
 from replay_kit.experiments.planning.flights import ANGLES, fly_plan
 from replay_kit.experiments.planning.masks import Masked, draw_masked
 from replay_kit.experiments.planning.pictures import MaskedView, draw_masked_cases
-from replay_kit.experiments.planning.recheck import crossed
+from replay_kit.experiments.planning.recheck import crossed, ends_of
 from replay_kit.experiments.planning.told import Asked, Picture, Table, Told
 from replay_kit.experiments.planning.world import World
 from replay_kit.experiments.reachable import SPEED, Pair
-from replay_kit.geodesy import distance, to_local
+from replay_kit.geodesy import distance
 from replay_kit.types import Array
 
 NAME = "masked"
 _CLEAN = ("reached", "unreachable")
 _SHOWN = 6
+_CAPTION = "Some of the missions, from dot to star: land grey, areas orange, arrows the current at 250 m"
 # Twice what most goals take; ways against the current would take minutes to plan.
 _MOST_LEGS = 24
 Row = tuple[str | int | float | bool, ...]
@@ -37,14 +38,14 @@ def masked(world: World) -> Told:
             row, track = _planned(world, case)
             rows.append((withheld.member, k, *row))
             if case.blocked and len(views) < _SHOWN and track is not None:
-                views.append(MaskedView(case.flow, case.areas, track, _local(case), str(row[0])))
+                views.append(MaskedView(case.flow, case.areas, track, ends_of(case.flow, case.pair), str(row[0])))
     return Told(
         NAME,
         "Missions among islands and areas drawn at random",
         (_counts(rows), _every(rows)),
         _asked(rows),
         (_words(rows),),
-        (Picture("masked_cases", "Some of the missions; land grey, areas red", (11.0, 7.0), partial(draw_masked_cases, tuple(views))),),
+        (Picture("masked_cases", _CAPTION, (11.0, 7.0), partial(draw_masked_cases, tuple(views))),),
     )
 
 
@@ -108,8 +109,3 @@ def _words(rows: list[Row]) -> str:
 
 def _away(pair: Pair) -> float:
     return float(distance(pair.start.longitude, pair.start.latitude, pair.target.longitude, pair.target.latitude))
-
-
-def _local(case: Masked) -> Array:
-    ends = (case.pair.start, case.pair.target)
-    return np.column_stack(to_local(case.flow.grid.projection, [end.longitude for end in ends], [end.latitude for end in ends]))

@@ -32,7 +32,15 @@ _LEAST_MISS, _LEAST_ERROR = 1.0, 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MaskedView:
-    """A mission among islands and areas: its path, shape (n, 3), and its start and goal, shape (2, 2), in the flow's local frame [m]."""
+    """A mission among islands and areas.
+
+    Attributes:
+        flow: The estimate among islands.
+        areas: Longitudes and latitudes of their corners [degrees].
+        track: shape (n, 3) [m], its path.
+        ends: shape (2, 2) [m], start and goal.
+        status: Of the plan.
+    """
 
     flow: FlowEstimate
     areas: tuple[Polygon, ...]
@@ -43,10 +51,19 @@ class MaskedView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScenarioView:
-    """Flights past an area: its corners, shape (m, 2), places, shape (K, n, 2) [m], shares that trespass; deterministic, scenarios."""
+    """Flights past an area, deterministic and scenarios.
+
+    Attributes:
+        flow: The estimate.
+        corners: shape (m, 2) [m], of the area.
+        ends: shape (2, 2) [m], start and goal.
+        places: Of each plan, shape (K, n, 2) [m].
+        shares: Of each plan's flights that trespass.
+    """
 
     flow: FlowEstimate
     corners: Array
+    ends: Array
     places: tuple[Array, ...]
     shares: tuple[float, ...]
 
@@ -87,8 +104,7 @@ def draw_masked_cases(views: Sequence[MaskedView], figure: Any) -> None:
             axes.fill(*(corners_of(grid, area) / 1e3).T, color=_FORBIDDEN, alpha=0.5, linewidth=0.0)
         _current(axes, view.flow)
         axes.plot(*(view.track[:, :2] / 1e3).T, color=_PATH, linewidth=2.0)
-        axes.plot(*(view.ends[0] / 1e3), "o", color="black", markersize=5)
-        axes.plot(*(view.ends[1] / 1e3), "*", color="black", markersize=11)
+        _mark(axes, view.ends)
         _around(axes, np.vstack([view.track[:, :2], view.ends]) / 1e3)
         axes.set(title=view.status, xlabel=_EAST, ylabel=_NORTH)
     for axes in panels[len(views) :]:
@@ -102,7 +118,7 @@ def draw_scenarios(view: ScenarioView, figure: Any) -> None:
     for axes, places, share, title in zip(panels, view.places, view.shares, titles, strict=True):
         axes.fill(*(view.corners / 1e3).T, color=_FORBIDDEN, alpha=0.4, linewidth=0.0)
         axes.plot(*(np.moveaxis(places, 0, -1).transpose(1, 0, 2) / 1e3), color=_PATH, linewidth=0.5, alpha=0.3)
-        axes.plot(*(places[0, 0] / 1e3), "o", color="black", markersize=6)
+        _mark(axes, view.ends)
         _current(axes, view.flow)
         axes.set(title=f"{title}: {share:.0%} trespass", xlabel=_EAST, ylabel=_NORTH)
     _around(panels[0], np.concatenate([view.corners, *(places.reshape(-1, 2) for places in view.places)]) / 1e3)
@@ -110,8 +126,13 @@ def draw_scenarios(view: ScenarioView, figure: Any) -> None:
         axes.set_aspect("equal")
 
 
+def _mark(axes: Any, ends: Array) -> None:
+    axes.plot(*(ends[0] / 1e3), "o", color="black", markersize=5)
+    axes.plot(*(ends[1] / 1e3), "*", color="black", markersize=11)
+
+
 def _current(axes: Any, flow: FlowEstimate) -> None:
-    """Draw the current at half of 500 m as arrows at the grid's water."""
+    """Draw the current at 250 m as arrows at the grid's water."""
     grid = flow.grid
     wet = grid.wet[0]
     velocity = flow.velocity(grid.east[wet], grid.north[wet], 250.0)

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.experiments.reachable import in_water
+from replay_kit.experiments.reachable import Pair, in_water
+from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_geographic, to_local
 from replay_kit.types import Array, Grid
 
@@ -17,6 +18,12 @@ SPACING = 10.0
 def corners_of(grid: Grid, polygon: Polygon) -> Array:
     """Return the corners of a polygon of longitudes and latitudes in a grid's local frame, shape (n, 2) [m]."""
     return np.column_stack(to_local(grid.projection, *np.array(polygon).T))
+
+
+def ends_of(flow: FlowEstimate, pair: Pair) -> Array:
+    """Return start and goal in a flow's local frame, shape (2, 2) [m]."""
+    ends = (pair.start, pair.target)
+    return np.column_stack(to_local(flow.grid.projection, [end.longitude for end in ends], [end.latitude for end in ends]))
 
 
 def winds_around(corners: Array, points: Array) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ import numpy as np
 from replay_kit.experiments.planning.calls import Flights, Mission
 from replay_kit.experiments.planning.flights import ANGLES, draw_missions
 from replay_kit.experiments.planning.pictures import ScenarioView, draw_scenarios
-from replay_kit.experiments.planning.recheck import Polygon, corners_of, winds_around
+from replay_kit.experiments.planning.recheck import Polygon, corners_of, ends_of, winds_around
 from replay_kit.experiments.planning.told import Asked, Picture, Table, Told
 from replay_kit.experiments.planning.world import Withheld, World
 from replay_kit.experiments.reachable import SPEED, Pair
@@ -101,7 +101,7 @@ def _past(world: World, case: _Case, area: Polygon) -> tuple[tuple[float | str, 
     longer = robust.duration / plain.duration
     row = (plain.status, robust.status, shares[0], shares[1], misses[1] / misses[0], longer, seconds)
     places = tuple(flights.place[:: max(len(flights.place) // 100, 1)] for flights in flown)
-    return row, ScenarioView(case.flow, corners, places, tuple(shares))
+    return row, ScenarioView(case.flow, corners, ends_of(case.flow, case.pair), places, tuple(shares))
 
 
 def trespasses(corners: Array, place: Array) -> Array:
@@ -182,6 +182,9 @@ def _words(world: World) -> str:
 
 
 def _drawn(views: list[ScenarioView]) -> tuple[Picture, ...]:
-    caption = "The mission whose deterministic plan trespasses most: flights in fresh samples past an area downstream"
+    caption = (
+        "The mission whose deterministic plan trespasses most, flown in fresh samples from dot to star, past an area downstream (orange); "
+        "arrows: the current at 250 m"
+    )
     worst = max(views, key=lambda view: view.shares[0])
     return (Picture("scenarios_area", caption, (11.0, 5.0), partial(draw_scenarios, worst)),)
