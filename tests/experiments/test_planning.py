@@ -212,7 +212,7 @@ def test_the_order_is_as_asked_or_not():
     ]
     assert [one.met for one in order_of(wrong)] == [True, False, True]
     words = place_of_average([*right, flown("depth_averaged_truth", 25.0, 0.3)], 0.9, once=True)
-    assert "ratio of 0.50" in words
+    assert "ratio of 0.5 " in words
     assert "90 % of the truths'" in words
 
 

@@ -145,7 +145,7 @@ def place_of_average(flown: Sequence[Flown], coherence: float, once: bool) -> st
     )
     return (
         f"Plans on the depth-averaged truth miss by a median of {np.median(average):.0f} m, those on the default estimate by "
-        f"{np.median(default):.0f} m: a ratio of {ratio:.2f} (90 % interval {low:.2f} to {high:.2f}). Their relative errors are "
+        f"{np.median(default):.0f} m: a ratio of {ratio:.2g} (90 % interval {low:.2g} to {high:.2g}). Their relative errors are "
         f"{np.median(errors[AVERAGED]):.2f} and {np.median(errors['default']):.2f}; the average carries {100.0 * coherence:.0f} % of the "
         f"truths' mean squared speed. {why} It knows the truth, which an estimate has to learn; its place is told, not asked for."
     )
