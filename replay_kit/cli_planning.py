@@ -26,8 +26,8 @@ from replay_kit.cli_options import (
 from replay_kit.config import load_config
 from replay_kit.experiments import planning as on_planning
 from replay_kit.experiments.paper import check_folder
-from replay_kit.forecast import read_ensemble
-from replay_kit.job import check_paths
+from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.job import check_paths, truth_path
 
 CALLS = on_planning.Calls(
     plan=planners.plan,
@@ -46,6 +46,9 @@ def planning(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for report, tables and pictures; made if absent.")],
     leave_out: Annotated[
         str | None, typer.Option("--leave-out", metavar="K,K,...|all", help="Members withheld as truths; 20 evenly spread by default.")
+    ] = None,
+    truth: Annotated[
+        str | None, typer.Option("--truth", metavar="T.nc[#member]", help="A truth of its own; no member is left out.")
     ] = None,
     study: Annotated[str | None, typer.Option("--study", metavar="S1,S2,...", help=f"Of {', '.join(on_planning.STUDIES)}.")] = None,
     pairs: Annotated[int, typer.Option("--pairs", min=1, help="Starts and goals of glides and missions, over all truths.")] = 100,
@@ -68,14 +71,15 @@ def planning(
     """Plan on estimates, fly in the truth: glides, missions, scenarios, islands drawn at random, problems without a solution."""
     chosen = tuple(on_planning.STUDIES) if study is None else tuple(study.split(","))
     check_folder(out)
-    check_paths([ensemble, config], [*on_planning.replaced_files(out, chosen), json_file], overwrite)
+    check_paths([ensemble, truth_path(truth), config], [*on_planning.replaced_files(out, chosen), json_file], overwrite)
     settings = load_config(config, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
     job = on_planning.PlanningJob(chosen, leave_out, pairs, pings, noise, legs, scenarios=scenarios, fresh=fresh, masks=masks, seed=seed)
     members = read_ensemble(ensemble, settings.forecast)
+    withheld = None if truth is None else read_truth(truth, settings.forecast)
     # made before the work, so that a folder that cannot be made is said at once
     out.mkdir(exist_ok=True)
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
-        result = on_planning.run_planning(members, settings.estimator, job, CALLS, advance)
+        result = on_planning.run_planning(members, withheld, settings.estimator, job, CALLS, advance)
         on_planning.write_planning(out, result)
     console = console_beside(json_file)
     on_planning.print_planning(result, console)

@@ -44,7 +44,7 @@ SQUARE = np.array([[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]])
 
 
 def world(**calls):
-    return build_world(MEMBERS, CONFIG, JOB, replace(CALLS, **calls), lambda what, steps: None)
+    return build_world(MEMBERS, None, CONFIG, JOB, replace(CALLS, **calls), lambda what, steps: None)
 
 
 def flown(flow, miss, error=0.1):
@@ -238,6 +238,15 @@ def test_what_is_refused(changed, words):
     job = replace(JOB, **changed)
     with pytest.raises(ConfigError, match=words):
         job.check(STUDIES) or job.members(6)
+
+
+def test_a_truth_of_its_own_leaves_no_member_out():
+    truth = synthetic.ensemble(5, n_members=1, shape=(8, 9))
+    with pytest.raises(ConfigError, match="--truth and --leave-out"):
+        build_world(MEMBERS, truth, CONFIG, JOB, CALLS, lambda what, steps: None)
+    (withheld,) = build_world(MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), CALLS, lambda what, steps: None).truths
+    assert (withheld.case.ensemble.n_members, withheld.member) == (6, 6)
+    assert withheld.case.truth is truth
 
 
 def test_members_are_spread_over_the_ensemble():

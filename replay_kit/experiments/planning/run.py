@@ -22,7 +22,7 @@ class PlanningResult:
     Attributes:
         told: Study by study.
         ensemble: Its file.
-        members: Positions of the members left out in turn.
+        truths: Their files, or the members left out in turn.
         n_members: Of the ensemble.
         levels: [m].
         job: What was asked for.
@@ -32,7 +32,7 @@ class PlanningResult:
 
     told: tuple[Told, ...]
     ensemble: str
-    members: tuple[int, ...]
+    truths: tuple[str, ...]
     n_members: int
     levels: tuple[float, ...]
     job: PlanningJob
@@ -41,12 +41,18 @@ class PlanningResult:
 
 
 def run_planning(
-    ensemble: Ensemble, config: EstimatorConfig, job: PlanningJob, calls: Calls, progress: Progress | None = None
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: PlanningJob,
+    calls: Calls,
+    progress: Progress | None = None,
 ) -> PlanningResult:
-    """Return the studies asked for, each member left out being the truth in turn.
+    """Return the studies asked for, on a truth or on each member left out in turn.
 
     Args:
         ensemble: All members.
+        truth: An ensemble of one; None to leave members out.
         config: Everything but the preset.
         job: What to study.
         calls: The planner.
@@ -65,12 +71,12 @@ def run_planning(
             progress(done, total, what)
         done += steps
 
-    world = build_world(ensemble, config, job, calls, say)
+    world = build_world(ensemble, truth, config, job, calls, say)
     told, seconds = [], {}
     for name in job.studies:
         began = time.perf_counter()
         told.append(STUDIES[name].run(world))
         seconds[name] = time.perf_counter() - began
-    members = tuple(withheld.member for withheld in world.truths)
+    truths = tuple(withheld.case.truth.source for withheld in world.truths)
     levels = tuple(float(level) for level in ensemble.grid.levels)
-    return PlanningResult(tuple(told), ensemble.source, members, ensemble.n_members, levels, job, config.modes, seconds)
+    return PlanningResult(tuple(told), ensemble.source, truths, ensemble.n_members, levels, job, config.modes, seconds)

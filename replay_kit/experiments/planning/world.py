@@ -8,6 +8,7 @@ import numpy as np
 
 from replay_kit.baselines import average_over_depth
 from replay_kit.config import EstimatorConfig
+from replay_kit.errors import ConfigError
 from replay_kit.estimator import embed_member
 from replay_kit.experiments.accuracy import build_method
 from replay_kit.experiments.pings import random_observations
@@ -35,10 +36,10 @@ _PRESETS = {"naive3d": "paper"}
 
 @dataclass(frozen=True, eq=False)
 class Withheld:
-    """A member that is the truth, and what can be known of it.
+    """A truth, and what can be known of it.
 
     Attributes:
-        case: The truth and the other members.
+        case: The truth and the members that do not know it.
         config: Of the estimators.
         job: How many pings.
     """
@@ -49,9 +50,8 @@ class Withheld:
 
     @property
     def member(self) -> int:
-        """Position of the member."""
-        assert self.case.member is not None
-        return self.case.member
+        """Position of the member left out; for a truth of its own the number of members."""
+        return self.case.ensemble.n_members if self.case.member is None else self.case.member
 
     @cached_property
     def truth(self) -> FlowEstimate:
@@ -103,7 +103,7 @@ class World:
     """What a study is given.
 
     Attributes:
-        truths: One for each member left out.
+        truths: One for each member left out, or one of its own.
         job: What is asked for.
         calls: The planner.
         say: Told what is being run, and how many steps are done.
@@ -124,11 +124,24 @@ class World:
         return min(self.job.depth, float(self.truths[0].case.ensemble.grid.levels[-1]))
 
 
-def build_world(ensemble: Ensemble, config: EstimatorConfig, job: PlanningJob, calls: Calls, say: Callable[[str, int], None]) -> World:
+def build_world(
+    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PlanningJob, calls: Calls, say: Callable[[str, int], None]
+) -> World:
     """Return the world of an ensemble; estimates are made when they are first asked for.
 
+    Args:
+        ensemble: All members.
+        truth: An ensemble of one; None to leave members out.
+        config: Of the estimators.
+        job: What is asked for.
+        calls: The planner.
+        say: Told what is being run.
+
     Raises:
-        ConfigError: A member does not exist, or too few are left.
+        ConfigError: A member does not exist, too few are left, or members are to be left out beside a truth.
     """
+    if truth is not None and job.leave_out is not None:
+        raise ConfigError("planning: expected one of --truth and --leave-out")
     members = job.members(ensemble.n_members)
-    return World(tuple(Withheld(leave_out(ensemble, member), config, job) for member in members), job, calls, say)
+    cases = [leave_out(ensemble, member) for member in members] if truth is None else [Case(None, truth, ensemble)]
+    return World(tuple(Withheld(case, config, job) for case in cases), job, calls, say)

@@ -32,7 +32,7 @@ def to_json(result: PlanningResult) -> dict[str, Any]:
     return {
         "studies": {told.study: _told_json(told, result.seconds[told.study]) for told in result.told},
         "ensemble": result.ensemble,
-        "members": list(result.members),
+        "truths": list(result.truths),
         "n_members": result.n_members,
         "levels": list(result.levels),
         "modes": result.modes,
@@ -71,9 +71,9 @@ def report(result: PlanningResult) -> str:
 def conditions(result: PlanningResult) -> str:
     """Return what the studies were made on."""
     job, modes = result.job, "all modes" if result.modes is None else f"at most {result.modes} modes"
-    levels, members = (", ".join(f"{value:.4g}" for value in values) for values in (result.levels, result.members))
+    levels, truths = ", ".join(f"{level:.4g}" for level in result.levels), ", ".join(f"`{truth}`" for truth in result.truths)
     return (
-        f"{result.n_members} members of `{result.ensemble}`, levels {levels} m; left out in turn as truths: {members}. Estimates are made "
+        f"{result.n_members} members of `{result.ensemble}`, levels {levels} m; truths, in turn: {truths}. Estimates are made "
         f"of {job.pings} pings at random places, noise {job.noise:g} m/s, with {modes}. Seed {job.seed}. Intervals hold 90 % of the "
         "medians of resampled cases; those of one truth share its estimates, which the intervals do not count."
     )
