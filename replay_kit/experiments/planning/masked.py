@@ -21,8 +21,8 @@ NAME = "masked"
 _CLEAN = ("reached", "unreachable")
 _SHOWN = 6
 _CAPTION = "Some of the missions, from dot to star: land grey, areas orange, arrows the current at 250 m"
-# Twice what most goals take; ways against the current would take minutes to plan.
-_MOST_LEGS = 24
+# Three times what most goals take; ways against the current would take minutes to plan.
+_MOST_LEGS = 40
 Row = tuple[str | int | float | bool, ...]
 
 
