@@ -50,8 +50,8 @@ class PlanningJob:
     def check(self, known: Collection[str]) -> None:
         """Raise ConfigError when an option is wrong."""
         unknown = [name for name in self.studies if name not in known]
-        if unknown or not self.studies:
-            raise ConfigError(f"--study: expected some of {', '.join(known)}, got {', '.join(self.studies) or 'none'}")
+        if unknown or not self.studies or len(set(self.studies)) < len(self.studies):
+            raise ConfigError(f"--study: expected some of {', '.join(known)}, each once, got {', '.join(self.studies) or 'none'}")
         for name in ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"--{name}: expected a number above 0, got {getattr(self, name)}")
