@@ -229,6 +229,7 @@ def test_a_ratio_of_medians_is_resampled_case_by_case():
     ("changed", "words"),
     [
         ({"studies": ("glide",)}, "--study"),
+        ({"studies": ("masked", "masked")}, "each once"),
         ({"pairs": 0}, "--pairs"),
         ({"noise": math.nan}, "--noise"),
         ({"leave_out": "2,2"}, "each once"),
