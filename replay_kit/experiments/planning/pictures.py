@@ -83,8 +83,11 @@ def draw_misses(flown: "Sequence[Flown]", figure: Any) -> None:
         right.scatter(errors, medians, s=28, color=_COLOURS[flow], marker=_MARKERS[flow], label=LABELS[flow])
     left.set(xscale="log", xlabel="miss in the truth [m]", ylabel="share of the plans", ylim=(0.0, 1.0))
     right.set(xscale="log", yscale="log", xlabel="relative error of the flow", ylabel="median miss of a truth [m]")
+    # within one decade the words of its parts would lie over each other
+    right.set_xlim(min(right.get_xlim()[0], 1e-2), max(right.get_xlim()[1], 1.5))
     for axes in (left, right):
         axes.grid(alpha=0.3)
+        axes.tick_params(which="minor", labelbottom=False)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=10)
 
 
