@@ -20,8 +20,8 @@ from replay_kit.types import Array
 
 NAME = "scenarios"
 _KEPT, _RATIO, _SECONDS = 0.12, 1.05, 15.0
-# The share of the path beside which the area lies, and how far out it reaches, in spreads of the samples across the path.
-_BESIDE, _DEEP = (0.35, 0.65), 6.0
+# The share of the path beside which the area lies, and how far out it reaches [m]: the way round its far side is no way.
+_BESIDE, _OUT = (0.35, 0.65), 10e3
 # How far the area overlaps the path [m]: a plan that keeps clear of it is another one.
 _OVERLAP = 100.0
 # Points between two of a flight, so that a path does not cut an area's corner unseen.
@@ -48,7 +48,7 @@ def scenarios(world: World) -> Told:
             plain = world.calls.plan_mission(case.flow, case.pair.start, case.pair.target, **case.how)
             flights = world.calls.fly_mission(case.fresh, plain)
             free.append((withheld.member, *_compared(world, case, flights)))
-            area = area_downstream(case.flow, plain, flights)
+            area = area_downstream(case.flow, plain)
             row, view = _past(world, case, area)
             beside.append((withheld.member, *row))
             views.append(view)
@@ -117,13 +117,14 @@ def trespasses(corners: Array, place: Array) -> Array:
     return np.asarray(winds_around(corners, points.reshape(-1, 2)).reshape(len(place), -1).any(axis=1))
 
 
-def area_downstream(flow: FlowEstimate, plan: Mission, flights: Flights) -> Polygon:
+def area_downstream(flow: FlowEstimate, plan: Mission) -> Polygon:
     """Return a rectangle on the side of a mission's middle to which the current sets, its near edge a little over the path.
+
+    It reaches less far out where it would hold the start or the end.
 
     Args:
         flow: The estimate.
         plan: The mission.
-        flights: It in samples; the spread across the path says how far out the area reaches.
     """
     track = plan.track[:, :2]
     begin, end = (round(share * (len(track) - 1)) for share in _BESIDE)
@@ -131,11 +132,15 @@ def area_downstream(flow: FlowEstimate, plan: Mission, flights: Flights) -> Poly
     along = (middle[-1] - middle[0]) / np.linalg.norm(middle[-1] - middle[0])
     across = np.array([along[1], -along[0]])
     across *= 1.0 if float(np.mean(flow.velocity(*plan.track[begin : end + 1].T) @ across)) >= 0.0 else -1.0
-    half = flights.place.shape[1] // 2
-    out = max(_DEEP * float(np.std(flights.place[:, half] @ across)), 3e3)
     near, reach = float(np.max((middle - middle[0]) @ across)) - _OVERLAP, float(np.linalg.norm(middle[-1] - middle[0]))
-    corners = [middle[0] + a * along + b * across for a, b in ((0.0, near), (reach, near), (reach, near + out), (0.0, near + out))]
-    longitude, latitude = to_geographic(flow.grid.projection, *np.array(corners).T)
+    out = _OUT
+    while True:
+        sides = ((0.0, near), (reach, near), (reach, near + out), (0.0, near + out))
+        corners = np.array([middle[0] + a * along + b * across for a, b in sides])
+        if out < _OVERLAP or not winds_around(corners, track[[0, -1]]).any():
+            break
+        out /= 2.0
+    longitude, latitude = to_geographic(flow.grid.projection, *corners.T)
     return tuple((float(x), float(y)) for x, y in zip(longitude, latitude, strict=True))
 
 
