@@ -24,6 +24,7 @@ from replay_kit.cli_options import (
     numbers,
     write_json,
 )
+from replay_kit.cli_planning import planning
 from replay_kit.config import ForecastConfig, load_config
 from replay_kit.errors import ConfigError
 from replay_kit.experiments import missions as on_missions
@@ -38,6 +39,7 @@ experiment = typer.Typer(
     help="Studies: how well the estimator does, and against what.", no_args_is_help=True, rich_markup_mode=None, add_completion=False
 )
 experiment.command()(dives)
+experiment.command()(planning)
 
 
 @experiment.command()

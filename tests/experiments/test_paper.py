@@ -23,17 +23,19 @@ from replay_kit.cli import app
 from replay_kit.config import EstimatorConfig
 from replay_kit.errors import ConfigError, ForecastError
 from replay_kit.estimator import embed_member
+from replay_kit.experiments import reachable
 from replay_kit.experiments.accuracy import build_method
+from replay_kit.experiments.bootstrap import bootstrap_median
 from replay_kit.experiments.bound import bound
-from replay_kit.experiments.paper import FILES, PaperJob, figures, glides, print_paper, run_paper, to_json, write_paper
+from replay_kit.experiments.paper import FILES, PaperJob, figures, print_paper, run_paper, to_json, write_paper
 from replay_kit.experiments.paper.diagnostics import coherence, depth_kernel, level_correlation
 from replay_kit.experiments.paper.findings import sparse_logs
-from replay_kit.experiments.paper.glides import bootstrap_median, draw_pairs
 from replay_kit.experiments.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
 from replay_kit.experiments.paper.tables import Survey, run_table, rungs
 from replay_kit.experiments.paper.text import text_tables
 from replay_kit.experiments.paper.write import report, to_csv
 from replay_kit.experiments.pings import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.experiments.reachable import draw_pairs
 from replay_kit.experiments.truths import Case, leave_out
 from replay_kit.scoring import scored_points
 from replay_kit.twin.field import build_field
@@ -204,7 +206,7 @@ def test_pairs_stay_in_the_water_of_both_grids(monkeypatch):
     assert not pinged & {round(pair.start.longitude, 6) for pair in pairs}
     # the deepest level is shallower than the paper's targets
     assert all((pair.start.depth, pair.target.depth) == (0.0, 300.0) for pair in pairs)
-    monkeypatch.setattr(glides, "_MAX_DRAWS", 1)
+    monkeypatch.setattr(reachable, "_MAX_DRAWS", 1)
     dry = replace(MEMBERS.grid, wet=np.zeros_like(MEMBERS.grid.wet))
     with pytest.raises(ForecastError, match="larger region"):
         draw_pairs(field, flow, dry, 1, 7)

@@ -11,10 +11,11 @@ from replay_kit.config import EstimatorConfig
 from replay_kit.errors import ConfigError
 from replay_kit.estimator import embed_member
 from replay_kit.experiments.paper.diagnostics import DepthKernel, coherence, depth_kernel, level_correlation
-from replay_kit.experiments.paper.glides import FlyGlide, Glides, Pair, PlanGlide, draw_pairs, run_glides
+from replay_kit.experiments.paper.glides import FlyGlide, Glides, PlanGlide, run_glides
 from replay_kit.experiments.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths, sparse_over_truths
 from replay_kit.experiments.paper.tables import Advance, Survey, run_table, rungs, sparse_rows
 from replay_kit.experiments.pings import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.experiments.reachable import Pair, draw_pairs
 from replay_kit.experiments.truths import Case, cases, most_distant
 from replay_kit.flow import FlowEstimate
 from replay_kit.twin.field import build_field

@@ -1,1 +1,19 @@
-"""Studies of planning on twin missions."""
+"""``experiment planning``: plans made on estimates and flown in truths that the estimates do not know."""
+
+from replay_kit.experiments.planning.calls import Calls
+from replay_kit.experiments.planning.job import PlanningJob
+from replay_kit.experiments.planning.run import PlanningResult, run_planning
+from replay_kit.experiments.planning.studies import STUDIES
+from replay_kit.experiments.planning.write import print_planning, replaced_files, to_json, write_planning
+
+__all__ = [
+    "STUDIES",
+    "Calls",
+    "PlanningJob",
+    "PlanningResult",
+    "print_planning",
+    "replaced_files",
+    "run_planning",
+    "to_json",
+    "write_planning",
+]

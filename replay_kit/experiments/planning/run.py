@@ -1,0 +1,82 @@
+"""The chosen studies on one ensemble, as one value."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from replay_kit.config import EstimatorConfig
+from replay_kit.experiments.planning.calls import Calls
+from replay_kit.experiments.planning.job import PlanningJob
+from replay_kit.experiments.planning.studies import STUDIES
+from replay_kit.experiments.planning.told import Told
+from replay_kit.experiments.planning.world import build_world
+from replay_kit.types import Ensemble
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanningResult:
+    """What all studies have to say.
+
+    Attributes:
+        told: Study by study.
+        ensemble: Its file.
+        truths: Their files, or the members left out in turn.
+        n_members: Of the ensemble.
+        levels: [m].
+        job: What was asked for.
+        modes: Most basis flows a level; None for all.
+        seconds: Wall time of each study [s].
+    """
+
+    told: tuple[Told, ...]
+    ensemble: str
+    truths: tuple[str, ...]
+    n_members: int
+    levels: tuple[float, ...]
+    job: PlanningJob
+    modes: int | None
+    seconds: Mapping[str, float]
+
+
+def run_planning(
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: PlanningJob,
+    calls: Calls,
+    progress: Progress | None = None,
+) -> PlanningResult:
+    """Return the studies asked for, on a truth or on each member left out in turn.
+
+    Args:
+        ensemble: All members.
+        truth: An ensemble of one; None to leave members out.
+        config: Everything but the preset.
+        job: What to study.
+        calls: The planner.
+        progress: Called with steps done, steps in all, and what is being run.
+
+    Raises:
+        ConfigError: An option is wrong.
+        ForecastError: The region is too small, or has too little water.
+    """
+    job.check(STUDIES)
+    total, done = sum(STUDIES[name].steps(job) for name in job.studies), 0
+
+    def say(what: str, steps: int) -> None:
+        nonlocal done
+        if progress is not None:
+            progress(done, total, what)
+        done += steps
+
+    world = build_world(ensemble, truth, config, job, calls, say)
+    told, seconds = [], {}
+    for name in job.studies:
+        began = time.perf_counter()
+        told.append(STUDIES[name].run(world))
+        seconds[name] = time.perf_counter() - began
+    truths = tuple(withheld.case.truth.source for withheld in world.truths)
+    levels = tuple(float(level) for level in ensemble.grid.levels)
+    return PlanningResult(tuple(told), ensemble.source, truths, ensemble.n_members, levels, job, config.modes, seconds)
