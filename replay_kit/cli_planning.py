@@ -23,7 +23,9 @@ from replay_kit.cli_options import (
     forecast_part,
     write_json,
 )
+from replay_kit.cli_planners import MissionPlanner, legs_planner
 from replay_kit.config import load_config
+from replay_kit.config_planner import PlannerConfig
 from replay_kit.experiments import planning as on_planning
 from replay_kit.experiments.paper import check_folder
 from replay_kit.forecast import read_ensemble, read_truth
@@ -38,6 +40,7 @@ CALLS = on_planning.Calls(
     glider=lambda speed, shallowest, steepest: planners.Glider(speed, None, shallowest, steepest),
     settings=planners.MissionSettings,
     no_go=planners.NoGo,
+    plan_legs=legs_planner(MissionPlanner.of(PlannerConfig(kind="mission"))),
 )
 
 
@@ -57,6 +60,7 @@ def planning(
     scenarios: Annotated[int, typer.Option("--scenarios", min=1, help="Missions planned for samples.")] = 10,
     fresh: Annotated[int, typer.Option("--fresh", min=1, help="Other samples that these are flown through.")] = 500,
     masks: Annotated[int, typer.Option("--masks", min=1, help="Random cases with islands and areas.")] = 200,
+    replans: Annotated[int, typer.Option("--replans", min=1, help="Missions planned anew at each surfacing.")] = 40,
     noise: NoiseOption = 0.09,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of everything that is drawn.")] = 0,
     lead: LeadOption = None,
@@ -69,11 +73,13 @@ def planning(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Plan on estimates, fly in the truth: glides, missions, scenarios, islands drawn at random, problems without a solution."""
-    chosen = tuple(on_planning.STUDIES) if study is None else tuple(study.split(","))
+    possible = [name for name in on_planning.STUDIES if truth is None or name != on_planning.WITHOUT_TRUTH]
+    chosen = tuple(possible) if study is None else tuple(study.split(","))
     check_folder(out)
     check_paths([ensemble, truth_path(truth), config], [*on_planning.replaced_files(out, chosen), json_file], overwrite)
     settings = load_config(config, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
-    job = on_planning.PlanningJob(chosen, leave_out, pairs, pings, noise, legs, scenarios=scenarios, fresh=fresh, masks=masks, seed=seed)
+    sizes = {"scenarios": scenarios, "fresh": fresh, "masks": masks, "replans": replans}
+    job = on_planning.PlanningJob(chosen, leave_out, pairs, pings, noise, legs, **sizes, seed=seed)
     members = read_ensemble(ensemble, settings.forecast)
     withheld = None if truth is None else read_truth(truth, settings.forecast)
     # made before the work, so that a folder that cannot be made is said at once

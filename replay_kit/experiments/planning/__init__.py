@@ -2,12 +2,14 @@
 
 from replay_kit.experiments.planning.calls import Calls
 from replay_kit.experiments.planning.job import PlanningJob
+from replay_kit.experiments.planning.replanned import NAME as WITHOUT_TRUTH
 from replay_kit.experiments.planning.run import PlanningResult, run_planning
 from replay_kit.experiments.planning.studies import STUDIES
 from replay_kit.experiments.planning.write import print_planning, replaced_files, to_json, write_planning
 
 __all__ = [
     "STUDIES",
+    "WITHOUT_TRUTH",
     "Calls",
     "PlanningJob",
     "PlanningResult",

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from replay_kit.experiments.planning.replanning import PlanLegs
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array, Place, Plan
 
@@ -78,6 +79,7 @@ class Calls:
         glider: Makes a vehicle of a speed [m/s] and of the least and largest glide angle [degrees].
         settings: Makes settings of a mission from their names.
         no_go: Makes an area from its corners, longitude and latitude [degrees], and its name.
+        plan_legs: A mission as the study of replanning asks for it.
     """
 
     plan: Callable[[FlowEstimate, Place, Place], Plan]
@@ -88,3 +90,4 @@ class Calls:
     glider: Callable[[float, float, float], Any]
     settings: Callable[..., Any]
     no_go: Callable[[tuple[tuple[float, float], ...], str], Any]
+    plan_legs: PlanLegs

@@ -30,6 +30,7 @@ class PlanningJob:
         fresh: Samples that it is then flown through.
         allowed: Share of the samples that may trespass.
         masks: Random cases with islands and areas.
+        replans: Missions planned anew at each surfacing.
         seed: Of everything that is drawn.
     """
 
@@ -45,6 +46,7 @@ class PlanningJob:
     fresh: int = 500
     allowed: float = 0.1
     masks: int = 200
+    replans: int = 40
     seed: int = 0
 
     def check(self, known: Collection[str]) -> None:
@@ -52,7 +54,7 @@ class PlanningJob:
         unknown = [name for name in self.studies if name not in known]
         if unknown or not self.studies or len(set(self.studies)) < len(self.studies):
             raise ConfigError(f"--study: expected some of {', '.join(known)}, each once, got {', '.join(self.studies) or 'none'}")
-        for name in ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks"):
+        for name in ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks", "replans"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"--{name}: expected a number above 0, got {getattr(self, name)}")
         if not (math.isfinite(self.noise) and self.noise > 0.0) or self.seed < 0:

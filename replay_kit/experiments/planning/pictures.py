@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from replay_kit.experiments.planning.recheck import Polygon, corners_of
+from replay_kit.experiments.planning.replan_rows import NEAR, ReplanRow
 from replay_kit.experiments.planning.world import AVERAGED, LABELS, TRUTH
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
@@ -150,3 +151,15 @@ def _around(axes: Any, points: Array) -> None:
     middle, half = 0.5 * (low + high), 0.6 * float(np.max(high - low)) + 5.0
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
     axes.set_aspect("equal")
+
+
+def draw_replanned(rows: "Sequence[ReplanRow]", figure: Any) -> None:
+    """Draw each mission's miss planned anew against that of the plan made once."""
+    axes = figure.subplots()
+    once, anew = (np.maximum([getattr(row, way).miss for row in rows], _LEAST_MISS) for way in ("once", "replanned"))
+    axes.scatter(once, anew, s=28, color=_COLOURS["default"])
+    ends = 0.7 * min(once.min(), anew.min()), 1.4 * max(once.max(), anew.max())
+    axes.plot(ends, ends, color=_COLOURS[TRUTH], linewidth=1.0)
+    axes.axhline(NEAR, color=_COLOURS[AVERAGED], linestyle="--", linewidth=1.0)
+    axes.set(xscale="log", yscale="log", xlabel="miss of the plan made once [m]", ylabel="miss planned anew [m]", xlim=ends, ylim=ends)
+    axes.grid(alpha=0.3)

@@ -17,7 +17,7 @@ class ReplanJob:
     """Which missions.
 
     Attributes:
-        missions: How many; the truths are members spread evenly over the ensemble.
+        missions: How many.
         legs: That the truth takes to the goal.
         most_legs: That a mission may take to it.
         depth: Of the dives [m]; the last level's when that is shallower.
@@ -26,6 +26,7 @@ class ReplanJob:
         noise: Error of each component of each bin [m/s].
         tolerance: A mission that is planned anew ends this near to the goal [m].
         seed: Of starts, goals and noise.
+        members: Truths, in turn; None for members spread evenly over the ensemble.
     """
 
     missions: int = 40
@@ -37,6 +38,7 @@ class ReplanJob:
     noise: float = 0.09
     tolerance: float = 250.0
     seed: int = 0
+    members: tuple[int, ...] | None = None
 
     def check(self) -> None:
         """Raise ConfigError when a number is none that can be simulated."""

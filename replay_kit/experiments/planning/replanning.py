@@ -79,9 +79,10 @@ def run_replanning(
         PlanError: The planner cannot plan at a mission's start.
     """
     job.check()
-    rows: list[ReplanRow] = []
+    n_members, rows = series[0].n_members, list[ReplanRow]()
+    members = job.members or [k * n_members // min(job.missions, n_members) for k in range(min(job.missions, n_members))]
     for k in range(job.missions):
-        member = k * series[0].n_members // job.missions if job.missions <= series[0].n_members else k % series[0].n_members
+        member = members[k % len(members)]
         if advance is not None:
             advance(k, job.missions, f"mission {k}, member {member}")
         rows.append(_mission(series, config, job, plan, member, job.seed + k))

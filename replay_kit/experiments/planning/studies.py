@@ -8,6 +8,7 @@ from replay_kit.experiments.planning.infeasible import infeasible
 from replay_kit.experiments.planning.job import PlanningJob
 from replay_kit.experiments.planning.masked import masked
 from replay_kit.experiments.planning.missions import missions
+from replay_kit.experiments.planning.replanned import replanning
 from replay_kit.experiments.planning.scenarios import scenarios
 from replay_kit.experiments.planning.told import Told
 from replay_kit.experiments.planning.world import AVERAGED, METHODS, TRUTH, World
@@ -34,4 +35,5 @@ STUDIES: Mapping[str, Study] = {
     "scenarios": Study(scenarios, lambda job: job.scenarios),
     "masked": Study(masked, lambda job: job.masks),
     "infeasible": Study(infeasible, lambda job: 10),
+    "replanning": Study(replanning, lambda job: job.replans),
 }

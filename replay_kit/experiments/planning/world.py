@@ -103,12 +103,14 @@ class World:
     """What a study is given.
 
     Attributes:
+        ensemble: All members.
         truths: One for each member left out, or one of its own.
         job: What is asked for.
         calls: The planner.
         say: Told what is being run, and how many steps are done.
     """
 
+    ensemble: Ensemble
     truths: tuple[Withheld, ...]
     job: PlanningJob
     calls: Calls
@@ -144,4 +146,4 @@ def build_world(
         raise ConfigError("planning: expected one of --truth and --leave-out")
     members = job.members(ensemble.n_members)
     cases = [leave_out(ensemble, member) for member in members] if truth is None else [Case(None, truth, ensemble)]
-    return World(tuple(Withheld(case, config, job) for case in cases), job, calls, say)
+    return World(ensemble, tuple(Withheld(case, config, job) for case in cases), job, calls, say)
