@@ -40,7 +40,7 @@ CALLS = on_planning.Calls(
     glider=lambda speed, shallowest, steepest: planners.Glider(speed, None, shallowest, steepest),
     settings=planners.MissionSettings,
     no_go=planners.NoGo,
-    plan_legs=legs_planner(MissionPlanner.of(PlannerConfig(kind="mission"))),
+    legs_planner=lambda depth: legs_planner(MissionPlanner.of(PlannerConfig(kind="mission", depth=depth))),
 )
 
 

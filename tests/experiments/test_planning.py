@@ -39,7 +39,7 @@ from tests.reference import polygon
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig(modes=8)
 JOB = PlanningJob(("masked",), "1", pairs=1, pings=6, legs=2, masks=3)
-DRAWN = ("glides", "missions", "scenarios", "masked")
+DRAWN = ("glides", "missions", "scenarios", "masked", "replanning")
 SQUARE = np.array([[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]])
 
 
@@ -62,7 +62,24 @@ def answer(tmp_path_factory):
     folder = tmp_path_factory.mktemp("planning")
     synthetic.dataset(n_members=6, shape=(8, 9)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     command = ["experiment", "planning", "--ensemble", str(folder / "ensemble.nc"), "-o", str(folder / "out"), "--modes", "8"]
-    command += ["--leave-out", "1,4", "--pairs", "1", "--pings", "6", "--legs", "2", "--scenarios", "1", "--fresh", "12", "--masks", "1"]
+    command += [
+        "--leave-out",
+        "1,4",
+        "--pairs",
+        "1",
+        "--pings",
+        "6",
+        "--legs",
+        "2",
+        "--scenarios",
+        "1",
+        "--fresh",
+        "12",
+        "--masks",
+        "1",
+        "--replans",
+        "1",
+    ]
     # one start, coarse steps and few legs: plans are tested elsewhere
     quick = replace(
         CALLS,
@@ -91,7 +108,13 @@ def test_studies_are_told_in_every_form(answer):
             assert one["what"] in report
         assert f"{study}: what is asked" in printed
     pictures = sorted(out.glob("*.png"))
-    assert [picture.stem for picture in pictures] == ["glides_misses", "masked_cases", "missions_misses", "scenarios_area"]
+    assert [picture.stem for picture in pictures] == [
+        "glides_misses",
+        "masked_cases",
+        "missions_misses",
+        "replanning_misses",
+        "scenarios_area",
+    ]
     for picture in pictures:
         assert f"({picture.name})" in report
         assert np.ptp(matplotlib.image.imread(picture)[..., :3]) == 1.0

@@ -79,7 +79,7 @@ class Calls:
         glider: Makes a vehicle of a speed [m/s] and of the least and largest glide angle [degrees].
         settings: Makes settings of a mission from their names.
         no_go: Makes an area from its corners, longitude and latitude [degrees], and its name.
-        plan_legs: A mission as the study of replanning asks for it.
+        legs_planner: Makes the planner of the study of replanning, for dives to a depth [m].
     """
 
     plan: Callable[[FlowEstimate, Place, Place], Plan]
@@ -90,4 +90,4 @@ class Calls:
     glider: Callable[[float, float, float], Any]
     settings: Callable[..., Any]
     no_go: Callable[[tuple[tuple[float, float], ...], str], Any]
-    plan_legs: PlanLegs
+    legs_planner: Callable[[float], PlanLegs]

@@ -37,7 +37,7 @@ def replanning(world: World) -> Told:
         (world.ensemble,),
         RunConfig(estimator=world.truths[0].config),
         job,
-        world.calls.plan_legs,
+        world.calls.legs_planner(world.depth),
         lambda done, total, what: world.say(f"replanning, {what}", 1),
     )
     caption = f"Each mission's miss, planned once and planned anew; dashed: {NEAR:g} m"
