@@ -19,6 +19,8 @@ from replay_kit.types import Array, Place
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
 # Legs with which a goal is approached that the graph finds out of reach: more of them only crawl against a current.
 _LEGS_OUT_OF_REACH = 24
+# So many times the likely number of legs is tried where fewer trespass.
+_SHORTER = 1.5, 2.0
 
 
 def plan_mission(
@@ -92,10 +94,12 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     while n_legs >= len(task.goals) and safe_and_met(task, attempts[-1]):
         attempts.append(attempt(n_legs, fewer=True))
         n_legs -= 1
-    n_legs = likely + 1
-    while n_legs <= min(likely + 2, settings.max_legs) and not any(safe_and_met(task, done) for done in attempts):
+    # a path that cannot turn as the route does may with shorter legs
+    shorter = [round(factor * likely) for factor in _SHORTER if any(done.finding for done in attempts)]
+    for n_legs in sorted({likely + 1, likely + 2, *shorter} - {likely}):
+        if n_legs > settings.max_legs or any(safe_and_met(task, done) for done in attempts):
+            break
         attempts.append(attempt(n_legs))
-        n_legs += 1
     return attempts
 
 
