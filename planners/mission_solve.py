@@ -8,7 +8,7 @@ from planners.flight import Flight, Legs, fly_legs, refined
 from planners.front import Route
 from planners.hazards import half_planes
 from planners.mission_check import Finding, check
-from planners.mission_program import MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
+from planners.mission_program import KM, MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
 from planners.mission_task import REFINED, MissionTask
 from planners.spread import Spread
 from replay_kit.types import Array
@@ -159,6 +159,9 @@ def _solve(
             flat[..., 2] -= spread.margins(flat[..., :2])
         planes = flat.reshape(len(turns), shape.n_places, _PLANES, 3)
     time_weight, miss_weight = _CLOSEST if closest else (1.0, 0.0)
+    if path is not None:
+        # a kilometre nearer to a goal that is far off must not be worth a kilometre beyond a half-plane
+        miss_weight /= max(float(np.max(np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1))) / KM, 1.0)
     data = MissionData(
         task.start[:2],
         task.start_time,
