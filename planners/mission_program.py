@@ -20,6 +20,8 @@ from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
 
 KM, HOUR = 1e3, 3600.0
+# A kilometre of trespass costs so many times a kilometre missed along one axis.
+_TRESPASS = 4.0
 OPTIONS: dict[str, Any] = {
     "print_time": False,
     "show_eval_warnings": False,
@@ -252,7 +254,7 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
     program: dict[str, Any] = {
         "x": ca.veccat(*legs, slacks, trespass),
         "p": ca.veccat(start, start_time, goals, *depths, drifts, *planes, weights, *latent),
-        "f": weights[0] * time + missed + weights[2] * (ca.sum1(ca.vec(slacks)) + ca.sum1(trespass)),
+        "f": weights[0] * time + missed + weights[2] * (ca.sum1(ca.vec(slacks)) + _TRESPASS * ca.sum1(trespass)),
         "g": ca.vertcat(*meet, *within),
     }
     n_equal = 3 * n_legs + 2 * n_goals
