@@ -22,6 +22,8 @@ _VEHICLE, _SETTINGS = Glider(), MissionSettings()
 _MORE_LEGS = 1
 # Legs with which a goal is approached that the graph finds out of reach: more of them only crawl against a current.
 _LEGS_OUT_OF_REACH = 24
+# So many times the likely number of legs is tried where fewer trespass.
+_SHORTER = 1.5, 2.0
 
 
 def plan_mission(
@@ -109,6 +111,11 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
             break
         last = attempt(one_leg_more(last.goals.legs, last.legs.angles))
         attempts.append(last)
+    # a path that cannot turn as the route does may with shorter legs
+    for n_legs in (round(factor * likely) for factor in _SHORTER if any(done.finding for done in attempts)):
+        if not last.goals.legs[-1] < n_legs <= settings.max_legs or any(safe_and_met(task, done) for done in attempts):
+            continue
+        attempts.append(attempt(goal_legs_of(passed, n_legs)))
     return attempts
 
 

@@ -23,6 +23,8 @@ from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
 
 KM, HOUR = 1e3, 3600.0
+# A kilometre of trespass costs so many times a kilometre missed along one axis.
+_TRESPASS = 4.0
 OPTIONS: dict[str, Any] = {
     "print_time": False,
     "show_eval_warnings": False,
@@ -288,7 +290,7 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
         "f": weights[0] * time
         + missed
         + weights[4] * ca.sum1(ca.vec(slacks))
-        + weights[2] * (ca.sum1(trespass) + guide.strayed)
+        + weights[2] * (_TRESPASS * ca.sum1(trespass) + guide.strayed)
         + guide.cost,
         "g": ca.vertcat(*meet, *within, *guide.beyond),
     }

@@ -180,6 +180,9 @@ def _solve(
         planes = flat.reshape(len(turns), shape.n_places, _PLANES, 3)
     time_weight, distance_weight, guide_weight = _weights(task)
     time_weight, miss_weight = _CLOSEST if closest else (time_weight, 0.0)
+    if path is not None:
+        # a kilometre nearer to a goal that is far off must not be worth a kilometre beyond a half-plane
+        miss_weight /= max(float(np.max(np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1))) / KM, 1.0)
     data = MissionData(
         task.start[:2],
         task.start_time,

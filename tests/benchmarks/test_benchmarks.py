@@ -12,6 +12,7 @@ ALLOWED = {
     "turned": 0.5,
     "unsafe": 0.12,
     "corrected": 0.8,
+    "crossed": 1,
     "messages": 0.5,
     "mean": 1e-8,
     "covariance": 1e-6,

@@ -1,0 +1,78 @@
+"""Missions among random islands, shelves and areas beside start and goal: none may cross what it may not and not say so."""
+
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from planners import MissionPlan, MissionSettings, NoGo, plan_mission
+from planners.hazards import no_go_ring
+from planners.region import region_of
+from replay_kit.errors import PlanError
+from replay_kit.flow import FlowEstimate
+from replay_kit.types import Array
+from tests.benchmarks.estimator import row
+from tests.benchmarks.measure import seconds
+from tests.planners.flow_samples import eddying_flow, place
+
+Row = dict[str, Any]
+# Between the points of a path that are looked at [m].
+_SPACING = 5.0
+
+
+def masked_row(count: int) -> Row:
+    """Return how many plans crossed land or an area without being called unsafe, and how many have each status."""
+    statuses, crossed, took = Counter[str](), 0, [0.0]
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        flow = islands(eddying_flow(seed, speed=0.12), rng)
+        limits = 0.9 * np.array([flow.grid.east.max(), flow.grid.north.max()])
+        begin, end = rng.uniform(-limits, limits, (2, 2))
+        beside = [begin if rng.random() < 0.5 else end for _ in range(rng.integers(0, 3))]
+        areas = tuple(_area(flow, at + rng.normal(0.0, 2.5e3, 2), rng, f"area {k}") for k, at in enumerate(beside))
+        settings = MissionSettings(depth=float(rng.choice([80.0, 200.0, 390.0])), yos=int(rng.integers(1, 4)), surface_time=600.0)
+        ask = place(flow, *begin, 0.0), place(flow, *end, 0.0)
+        try:
+            spent, plan = seconds(lambda: plan_mission(flow, *ask, settings=settings, no_go=areas))  # noqa: B023
+        except PlanError:
+            statuses["refused"] += 1
+            continue
+        took.append(spent)
+        statuses[plan.status] += 1
+        crossed += plan.status != "unsafe" and crosses(flow, plan, areas)
+    name = f"{count} missions among random islands and areas: none crosses one and does not say so"
+    return row(name, float(np.median(took)), "", None, None, {"crossed": crossed}, slowest_s=max(took), **statuses)
+
+
+def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
+    """Return a flow with blocks of land, from the surface or from some level down."""
+    wet = flow.grid.wet.copy()
+    for _ in range(rng.integers(1, 5)):
+        j, i = (rng.integers(0, size) for size in wet.shape[1:])
+        high, wide = rng.permutation([rng.integers(1, 4), rng.integers(1, 3)])
+        wet[rng.integers(0, 3) :, j : j + high, i : i + wide] = False
+    keep = np.tile(wet[0].ravel(), 2)
+    return replace(flow, grid=replace(flow.grid, wet=wet), latent=flow.latent[keep], modes=flow.modes[keep])
+
+
+def crosses(flow: FlowEstimate, plan: MissionPlan, areas: tuple[NoGo, ...]) -> bool:
+    """Return whether a plan's track is anywhere on land, outside of the region or in an area that may not be entered under water."""
+    track = _dense(plan.track)
+    rings = [no_go_ring(flow.grid.projection, area.polygon, area.name) for area in areas if not area.surface_only]
+    return not region_of(flow.grid).allowed(track).all() or any(bool(ring.inside(track[:, :2]).any()) for ring in rings)
+
+
+def _area(flow: FlowEstimate, centre: Array, rng: np.random.Generator, name: str) -> NoGo:
+    bearings, far = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 7))), rng.uniform(300.0, 3000.0)
+    corners = [place(flow, *(centre + far * np.array([np.sin(at), np.cos(at)])), 0.0) for at in bearings]
+    return NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), name, surface_only=bool(rng.random() < 0.3))
+
+
+def _dense(track: Array) -> Array:
+    parts = [track[:1]]
+    for begin, end in pairwise(track):
+        pieces = max(int(np.ceil(np.linalg.norm(end - begin) / _SPACING)), 1)
+        parts.append(begin + np.arange(1, pieces + 1)[:, None] / pieces * (end - begin))
+    return np.vstack(parts)
