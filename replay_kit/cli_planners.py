@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import planners
+from planners.mission import legs_flown
 from planners.mission_flights import fly_mission, surfacing_ellipses
 from planners.mission_output import as_glide
 from planners.region import locate, region_of
@@ -103,7 +104,7 @@ class MissionPlanner:
         before = None if warm is None else warm.memory
         settings = self.settings
         if before is not None and settings.legs is not None:
-            settings = replace(settings, legs=_legs_left(before, start_time_ns))
+            settings = replace(settings, legs=max(1, len(before.headings_deg) - legs_flown(before, start_time_ns)))
         mission = planners.plan_mission(
             self._over_time(flow, start, goal, start_time_ns),
             start,
@@ -160,13 +161,6 @@ class MissionPlanner:
         longitude, latitude, major, minor, bearing = (float(value) for value in row)
         turn = np.rad2deg(float(grid_bearing_of_true_north(flow.grid.projection, longitude, latitude)))
         return Ellipse(longitude, latitude, major, minor, float((bearing - turn) % 180.0))
-
-
-def _legs_left(before: planners.MissionPlan, start_time_ns: int) -> int:
-    """Return how many legs of an earlier plan are still to be flown, at least one; a surfacing a little early begins the next."""
-    elapsed = (start_time_ns - before.start_time_ns) / 1e9
-    first = float(before.surfacing_times[0]) if before.surfacing_times.size else 0.0
-    return max(1, int(np.sum(before.surfacing_times >= elapsed + (0.5 * first if elapsed > 0.0 else 0.0))))
 
 
 def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:
