@@ -173,7 +173,9 @@ def _solve(
     shape = MissionShape(len(turns), n_steps, goals.legs, profiles, n_planes, bool(np.any(drifts)), goals.steps, guided)
     planes = np.zeros((len(turns), shape.n_places, 0, 3))
     if path is not None:
-        surfacing = np.tile(np.arange(shape.n_places) >= n_steps - 1, len(turns))
+        # between the dives of a leg the glider is at the surface, too
+        passed = np.array([[*depths[leg][1:], *depths[leg][-1:].repeat(shape.n_places - n_steps)] for leg in turns])
+        surfacing = (passed <= 0.0).ravel()
         flat = half_planes(task.rings, path.reshape(-1, 2), surfacing, _PLANES, task.settings.margin)
         if spread is not None:
             flat[..., 2] -= spread.margins(flat[..., :2])

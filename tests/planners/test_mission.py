@@ -10,7 +10,7 @@ from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, Wei
 from planners.flight import Legs, currents_of, currents_of_samples, fly_legs, refined
 from planners.hazards import Ring, half_planes, no_go_ring
 from planners.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
-from planners.mission import goal_legs_of, legs_flown, one_leg_more
+from planners.mission import goal_legs_of, one_leg_more
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_local
@@ -117,17 +117,6 @@ def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_sur
     later = plan_mission(flow, here, goal, settings=SETTINGS, warm=cold, start_time_ns=int(cold.surfacing_times[1] * 1e9))
     assert len(later.headings_deg) == len(cold.headings_deg) - 2
     assert later.duration == pytest.approx(cold.duration - cold.surfacing_times[1], rel=1e-3)
-
-
-def test_no_leg_counts_as_flown_before_half_of_it_is_however_steep_it_is():
-    flow = still_flow()
-    # eleven legs over the way of five are steep: one at 15 degrees would last more than twice as long
-    plan = plan_mission(flow, place(flow, -5e3, 0.0, 0.0), place(flow, 5e3, 0.0, 0.0), settings=replace(SETTINGS, legs=11))
-    assert plan.glide_angles_deg.max() > 33.0
-    for number, end in enumerate(plan.surfacing_times, start=1):
-        half = 0.5 * (end - (plan.surfacing_times[number - 2] if number > 1 else 0.0))
-        for early, flown in ((0.0, number), (0.9 * half, number), (1.1 * half, number - 1)):
-            assert legs_flown(plan, round(1e9 * (end - early))) == flown
 
 
 def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_end():
