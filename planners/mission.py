@@ -80,7 +80,9 @@ def attempts_of(task: MissionTask, warm: MissionPlan | None, start_time_ns: int)
         PlanError: Goals weigh nothing, so that there is none to plan for.
     """
     if task.settings.weights.closest == 0.0:
-        raise PlanError("a weight of 0 for missing a goal leaves none to plan for; give it more, or none to have it met whatever that costs")
+        raise PlanError(
+            "a weight of 0 for missing a goal leaves none to plan for; give it more, or none to have it met whatever that costs"
+        )
     attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
     if any(safe_and_met(task, attempt) for attempt in attempts):
         return attempts

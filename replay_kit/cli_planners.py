@@ -15,7 +15,7 @@ from replay_kit.errors import PlanError
 from replay_kit.experiments.planning.legs import Leg
 from replay_kit.experiments.planning.replanning import PlanLegs, PlannedLegs
 from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import distance, grid_bearing_of_true_north, to_geographic
+from replay_kit.geodesy import distance, to_geographic
 from replay_kit.job import Planned, Planner
 from replay_kit.planned import Ellipse, Surfacing
 from replay_kit.types import Place
@@ -158,9 +158,7 @@ class MissionPlanner:
         if self.samples == 0:
             return None
         row = surfacing_ellipses(fly_mission(flow.sample(self.samples, self.seed), first), first)[0]
-        longitude, latitude, major, minor, bearing = (float(value) for value in row)
-        turn = np.rad2deg(float(grid_bearing_of_true_north(flow.grid.projection, longitude, latitude)))
-        return Ellipse(longitude, latitude, major, minor, float((bearing - turn) % 180.0))
+        return Ellipse(*(float(value) for value in row))
 
 
 def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:

@@ -1,6 +1,5 @@
 """Legs of a mission: which of them count as flown, and where the glider is at the surface within one."""
 
-
 from planners import MissionSettings, NoGo, plan_mission
 from planners.mission import legs_flown
 from tests.planners.flow_samples import eddying_flow, place, still_flow
