@@ -171,18 +171,9 @@ def one_leg_more(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:
     return tuple(number + int(k >= short) for k, number in enumerate(goal_legs))
 
 
-def legs_flown(plan: MissionPlan, time_ns: int) -> int:
-    """Return how many legs of a plan count as flown at a time [ns, UTC]: as many as are more than half over.
-
-    A surfacing earlier than planned begins the next leg as well.
-    """
-    ends = np.concatenate([[0.0], plan.surfacing_times])
-    return int(np.sum(0.5 * (ends[1:] + ends[:-1]) < (time_ns - plan.start_time_ns) / 1e9))
-
-
 def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> list[Attempt]:
     """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are, or not as many as are asked."""
-    begun = legs_flown(warm, start_time_ns)
+    begun = warm.legs_flown(start_time_ns)
     left = len(warm.headings_deg) - begun
     goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
     if left <= 0 or len(goal_legs) != len(task.goals) or left > task.settings.max_legs or task.settings.legs not in (None, left):

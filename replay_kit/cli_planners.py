@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import planners
-from planners.mission import legs_flown
 from planners.mission_flights import fly_mission, surfacing_ellipses
 from planners.mission_output import as_glide
 from planners.region import locate, region_of
@@ -104,7 +103,7 @@ class MissionPlanner:
         before = None if warm is None else warm.memory
         settings = self.settings
         if before is not None and settings.legs is not None:
-            settings = replace(settings, legs=max(1, len(before.headings_deg) - legs_flown(before, start_time_ns)))
+            settings = replace(settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns)))
         mission = planners.plan_mission(
             self._over_time(flow, start, goal, start_time_ns),
             start,

@@ -1,7 +1,6 @@
 """Legs of a mission: which of them count as flown, and where the glider is at the surface within one."""
 
 from planners import MissionSettings, NoGo, plan_mission
-from planners.mission import legs_flown
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 
 
@@ -13,7 +12,7 @@ def test_no_leg_counts_as_flown_before_half_of_it_is_however_steep_it_is():
     for number, end in enumerate(plan.surfacing_times, start=1):
         half = 0.5 * (end - (plan.surfacing_times[number - 2] if number > 1 else 0.0))
         for early, flown in ((0.0, number), (0.9 * half, number), (1.1 * half, number - 1)):
-            assert legs_flown(plan, round(1e9 * (end - early))) == flown
+            assert plan.legs_flown(round(1e9 * (end - early))) == flown
 
 
 def test_between_the_dives_of_a_leg_the_glider_comes_up_clear_of_areas_that_forbid_it():
