@@ -16,6 +16,8 @@ from replay_kit.types import Array
 
 # Hours that a kilometre missed costs: more than any current takes to carry a glider over it.
 _PENALTY = 50.0
+# So many times that at the end of a line: being off it for long would cost more than missing its end.
+_END_OF_LINE = 40.0
 # Weights (of an hour, of a squared kilometre missed) of a mission that only comes close: time decides among equals.
 _CLOSEST = 1e-5, 1.0
 # Rounds of half-planes laid anew for the path found, and half-planes for each of its points.
@@ -194,7 +196,7 @@ def _solve(
         planes,
         time_weight,
         miss_weight,
-        1e-6 if closest and path is None else _PENALTY,
+        1e-6 if closest and path is None else _PENALTY * (_END_OF_LINE if guided and distance_weight is None else 1.0),
         task.currents.latent[0],
         None if closest else distance_weight,
         task.guide,
