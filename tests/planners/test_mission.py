@@ -230,6 +230,7 @@ def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
     few = plan_mission(flow, start, goal, settings=replace(SETTINGS, legs=3))
     assert (few.status, few.closest_approach[0]) == ("unreachable", pytest.approx(40e3 - 3 * 600.0 / np.tan(FLAT), abs=1.0))
     assert "limit: 3 legs" in few.message
+    assert f"misses the goal by {few.closest_approach[0]:.1f} m" in few.message
     strong = plan_mission(uniform_flow(-0.4, 0.0), start, goal, settings=SETTINGS)
     assert strong.status == "unreachable"
     assert "current" in strong.message
