@@ -251,8 +251,8 @@ def _flown(task: MissionTask, answer: MissionAnswer, turns: tuple[tuple[float, .
     flight = fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
     miss = np.linalg.norm(flight.place[0, goals.points(flight)] - task.goals[:, :2], axis=1)
     away = (0.0, 0.0) if task.guide is None else task.guide.farthest_and_rms(flight.time, flight.place[0], flight.ends)
-    finding, guess = check(task, flight), replace(answer.guess)
-    return Attempt(legs, flight, goals, miss, away, finding, guess, iterations, answer.return_status, answer.trespass)
+    finding = check(task, flight)
+    return Attempt(legs, flight, goals, miss, away, finding, answer.guess, iterations, answer.return_status, answer.trespass)
 
 
 def goals_met(task: MissionTask, attempt: Attempt) -> bool:
