@@ -268,9 +268,12 @@ def print_mission(made: MissionPlan, few: Waypoints | None, spread: dict[str, An
     if few is not None:
         console.print(few.message, soft_wrap=True)
     if spread is not None:
+        moored = made.settings.weights.closest == 0.0
+        within, off = ("stay within the radius", "farthest from the mooring") if moored else ("within the tolerance", "miss")
         console.print(
-            f"in {spread['count']:.0f} samples of the estimate: {100.0 * spread['reached']:.0f} % within the tolerance, "
-            f"median miss {spread['miss_median_m']:.0f} m, 90 % within {spread['miss_90_percent_m']:.0f} m"
+            f"in {spread['count']:.0f} samples of the estimate: {100.0 * spread['reached']:.0f} % {within}, "
+            f"{off} in the median {spread['miss_median_m']:.0f} m, 90 % within {spread['miss_90_percent_m']:.0f} m",
+            soft_wrap=True,
         )
         if "allowed" in spread:
             console.print(_trespassing(spread), soft_wrap=True)

@@ -77,7 +77,9 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
 
 def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path):
     here = ["--start=152.5,-40.0,0", "--goal=152.5,-40.0,0", "--depth", "390", "--json", "-"]
-    moored = json.loads(run(flow, *here, "--mooring", "2000,4", "--surfacings-only", "--samples", 4).stdout)
+    done = run(flow, *here, "--mooring", "2000,4", "--surfacings-only", "--samples", 4)
+    moored = json.loads(done.stdout)
+    assert "% stay within the radius" in done.stderr
     assert moored["duration_s"] >= 4 * 3600.0 * (1.0 - 1e-9)
     assert (moored["status"] == "reached") == (moored["statistics"]["farthest_m"] <= 2000.0)
     assert moored["samples"]["miss_median_m"] >= 0.5 * moored["statistics"]["farthest_m"]
