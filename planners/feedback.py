@@ -143,9 +143,6 @@ def _carried(vehicle: Glider, leg: _Leg, way: Array, time: Array, heading: Array
     return np.asarray((way - through * (leg.way / down)[:, None]) / time)
 
 
-_Method = Callable[..., list[tuple[Array, Array]]]
-
-
 def _fly(
     currents: Currents,
     vehicle: Glider,

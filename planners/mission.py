@@ -13,6 +13,7 @@ from planners.mission_solve import Attempt, GoalSteps, goals_met, safe_and_met, 
 from planners.mission_task import MissionTask, front_of, guess_of, mission_task, route_of
 from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo
 from planners.vehicle import Glider
+from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import grid_bearing_of_true_north, to_local
 from replay_kit.types import Array, Place
@@ -56,7 +57,8 @@ def plan_mission(
             and when that leads there nothing else is.
 
     Raises:
-        PlanError: The start or a goal is outside of the region, on land or where the mission may not go, or a depth does not fit.
+        PlanError: The start or a goal is outside of the region, on land or where the mission may not go, a depth does not fit, or
+            goals weigh nothing.
     """
     asked = goals if isinstance(goals, tuple) else (goals,)
     task = mission_task(flow, (start, asked), vehicle, settings, (no_go, bathymetry), start_time_ns)
@@ -72,7 +74,15 @@ def plan_task(task: MissionTask, start: Place, goals: tuple[Place, ...], start_t
 
 
 def attempts_of(task: MissionTask, warm: MissionPlan | None, start_time_ns: int) -> list[Attempt]:
-    """Return what came of each number of legs tried; nothing when the current is not a number."""
+    """Return what came of each number of legs tried; nothing when the current is not a number.
+
+    Raises:
+        PlanError: Goals weigh nothing, so that there is none to plan for.
+    """
+    if task.settings.weights.closest == 0.0:
+        raise PlanError(
+            "a weight of 0 for missing a goal leaves none to plan for; give it more, or none to have it met whatever that costs"
+        )
     attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
     if any(safe_and_met(task, attempt) for attempt in attempts):
         return attempts
@@ -163,9 +173,7 @@ def one_leg_more(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:
 
 def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> list[Attempt]:
     """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are, or not as many as are asked."""
-    elapsed = (start_time_ns - warm.start_time_ns) / 1e9
-    # a surfacing earlier than planned begins the next leg as well
-    begun = int(np.sum(warm.surfacing_times < elapsed + 0.5 * task.leg_time(task.vehicle.angles[0]) * (elapsed > 0.0)))
+    begun = warm.legs_flown(start_time_ns)
     left = len(warm.headings_deg) - begun
     goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
     if left <= 0 or len(goal_legs) != len(task.goals) or left > task.settings.max_legs or task.settings.legs not in (None, left):

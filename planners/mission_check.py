@@ -106,8 +106,11 @@ def _clearance(ring: Ring, place: Array, numbers: NDArray[np.intp]) -> Array:
 def explain(task: MissionTask, flight: Flight, miss: Array, away: tuple[float, float], finding: Finding | None, goal_times: Array) -> str:
     """Return what a mission does and, when it does not reach its goals or is not safe, why."""
     n_legs, settings, guide = len(flight.ends), task.settings, task.guide
-    met = ", ".join(f"meets {_goal(k, len(miss))} at {off:.1f} m after {goal_times[k] / 3600.0:.1f} h" for k, off in enumerate(miss))
-    what, short = f"{n_legs} legs; ", ""
+    verbs = ["meets {} at" if off <= settings.tolerance else "misses {} by" for off in miss]
+    met = ", ".join(
+        f"{verb.format(_goal(k, len(miss)))} {miss[k]:.1f} m after {goal_times[k] / 3600.0:.1f} h" for k, verb in enumerate(verbs)
+    )
+    what, short = f"{n_legs} leg{'s' * (n_legs != 1)}; ", ""
     if settings.weights.closest != 0.0:
         what += met
         short = "" if np.all(miss <= settings.tolerance) else f", outside the tolerance of {settings.tolerance:g} m"

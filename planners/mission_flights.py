@@ -12,7 +12,7 @@ from planners.mission_values import MissionPlan
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import grid_bearing_of_true_north, to_geographic, to_local
-from replay_kit.types import Array
+from replay_kit.types import Array, Projection
 
 # Semi-axes of the ellipse that holds 90 % of a bivariate normal distribution, in standard deviations.
 _NINETY = float(np.sqrt(-2.0 * np.log(0.1)))
@@ -28,6 +28,7 @@ class MissionFlights:
         place: shape (K, n, 2) [m], east and north in the flows' local frame.
         surfacings: shape (K, L, 2), longitude and latitude [degrees] at each leg's end.
         miss: shape (K, G), between each goal and the place when it should be met [m].
+        projection: The flows' local frame.
     """
 
     time: Array
@@ -35,6 +36,7 @@ class MissionFlights:
     place: Array
     surfacings: Array
     miss: Array
+    projection: Projection
 
 
 def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan) -> MissionFlights:
@@ -55,7 +57,7 @@ def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan)
     goals = np.column_stack(to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T))
     miss = np.linalg.norm(met - goals, axis=2)
     surfacings = np.stack(to_geographic(projection, ends[..., 0], ends[..., 1]), axis=-1)
-    return MissionFlights(flight.time, flight.depth, flight.place, surfacings, miss)
+    return MissionFlights(flight.time, flight.depth, flight.place, surfacings, miss, projection)
 
 
 def legs_of_plan(plan: MissionPlan, flow: FlowEstimate) -> Legs:
@@ -79,7 +81,7 @@ def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
 
     Returns:
         Array of shape (L, 5): longitude and latitude of its centre [degrees], semi-axes [m], and the bearing of the major one, clockwise
-        from the flows' local north [degrees].
+        from true north, in [0, 180) [degrees].
 
     Raises:
         PlanError: There are fewer than three flights.
@@ -87,11 +89,13 @@ def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
     if len(flights.place) < 3:
         raise PlanError(f"an ellipse needs three flights or more, but there are {len(flights.place)}")
     numbers = np.searchsorted(flights.time, plan.surfacing_times - 1e-6)
-    centre = np.mean(flights.surfacings, axis=0)
+    # in the local frame: longitudes have no mean across the antimeridian
+    centre = np.column_stack(to_geographic(flights.projection, *np.mean(flights.place[:, numbers], axis=0).T))
+    turn = grid_bearing_of_true_north(flights.projection, *centre.T)
     ellipses = []
     for k, number in enumerate(numbers):
         values, vectors = np.linalg.eigh(np.cov(flights.place[:, number].T))
         minor, major = _NINETY * np.sqrt(np.maximum(values, 0.0))
-        bearing = np.rad2deg(np.arctan2(*vectors[:, 1])) % 180.0
+        bearing = np.rad2deg(np.arctan2(*vectors[:, 1]) - turn[k]) % 180.0
         ellipses.append([*centre[k], major, minor, bearing])
     return np.array(ellipses)

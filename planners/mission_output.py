@@ -116,7 +116,8 @@ def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None
 def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
     """Return points of an ellipse of ``surfacing_ellipses``, shape (5,), as longitudes and latitudes, shape (37, 2), the first repeated."""
     longitude, latitude, major, minor, bearing_deg = ellipse
-    angle, bearing = np.linspace(0.0, 2.0 * np.pi, 37), np.deg2rad(bearing_deg)
+    angle, turn = np.linspace(0.0, 2.0 * np.pi, 37), float(grid_bearing_of_true_north(projection, longitude, latitude))
+    bearing = np.deg2rad(bearing_deg) + turn
     along, across = major * np.cos(angle), minor * np.sin(angle)
     east, north = to_local(projection, longitude, latitude)
     outline = east + along * np.sin(bearing) + across * np.cos(bearing), north + along * np.cos(bearing) - across * np.sin(bearing)

@@ -135,7 +135,6 @@ class MissionAnswer:
 
     Attributes:
         guess: Its point, from which another solve may begin.
-        miss: shape (G,), between each goal and the place at its leg's end [m].
         trespass: Beyond the worst half-plane [m].
         objective: In the program's units.
         iterations: IPOPT's.
@@ -143,7 +142,6 @@ class MissionAnswer:
     """
 
     guess: MissionGuess
-    miss: Array
     trespass: float
     objective: float
     iterations: int
@@ -202,11 +200,9 @@ def solve_mission(
     answer = solver(x0=unknowns, p=_parameters(flow, data), lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
     statistics = solver.stats()
     found = np.asarray(answer["x"]).ravel()
-    legs, n_goals = found[: 5 * shape.n_legs].reshape(shape.n_legs, 5), len(shape.goal_legs)
-    over, under = found[5 * shape.n_legs :][: 4 * n_goals].reshape(n_goals, 2, 2).transpose(1, 0, 2)
+    legs = found[: 5 * shape.n_legs].reshape(shape.n_legs, 5)
     return MissionAnswer(
         MissionGuess(legs[:, :2] * KM, legs[:, 3], legs[:, 4]),
-        np.linalg.norm(over - under, axis=1) * KM,
         float(found[-1]) * KM if shape.n_planes else 0.0,
         float(answer["f"]),
         int(statistics["iter_count"]),

@@ -16,6 +16,8 @@ from replay_kit.types import Array
 
 # Hours that a kilometre missed costs: more than any current takes to carry a glider over it.
 _PENALTY = 50.0
+# So many times that at the end of a line: being off it for long would cost more than missing its end.
+_END_OF_LINE = 40.0
 # Weights (of an hour, of a squared kilometre missed) of a mission that only comes close: time decides among equals.
 _CLOSEST = 1e-5, 1.0
 # Rounds of half-planes laid anew for the path found, and half-planes for each of its points.
@@ -173,7 +175,9 @@ def _solve(
     shape = MissionShape(len(turns), n_steps, goals.legs, profiles, n_planes, bool(np.any(drifts)), goals.steps, guided)
     planes = np.zeros((len(turns), shape.n_places, 0, 3))
     if path is not None:
-        surfacing = np.tile(np.arange(shape.n_places) >= n_steps - 1, len(turns))
+        # between the dives of a leg the glider is at the surface, too
+        passed = np.array([[*depths[leg][1:], *depths[leg][-1:].repeat(shape.n_places - n_steps)] for leg in turns])
+        surfacing = (passed <= 0.0).ravel()
         flat = half_planes(task.rings, path.reshape(-1, 2), surfacing, _PLANES, task.settings.margin)
         if spread is not None:
             flat[..., 2] -= spread.margins(flat[..., :2])
@@ -192,7 +196,7 @@ def _solve(
         planes,
         time_weight,
         miss_weight,
-        1e-6 if closest and path is None else _PENALTY,
+        1e-6 if closest and path is None else _PENALTY * (_END_OF_LINE if guided and distance_weight is None else 1.0),
         task.currents.latent[0],
         None if closest else distance_weight,
         task.guide,
@@ -247,8 +251,8 @@ def _flown(task: MissionTask, answer: MissionAnswer, turns: tuple[tuple[float, .
     flight = fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
     miss = np.linalg.norm(flight.place[0, goals.points(flight)] - task.goals[:, :2], axis=1)
     away = (0.0, 0.0) if task.guide is None else task.guide.farthest_and_rms(flight.time, flight.place[0], flight.ends)
-    finding, guess = check(task, flight), replace(answer.guess)
-    return Attempt(legs, flight, goals, miss, away, finding, guess, iterations, answer.return_status, answer.trespass)
+    finding = check(task, flight)
+    return Attempt(legs, flight, goals, miss, away, finding, answer.guess, iterations, answer.return_status, answer.trespass)
 
 
 def goals_met(task: MissionTask, attempt: Attempt) -> bool:

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
 from replay_kit.types import Array, Place
@@ -175,3 +177,11 @@ class MissionPlan:
     track: Array
     message: str
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
+
+    def legs_flown(self, time_ns: int) -> int:
+        """Return how many legs count as flown at a time [ns, UTC]: as many as are more than half over.
+
+        A surfacing earlier than planned begins the next leg as well.
+        """
+        ends = np.concatenate([[0.0], self.surfacing_times])
+        return int(np.sum(0.5 * (ends[1:] + ends[:-1]) < (time_ns - self.start_time_ns) / 1e9))

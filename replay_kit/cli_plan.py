@@ -1,7 +1,7 @@
 """The command that plans a glider's mission on an estimate."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +14,6 @@ from planners import (
     Glider,
     MissionPlan,
     MissionSettings,
-    SteadyFlight,
     plan_line,
     plan_mission,
     plan_mooring,
@@ -27,13 +26,18 @@ from planners.waypoint_output import check_form, waypoint_json, waypoint_text
 from planners.waypoints import Waypoints
 from replay_kit.cli_options import ConfigOption, JsonOption, OverwriteOption, console_beside, place, write_json, write_text
 from replay_kit.cli_plan_inputs import goal_of, objective_of, pair_of, read_areas, read_bathymetry, read_flow
+from replay_kit.cli_planners import MissionPlanner
 from replay_kit.config import load_config
+from replay_kit.config_planner import PlannerConfig
 from replay_kit.errors import ConfigError, PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_local
 from replay_kit.job import check_paths
 from replay_kit.results import ResultWriter
 from replay_kit.types import Array, Place
+
+# Hours that an hour a kilometre off a line costs more, when that is not stated.
+_LINE_WEIGHT = 10.0
 
 
 def plan(
@@ -49,15 +53,15 @@ def plan(
     geojson: Annotated[Path | None, typer.Option("--geojson", metavar="FILE", help="Track, surfacings and goals; - prints them.")] = None,
     csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="One line a leg; - prints them.")] = None,
     config: ConfigOption = None,
-    depth: Annotated[float, typer.Option("--depth", help="Of the dives [m].")] = 500.0,
-    dives: Annotated[int, typer.Option("--dives", min=1, help="Between surfacings.")] = 1,
-    surface_time: Annotated[float, typer.Option("--surface-time", help="Adrift at each surfacing [s].")] = 0.0,
+    depth: Annotated[float | None, typer.Option("--depth", help="Of the dives [m]; 500 by default.")] = None,
+    dives: Annotated[int | None, typer.Option("--dives", min=1, help="Between surfacings; 1 by default.")] = None,
+    surface_time: Annotated[float | None, typer.Option("--surface-time", help="Adrift at each surfacing [s]; 0 by default.")] = None,
     legs: Annotated[int | None, typer.Option("--legs", min=1, help="Surfacings; as many as is best by default.")] = None,
-    max_legs: Annotated[int, typer.Option("--max-legs", min=1, help="Most surfacings considered.")] = 60,
+    max_legs: Annotated[int | None, typer.Option("--max-legs", min=1, help="Most surfacings considered; 60 by default.")] = None,
     objective: Annotated[
-        str,
+        str | None,
         typer.Option("--objective", help="time, energy, closest, or weights of hours, kJ and km off: time=1,energy=0.02,closest=5."),
-    ] = "time",
+    ] = None,
     mooring: Annotated[
         str | None, typer.Option("--mooring", metavar="RADIUS,HOURS", help="Stay within a radius [m] of the goal for so long.")
     ] = None,
@@ -66,9 +70,9 @@ def plan(
     ] = False,
     line: Annotated[bool, typer.Option("--line", help="Follow the line from start to goal.")] = False,
     line_weight: Annotated[
-        float, typer.Option("--line-weight", min=0.0, help="Hours that an hour a kilometre off the line costs more.")
-    ] = 10.0,
-    angles: Annotated[str, typer.Option("--angles", metavar="MIN,MAX", help="Glide angles [degrees].")] = "15,35",
+        float | None, typer.Option("--line-weight", min=0.0, help="Hours that an hour a kilometre off the line costs more; 10 by default.")
+    ] = None,
+    angles: Annotated[str | None, typer.Option("--angles", metavar="MIN,MAX", help="Glide angles [degrees]; 15,35 by default.")] = None,
     flight_model: Annotated[bool, typer.Option("--flight-model", help="Speed from glide angle and buoyancy, not constant.")] = False,
     no_go: Annotated[
         Path | None,
@@ -84,8 +88,10 @@ def plan(
     spline: Annotated[
         int, typer.Option("--spline", min=0, help="Optimise in a B-spline of so many points a kernel length; 0: in the flow itself.")
     ] = 0,
-    samples: Annotated[int, typer.Option("--samples", min=0, help="Fly it through so many samples of the estimate: ellipses.")] = 0,
-    seed: Annotated[int, typer.Option("--seed", help="Of the samples.")] = 0,
+    samples: Annotated[
+        int | None, typer.Option("--samples", min=0, help="Fly it through so many samples of the estimate: ellipses.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the samples.")] = None,
     risk: Annotated[
         float | None, typer.Option("--risk", metavar="SHARE", help="Keep away so far that no larger share of the samples trespasses.")
     ] = None,
@@ -96,15 +102,20 @@ def plan(
     if sum(str(path) == "-" for path in (geojson, csv, json_file)) > 1:
         raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
     check_paths([*flows, config, no_go, bathymetry], [out, geojson, csv, json_file, waypoints], overwrite)
-    kind = Kind(None if mooring is None else pair_of(mooring, "--mooring", "RADIUS,HOURS"), surfacings_only, line_weight if line else None)
+    check_together(mooring, line, {"surfacings-only": surfacings_only or None, "line-weight": line_weight, "objective": objective})
+    if waypoint_tolerance is not None and waypoints is None:
+        raise ConfigError("--waypoint-tolerance: expected --waypoints beside it")
+    kind = Kind(None if mooring is None else pair_of(mooring, "--mooring", "RADIUS,HOURS"), surfacings_only, _weight(line, line_weight))
     kind.check(len(goal), risk, waypoints)
-    planner = load_config(config).planner
-    glider = Glider(planner.speed, SteadyFlight() if flight_model else None, *pair_of(angles, "--angles", "MIN,MAX"))
-    settings = MissionSettings(depth, dives, surface_time, objective_of(objective), planner.tolerance, legs, max_legs, spline=spline)
+    least, most = (None, None) if angles is None else pair_of(angles, "--angles", "MIN,MAX")
+    dive = {"depth": depth, "dives": dives, "surface_time": surface_time, "legs": legs, "max_legs": max_legs}
+    flown = {"min_angle": least, "max_angle": most, "flight_model": flight_model or None, "samples": samples, "seed": seed}
+    planner = load_config(config, {"planner": {**dive, **flown}}).planner
+    glider, settings = mission_of(planner, objective, spline)
     estimates = [read_flow(path) for path in flows]
     begin, goals = place(start, "--start"), tuple(goal_of(text) for text in goal)
     assert begin is not None
-    drawn = _samples(estimates, samples, seed, risk)
+    drawn = _samples(estimates, planner.samples, planner.seed, risk)
     how: dict[str, Any] = {
         "vehicle": glider,
         "settings": settings,
@@ -113,9 +124,15 @@ def plan(
         "start_time_ns": estimates[0].time_ns or 0,
     }
     flow = estimates[0] if len(estimates) == 1 else estimates
-    made = kind.plan(flow, begin, goals, how) if risk is None else plan_scenarios(estimates[0], drawn, begin, goals, allowed=risk, **how)[0]
+    made, chances = (
+        (kind.plan(flow, begin, goals, how), None)
+        if risk is None
+        else plan_scenarios(estimates[0], drawn, begin, goals, allowed=risk, **how)
+    )
     few = waypoints_of(flow, made, waypoint_tolerance) if waypoints is not None and len(made.headings_deg) else None
     ellipses, spread = _spread(drawn, made, kind)
+    if spread is not None and chances is not None:
+        spread |= {"safe": chances.safe, "trespass": dict(chances.trespass), "allowed": risk}
     projection = estimates[0].grid.projection
     print_mission(made, few, spread, console_beside(json_file, geojson, csv))
     write_text(geojson, to_geojson(made, projection, ellipses) + "\n")
@@ -172,22 +189,61 @@ class Kind:
         return plan_mission(flow, begin, goals, **how)
 
 
+def check_together(mooring: str | None, line: bool, given: dict[str, Any]) -> None:
+    """Refuse options that would do nothing beside, or without, those of a mooring or a line.
+
+    Args:
+        mooring: Of the option.
+        line: Whether a line is followed.
+        given: Values of other options by name; None for those that were not given.
+
+    Raises:
+        ConfigError: There is one.
+    """
+    if given["surfacings-only"] is not None and mooring is None:
+        raise ConfigError("--surfacings-only: expected --mooring beside it; only a mooring counts surfacings")
+    if given["line-weight"] is not None and not line:
+        raise ConfigError("--line-weight: expected --line beside it")
+    if given["objective"] is not None and mooring is not None:
+        raise ConfigError("--objective: a mooring has none but to stay near its place; leave it out")
+
+
+def mission_of(planner: PlannerConfig, objective: str | None, spline: int) -> tuple[Glider, MissionSettings]:
+    """Return the vehicle and the settings of a configuration, with what only this command has.
+
+    Args:
+        planner: The configuration with the command's options laid over it.
+        objective: Of the option; None for the configuration's.
+        spline: Of the option.
+    """
+    bound = MissionPlanner.of(planner)
+    # a plan by itself may be longer than those of a replay, unless that is configured
+    longest = planner.max_duration if "max_duration" in planner.model_fields_set else MissionSettings().max_duration
+    aim = bound.settings.objective if objective is None else objective_of(objective)
+    return bound.vehicle, replace(bound.settings, objective=aim, spline=spline, max_duration=longest)
+
+
+def _weight(line: bool, given: float | None) -> float | None:
+    """Return the weight of a line; None without one."""
+    return (_LINE_WEIGHT if given is None else given) if line else None
+
+
 def _samples(estimates: list[FlowEstimate], count: int, seed: int, risk: float | None) -> tuple[FlowEstimate, ...]:
     """Return samples of the first estimate, none when none are asked for.
 
     Raises:
-        ConfigError: There are too few of them, or a risk does not go with the other options.
+        ConfigError: There are several estimates, or a risk does not go with the other options.
     """
     if risk is not None and not (0.0 <= risk < 1.0 and count > 0 and len(estimates) == 1):
         raise ConfigError(
             f"--risk: expected a share from 0 to below 1, --samples and one estimate, got {risk:g}, {count} and {len(estimates)}"
         )
-    if 0 < count < 3:
-        raise ConfigError(f"--samples: an ellipse needs three or more, got {count}")
+    if count > 0 and len(estimates) > 1:
+        raise ConfigError("--samples: samples of one estimate do not change in time as several do; give one estimate")
     return estimates[0].sample(count, seed) if count else ()
 
 
-def _spread(drawn: tuple[FlowEstimate, ...], made: MissionPlan, kind: Kind) -> tuple[Array | None, dict[str, float] | None]:
+def _spread(drawn: tuple[FlowEstimate, ...], made: MissionPlan, kind: Kind) -> tuple[Array | None, dict[str, Any] | None]:
     """Return the ellipses of the surfacings in samples of an estimate, and how far they miss the last goal or leave the mooring."""
     if not drawn or len(made.headings_deg) == 0:
         return None, None
@@ -203,7 +259,7 @@ def _spread(drawn: tuple[FlowEstimate, ...], made: MissionPlan, kind: Kind) -> t
     return surfacing_ellipses(flights, made), spread
 
 
-def print_mission(made: MissionPlan, few: Waypoints | None, spread: dict[str, float] | None, console: Console) -> None:
+def print_mission(made: MissionPlan, few: Waypoints | None, spread: dict[str, Any] | None, console: Console) -> None:
     """Print a mission: its outcome, what its waypoints lose, and what to tell the glider at each surfacing."""
     console.print(f"{made.status}: {made.message}", soft_wrap=True)
     if len(made.headings_deg) == 0:
@@ -212,13 +268,29 @@ def print_mission(made: MissionPlan, few: Waypoints | None, spread: dict[str, fl
     if few is not None:
         console.print(few.message, soft_wrap=True)
     if spread is not None:
+        moored = made.settings.weights.closest == 0.0
+        within, off = ("stay within the radius", "farthest from the mooring") if moored else ("within the tolerance", "miss")
         console.print(
-            f"in {spread['count']:.0f} samples of the estimate: {100.0 * spread['reached']:.0f} % within the tolerance, "
-            f"median miss {spread['miss_median_m']:.0f} m, 90 % within {spread['miss_90_percent_m']:.0f} m"
+            f"in {spread['count']:.0f} samples of the estimate: {100.0 * spread['reached']:.0f} % {within}, "
+            f"{off} in the median {spread['miss_median_m']:.0f} m, 90 % within {spread['miss_90_percent_m']:.0f} m",
+            soft_wrap=True,
         )
+        if "allowed" in spread:
+            console.print(_trespassing(spread), soft_wrap=True)
     table = Table("leg", "heading", "glide angle", "pitch", "depth [m]", "after [h]", "surfacing at", box=None)
     for row in legs_table(made, None):
         angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
         where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
         table.add_row(f"{row['leg']:.0f}", *angles, f"{row['depth_m']:.0f}", f"{row['surfacing_s'] / 3600.0:.2f}", where)
     console.print(table)
+
+
+def _trespassing(spread: dict[str, Any]) -> str:
+    """Return how many of the samples trespass and where, beside what was allowed, in words."""
+    share = 1.0 - spread["safe"]
+    named = ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in spread["trespass"].items())
+    what = f"{100.0 * share:.0f} % of them trespass" + (f" ({named})" if named else "")
+    allowed = f"{100.0 * spread['allowed']:.0f} % allowed"
+    return (
+        f"{what}; {allowed}" if share <= spread["allowed"] + 1e-9 else f"{what}, more than the {allowed}: no margin tried kept enough clear"
+    )

@@ -88,12 +88,16 @@ def read_areas(path: Path) -> tuple[NoGo, ...]:
             rings = {"Polygon": lambda c: [c[0]], "MultiPolygon": lambda c: [part[0] for part in c]}[geometry["type"]](
                 geometry["coordinates"]
             )
-            name, surface_only = str(properties.get("name", f"no-go area {k + 1}")), bool(properties.get("surface_only", False))
-            areas += [NoGo(tuple((float(corner[0]), float(corner[1])) for corner in ring), name, surface_only) for ring in rings]
+            name, surface_only = str(properties.get("name", f"no-go area {k + 1}")), properties.get("surface_only") or False
+            if surface_only not in (True, False):
+                raise ValueError(f"surface_only of {name} is {surface_only!r}, neither true nor false")
+            areas += [NoGo(tuple((float(corner[0]), float(corner[1])) for corner in ring), name, bool(surface_only)) for ring in rings]
     except OSError as error:
         raise PlanError(f"{path}: cannot read the no-go areas: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-        raise PlanError(f"{path}: expected GeoJSON features that are polygons of longitude and latitude: {error!r}") from error
+        # not its repr: that of bytes which are no text holds the file
+        what = f"{type(error).__name__}: {error}"
+        raise PlanError(f"{path}: expected GeoJSON features that are polygons of longitude and latitude: {what}") from error
     return tuple(areas)
 
 

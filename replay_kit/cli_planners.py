@@ -14,7 +14,7 @@ from replay_kit.errors import PlanError
 from replay_kit.experiments.planning.legs import Leg
 from replay_kit.experiments.planning.replanning import PlanLegs, PlannedLegs
 from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import distance, grid_bearing_of_true_north, to_geographic
+from replay_kit.geodesy import distance, to_geographic
 from replay_kit.job import Planned, Planner
 from replay_kit.planned import Ellipse, Surfacing
 from replay_kit.types import Place
@@ -103,7 +103,7 @@ class MissionPlanner:
         before = None if warm is None else warm.memory
         settings = self.settings
         if before is not None and settings.legs is not None:
-            settings = replace(settings, legs=_legs_left(before, start_time_ns))
+            settings = replace(settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns)))
         mission = planners.plan_mission(
             self._over_time(flow, start, goal, start_time_ns),
             start,
@@ -157,16 +157,7 @@ class MissionPlanner:
         if self.samples == 0:
             return None
         row = surfacing_ellipses(fly_mission(flow.sample(self.samples, self.seed), first), first)[0]
-        longitude, latitude, major, minor, bearing = (float(value) for value in row)
-        turn = np.rad2deg(float(grid_bearing_of_true_north(flow.grid.projection, longitude, latitude)))
-        return Ellipse(longitude, latitude, major, minor, float((bearing - turn) % 180.0))
-
-
-def _legs_left(before: planners.MissionPlan, start_time_ns: int) -> int:
-    """Return how many legs of an earlier plan are still to be flown, at least one; a surfacing a little early begins the next."""
-    elapsed = (start_time_ns - before.start_time_ns) / 1e9
-    first = float(before.surfacing_times[0]) if before.surfacing_times.size else 0.0
-    return max(1, int(np.sum(before.surfacing_times >= elapsed + (0.5 * first if elapsed > 0.0 else 0.0))))
+        return Ellipse(*(float(value) for value in row))
 
 
 def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:

@@ -67,13 +67,19 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     free, past = (json.loads(run(flow, *ASK, "--json", "-", *more).stdout) for more in ([], ["--no-go", areas]))
     assert past["status"] == "reached"
     assert past["duration_s"] > free["duration_s"]
-    wide = json.loads(run(flow, *ASK, "--json", "-", "--no-go", areas, "--samples", 5, "--risk", 0.2, "--legs", len(past["legs"])).stdout)
+    done = run(flow, *ASK, "--json", "-", "--no-go", areas, "--samples", 5, "--risk", 0.2, "--legs", len(past["legs"]))
+    wide = json.loads(done.stdout)
     assert wide["duration_s"] >= past["duration_s"] * (1.0 - 1e-4)
+    trespassing = 1.0 - wide["samples"]["safe"]
+    assert f"{100.0 * trespassing:.0f} % of them trespass" in done.stderr
+    assert (trespassing == 0.0) == (wide["samples"]["trespass"] == {})
 
 
 def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path):
     here = ["--start=152.5,-40.0,0", "--goal=152.5,-40.0,0", "--depth", "390", "--json", "-"]
-    moored = json.loads(run(flow, *here, "--mooring", "2000,4", "--surfacings-only", "--samples", 4).stdout)
+    done = run(flow, *here, "--mooring", "2000,4", "--surfacings-only", "--samples", 4)
+    moored = json.loads(done.stdout)
+    assert "% stay within the radius" in done.stderr
     assert moored["duration_s"] >= 4 * 3600.0 * (1.0 - 1e-9)
     assert (moored["status"] == "reached") == (moored["statistics"]["farthest_m"] <= 2000.0)
     assert moored["samples"]["miss_median_m"] >= 0.5 * moored["statistics"]["farthest_m"]
@@ -101,6 +107,11 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
         (["--line", "--goal=152.5,-40,0"], 2, "one --goal"),
         (["--mooring", "500,2", "--waypoints", "a.csv"], 2, "has none"),
         (["--waypoints", "a.txt"], 2, "ends in one of"),
+        (["--surfacings-only"], 2, "expected --mooring"),
+        (["--line-weight", "5"], 2, "expected --line"),
+        (["--waypoint-tolerance", "5"], 2, "expected --waypoints"),
+        (["--mooring", "500,2", "--objective", "energy"], 2, "a mooring has none"),
+        (["--objective", "time=1,closest=0"], 3, "a weight of 0"),
         (["--depth", "4000"], 3, "deepest level"),
         (["--goal=170,-40,0"], 3, "outside the forecast"),
     ],
@@ -111,12 +122,40 @@ def test_what_it_refuses(flow, more, code, words):
     assert getattr(done.exception, "exit_code", None) == code
 
 
+def test_a_configuration_counts_here_too_and_options_win(flow, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text("[planner]\ndepth = 300.0\nmax_angle = 20.0\nsamples = 3\n")
+    near = ["--start=152.42,-40.0,0", "--goal=152.46,-40.0,0", "--config", config, "--json", "-"]
+    configured = json.loads(run(flow, *near).stdout)
+    said = json.loads(run(flow, *near, "--depth", 200, "--samples", 0).stdout)
+    assert {leg["depth_m"] for leg in configured["legs"]} == {300.0}
+    assert {leg["depth_m"] for leg in said["legs"]} == {200.0}
+    assert max(leg["glide_angle_deg"] for leg in said["legs"]) <= 20.0 + 1e-6
+    assert (configured["samples"]["count"], said["samples"]) == (3, None)
+
+
+def test_samples_of_a_flow_that_changes_are_refused(flow):
+    done = run(flow, flow, *ASK, "--samples", 5, code=2)
+    assert "give one estimate" in str(done.exception)
+
+
 def test_files_that_hold_no_areas_or_depths(tmp_path):
     for text in ("{}", "[1]", '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}'):
         path = tmp_path / "areas.geojson"
         path.write_text(text)
         with pytest.raises(PlanError, match="expected GeoJSON"):
             read_areas(path)
+    path.write_bytes(b"\x89" + bytes(1000))
+    with pytest.raises(PlanError, match="expected GeoJSON") as told:
+        read_areas(path)
+    assert len(str(told.value)) < 400
+    polygon = {"type": "Polygon", "coordinates": [[[1, 2], [2, 2], [2, 3]]]}
+    for value, below in ((True, True), (0, False), (None, False)):
+        path.write_text(json.dumps({"type": "Feature", "properties": {"surface_only": value}, "geometry": polygon}))
+        assert read_areas(path)[0].surface_only == below
+    path.write_text(json.dumps({"type": "Feature", "properties": {"surface_only": "false"}, "geometry": polygon}))
+    with pytest.raises(PlanError, match="neither true nor false"):
+        read_areas(path)
     xr.Dataset({"speed": (("y", "x"), np.zeros((2, 2)))}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
     with pytest.raises(ForecastError, match="expected one of"):
         read_bathymetry(tmp_path / "other.nc")

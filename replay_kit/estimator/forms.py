@@ -1,13 +1,10 @@
 """Which form of the posterior is the cheaper one from here on."""
 
-import numpy as np
-import scipy.linalg
-
 from replay_kit.estimator.dense import DensePrior, dense_prior
+from replay_kit.estimator.directions import directions
 from replay_kit.estimator.dual import Dual, initial
 from replay_kit.estimator.posterior import Posterior
-from replay_kit.estimator.span import TOLERANCE, Span, mode_scale, span_of
-from replay_kit.types import Array
+from replay_kit.estimator.span import Span, mode_scale, span_of
 
 # Directions for each profile below which the span form is cheaper; at scattered places there are two.
 _FEW = 1.25
@@ -60,10 +57,3 @@ def inflated(posterior: Posterior, factor: float) -> Dual:
     dense = folded(posterior)
     assert isinstance(dense.prior, DensePrior)
     return initial(DensePrior(dense.prior.mean, factor * dense.prior.blocks), dense.prior_answers)
-
-
-def directions(rows: Array) -> Array:
-    """Return an orthonormal basis, shape (s, r), of the span of rows, shape (m, r), up to ``span.TOLERANCE`` of the longest."""
-    q, r, _ = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)
-    size = np.abs(np.diag(r))
-    return np.ascontiguousarray(q[:, size > TOLERANCE * size[0]].T)

@@ -26,15 +26,13 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.estimator.buffer import Buffer
+from replay_kit.estimator.directions import new_directions
 from replay_kit.estimator.dual import Dual
 from replay_kit.estimator.kalman import ProfileRows
 from replay_kit.estimator.posterior import Ahead, Look, Posterior, add_gram, add_symmetric, means, times_columns, times_rows
 from replay_kit.estimator.prior import Prior
 from replay_kit.types import Array
 
-# What is left of G outside the directions is a direction above this share of G; below there is only rounding, which the modes of a
-# smooth kernel amplify.
-TOLERANCE = 5e-11
 # Directions that all of them together hold with this share of G are left out when room runs out.
 _NOT_NEEDED = 2.5e-11
 # Updates of M kept as rows until they are as many, then added in one product.
@@ -245,27 +243,6 @@ def mode_scale(prior: Prior) -> Array:
     """Return the prior standard deviation of the modes' weights, shape (r,), not quite zero where it is."""
     std = prior.mode_std()
     return np.asarray(np.maximum(std, 1e-12 * std.max() or 1.0))
-
-
-def new_directions(directions: Array, rows: Array) -> Array:
-    """Return orthonormal directions, shape (c, r), c <= 2, of what rows have outside of given ones.
-
-    Args:
-        directions: shape (s, r), orthonormal.
-        rows: shape (2, r).
-    """
-    found = np.empty((0, rows.shape[1]))
-    bound = TOLERANCE * np.linalg.norm(rows, axis=1)
-    left = rows - (rows @ directions.T) @ directions
-    for rest, least in zip(left, bound, strict=True):
-        if np.linalg.norm(rest) > least:
-            # once more, because what is left of a row that is nearly inside is mostly rounding
-            rest = rest - (directions @ rest) @ directions
-            rest = rest - (found @ rest) @ found
-            length = np.linalg.norm(rest)
-            if length > least:
-                found = np.vstack([found, rest / length])
-    return found
 
 
 def span_of(dual: Dual, directions: Array, mode_std: Array) -> Span:

@@ -15,8 +15,9 @@ import pytest
 from replay_kit.config import EstimatorConfig
 from replay_kit.estimator import FilterState, build_estimator, forms, means_of
 from replay_kit.estimator.dense import DensePrior
+from replay_kit.estimator.directions import directions
 from replay_kit.estimator.dual import Dual, initial
-from replay_kit.estimator.forms import directions, folded, in_cheaper_form
+from replay_kit.estimator.forms import folded, in_cheaper_form
 from replay_kit.estimator.span import Span, mode_scale, span_of
 from replay_kit.kernels.depth import depth_weights
 from replay_kit.kernels.horizontal import velocity_kernel

@@ -230,6 +230,7 @@ def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
     few = plan_mission(flow, start, goal, settings=replace(SETTINGS, legs=3))
     assert (few.status, few.closest_approach[0]) == ("unreachable", pytest.approx(40e3 - 3 * 600.0 / np.tan(FLAT), abs=1.0))
     assert "limit: 3 legs" in few.message
+    assert f"misses the goal by {few.closest_approach[0]:.1f} m" in few.message
     strong = plan_mission(uniform_flow(-0.4, 0.0), start, goal, settings=SETTINGS)
     assert strong.status == "unreachable"
     assert "current" in strong.message
@@ -261,6 +262,7 @@ def test_a_flow_that_is_not_a_number_fails_as_a_value():
         ((Place(152.5, -40.0, 0.0), Place(152.55, -40.0, 0.0)), replace(SETTINGS, legs=1), "2 goals need as many legs"),
         ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is where dives to 300 m may not go: range"),
         ((Place(160.0, -40.0, 0.0),), SETTINGS, "outside the forecast"),
+        ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, objective=Weights(time=1.0, closest=0.0)), "a weight of 0"),
     ],
 )
 def test_missions_that_cannot_be_asked_for(goals: tuple[Place, ...], settings: MissionSettings, words: str):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from planners import MissionSettings, plan_mission
-from planners.mission_flights import fly_mission, surfacing_ellipses
-from planners.mission_output import as_glide, legs_table, to_csv, to_geojson, to_json
+from planners.mission_flights import MissionFlights, fly_mission, surfacing_ellipses
+from planners.mission_output import as_glide, ellipse_outline, legs_table, to_csv, to_geojson, to_json
 from replay_kit.errors import PlanError
 from replay_kit.geodesy import to_local
 from replay_kit.types import Projection
@@ -51,6 +51,24 @@ def test_ellipses_hold_ninety_percent_of_the_surfacings():
         surfacing_ellipses(fly_mission(flows[:2], PLAN), PLAN)
     with pytest.raises(PlanError, match="without legs"):
         fly_mission(FLOW, FAILED)
+
+
+def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_north():
+    # along a meridian east of the antimeridian, where the local frame's north leans; a little to either side
+    frame, latitudes = Projection(178.5, -60.0), -60.0 + 0.01 * np.linspace(-1.0, 1.0, 9)
+    longitudes = 180.0 + 1e-3 * (-1.0) ** np.arange(9)
+    places = np.column_stack(to_local(frame, longitudes, latitudes))
+    plan = replace(PLAN, surfacing_times=np.array([1.0]))
+    flights = MissionFlights(np.array([1.0]), np.zeros(1), places[:, None], np.zeros((9, 1, 2)), np.zeros((9, 1)), frame)
+    ((longitude, latitude, major, minor, bearing),) = ellipses = surfacing_ellipses(flights, plan)
+    assert abs(longitude) == pytest.approx(180.0, abs=1e-3)
+    assert latitude == pytest.approx(-60.0, abs=1e-3)
+    assert min(bearing, 180.0 - bearing) < 1.0
+    assert major > 5.0 * minor
+    # its ends lie on the meridian
+    outline = ellipse_outline(ellipses[0], frame)
+    ends = outline[[int(outline[:, 1].argmin()), int(outline[:, 1].argmax())]]
+    assert np.mod(ends[:, 0], 360.0) == pytest.approx(180.0, abs=1e-3)
 
 
 def test_tables_say_what_the_plan_says():

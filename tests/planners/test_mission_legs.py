@@ -1,0 +1,26 @@
+"""Legs of a mission: which of them count as flown, and where the glider is at the surface within one."""
+
+from planners import MissionSettings, NoGo, plan_mission
+from tests.planners.flow_samples import eddying_flow, place, still_flow
+
+
+def test_no_leg_counts_as_flown_before_half_of_it_is_however_steep_it_is():
+    flow = still_flow()
+    # eleven legs over the way of five are steep: one at 15 degrees would last more than twice as long
+    plan = plan_mission(flow, place(flow, -5e3, 0.0, 0.0), place(flow, 5e3, 0.0, 0.0), settings=MissionSettings(depth=300.0, legs=11))
+    assert plan.glide_angles_deg.max() > 33.0
+    for number, end in enumerate(plan.surfacing_times, start=1):
+        half = 0.5 * (end - (plan.surfacing_times[number - 2] if number > 1 else 0.0))
+        for early, flown in ((0.0, number), (0.9 * half, number), (1.1 * half, number - 1)):
+            assert plan.legs_flown(round(1e9 * (end - early))) == flown
+
+
+def test_between_the_dives_of_a_leg_the_glider_comes_up_clear_of_areas_that_forbid_it():
+    flow = eddying_flow(12)
+    start, goal, settings = place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 1e3, 0.0), MissionSettings(depth=390.0, yos=3)
+    corners = [place(flow, *corner, 0.0) for corner in ((-1e3, -15e3), (1e3, -15e3), (1e3, 15e3), (-1e3, 15e3))]
+    lane = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "lane", surface_only=True)
+    free, past = (plan_mission(flow, start, goal, settings=settings, no_go=areas) for areas in ((), (lane,)))
+    assert (free.status, past.status) == ("reached", "reached")
+    # passed under, not gone round
+    assert past.duration < 1.1 * free.duration
