@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from planners import GlideSettings, fly, plan
+from planners.region import region_of
+from planners.seed import find_seeds, tabulate
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
@@ -63,6 +65,22 @@ def test_as_close_as_an_exhaustive_search(seed: int) -> None:
     found = plan(flow, place(flow, *begin), place(flow, *goal), settings=settings)
     searched = exhaustive_closest_approach(flow, begin, goal, 0.3, settings.max_duration, headings=72, times=24, steps=12)
     assert found.closest_approach <= searched + 10.0
+
+
+@pytest.mark.parametrize("beside", ["edge", "coast"])
+def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside: str) -> None:
+    flow = still_flow()
+    grid, wet = flow.grid, flow.grid.wet.copy()
+    wet[:, 3, :] = beside == "edge"
+    region = region_of(replace(grid, wet=wet))
+    # 100 m from where water ends, and the nearest point of the table of the flow is beyond
+    start = np.array([grid.east[0, 5], grid.north[0, 5] + 100.0 if beside == "edge" else grid.north[3:5, 5].mean() + 100.0, 0.0])
+    goal = start + np.array([2e3, 11e3, 200.0])
+    assert not tabulate(flow, region).allowed_at(start[None] - [[0.0, 200.0, 0.0]])[0]
+    seed = find_seeds(flow, region, start, goal, 0.3, 2e5, 1)[0]
+    # the fan's headings are four degrees apart
+    assert seed.distance < np.deg2rad(2.0) * 11.2e3 + 50.0
+    assert seed.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)
 
 
 @pytest.mark.parametrize("seed", [10, 11, 12])
