@@ -55,15 +55,16 @@ def test_uniform_current_is_headed_off() -> None:
     np.testing.assert_allclose(result.velocity_through_water, through_water, atol=1e-3)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 4])
-def test_as_close_as_an_exhaustive_search(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "longest"), [(1, 1.2e5), (3, 1.2e5), (7, 3e4)])
+def test_as_close_as_an_exhaustive_search(seed: int, longest: float) -> None:
     flow = eddying_flow(seed, "gaussian" if seed == 1 else "hat", speed=0.25)
     rng = np.random.default_rng(seed)
     begin = np.array([*rng.uniform(-2e4, 2e4, 2), 0.0])
     goal = np.array([*rng.uniform(-2.5e4, 2.5e4, 2), rng.uniform(50.0, 380.0)])
-    settings = replace(SETTINGS, max_duration=1.2e5 if seed < 4 else 3e4)
-    found = plan(flow, place(flow, *begin), place(flow, *goal), settings=settings)
-    searched = exhaustive_closest_approach(flow, begin, goal, 0.3, settings.max_duration, headings=72, times=24, steps=12)
+    found = plan(flow, place(flow, *begin), place(flow, *goal), settings=replace(SETTINGS, max_duration=longest))
+    searched = exhaustive_closest_approach(flow, begin, goal, 0.3, longest, headings=72, times=24, steps=12)
+    # where there is time enough the search itself has to meet the goal, or to be as close would be easy
+    assert (searched < 1.0) == (longest == 1.2e5)
     assert found.closest_approach <= searched + 10.0
 
 
