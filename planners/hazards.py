@@ -28,12 +28,14 @@ class Ring:
         outside: Whether its outside is forbidden instead of its inside.
         name: What it is called in a message.
         surface_only: Whether it only forbids surfacing.
+        drawn: Whether it is an area that someone drew, not an edge of the water.
     """
 
     corners: Array
     outside: bool
     name: str
     surface_only: bool = False
+    drawn: bool = False
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 2) [m], lie within the ring, by the even-odd rule."""
@@ -84,7 +86,7 @@ def no_go_ring(projection: Projection, polygon: Sequence[tuple[float, float]], n
     corners = np.array([corner for k, corner in enumerate(polygon) if k == 0 or corner != polygon[0]], dtype=np.float64)
     if corners.ndim != 2 or len(corners) < 3 or not np.all(np.isfinite(corners)):
         raise PlanError(f"{name} has {len(corners)} corners that are numbers; a no-go area needs three pairs of longitude and latitude")
-    return Ring(np.column_stack(to_local(projection, corners[:, 0], corners[:, 1])), False, name, surface_only)
+    return Ring(np.column_stack(to_local(projection, corners[:, 0], corners[:, 1])), False, name, surface_only, drawn=True)
 
 
 def region_rings(region: Region, depth: float) -> tuple[Ring, ...]:

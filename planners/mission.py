@@ -92,11 +92,14 @@ def attempts_of(task: MissionTask, warm: MissionPlan | None, start_time_ns: int)
     if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
         # an area too wide to be passed under water between two surfacings has to be gone round
         attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
+    if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.drawn for ring in task.rings):
+        # in a strong current the graph's edges are too few to pass close by an area; the way through it may be bent clear
+        attempts += _search(task, tuple(ring for ring in task.rings if not ring.drawn), once=True)
     return attempts
 
 
-def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
-    """Return what came of each number of legs tried: as the route clear of rings suggests, then fewer while that helps, else more."""
+def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> list[Attempt]:
+    """Return what came of each number of legs tried: as the route clear of rings suggests, then, unless once is enough, fewer or more."""
     settings, front = task.settings, front_of(task, rings)
     route, passed = route_of(task, front, settings.max_duration)
     shallow = task.leg_time(task.vehicle.angles[0])
@@ -109,7 +112,7 @@ def _search(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
         return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer)
 
     attempts = [attempt(goal_legs_of(passed, settings.legs or likely))]
-    if settings.legs is not None or not route.arrives:
+    if settings.legs is not None or not route.arrives or once:
         return attempts
     for n_legs in range(likely - 1, len(task.goals) - 1, -1):
         if not safe_and_met(task, attempts[-1]) or _best(task, attempts) is not attempts[-1]:

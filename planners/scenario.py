@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 from planners.feedback import Pilot, fly_corrected
 from planners.flight import Currents, Flight, Legs, currents_of_samples, fly_legs
@@ -29,8 +30,8 @@ from replay_kit.types import Array, Place
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
 # Most margins tried, by how much more than the samples fall short they are widened, and by how much at least [m].
 _PLANS, _MORE, _LEAST = 4, 1.15, 50.0
-# A plan is good enough when no more than this share of what is allowed trespasses: few samples tell a share badly.
-_FEWER = 0.5
+# A plan is good enough when so few samples trespass as would by this chance at most if more than the allowed share of all did.
+_BY_CHANCE = 0.15
 # Legs more than before that are tried where a wider margin leaves the goal out of reach.
 _LONGER = 2
 # A margin kept this well is kept [m].
@@ -105,10 +106,12 @@ def plan_scenarios(
         flight, predicted = flights_of(task, currents, legs, pilot)
         chances, clear = chances_of(task, flight, points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)]))
         tried.append((attempt, chances, more))
-        if chances.safe >= 1.0 - _FEWER * allowed:
+        if few_enough(round((1.0 - chances.safe) * len(clear)), len(clear), allowed):
             break
         if len(tried) > 1:
-            more += max(_MORE * float(np.quantile(-clear, 1.0 - allowed)), _LEAST)
+            # so many that one trespasses which should not
+            short = np.sort(-clear)[::-1][most_enough(len(clear), allowed)]
+            more += max(_MORE * float(short), _LEAST)
         attempt = _wider(task, attempt, Spread(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, more))
     best = max(tried, key=lambda one: (one[1].safe, safe_and_met(task, one[0])))
     plan = to_plan(task, start, asked, start_time_ns, [best[0]])
@@ -142,6 +145,16 @@ def fly_scenarios(
     task = mission_task(flow, (plan.start, plan.goals), plan.vehicle, plan.settings, (no_go, bathymetry), plan.start_time_ns)
     flight, predicted = flights_of(task, _currents_of(flow, samples), legs, pilot)
     return chances_of(task, flight, points_at(predicted, plan.goal_times))[0]
+
+
+def few_enough(trespassing: int, count: int, allowed: float) -> bool:
+    """Return whether so few of some samples trespass that hardly more than the allowed share of all does; none is always few enough."""
+    return trespassing == 0 or float(binom.cdf(trespassing, count, allowed)) <= _BY_CHANCE
+
+
+def most_enough(count: int, allowed: float) -> int:
+    """Return the largest number of samples that may trespass; see ``few_enough``."""
+    return max(number for number in range(count) if few_enough(number, count, allowed))
 
 
 def points_at(predicted: Flight, times: Array) -> NDArray[np.intp]:

@@ -8,7 +8,7 @@ from scipy.stats import nct, norm
 from replay_kit.types import Array
 
 # How sure it is that a margin made of few samples holds the share that it is made for.
-_SURE = 0.9
+_SURE = 0.99
 # A larger share than this is not told from all.
 _MOST = 0.999
 
@@ -43,7 +43,7 @@ class Spread:
 
 
 def tolerance_factor(count: int, share: float) -> float:
-    """Return how many of its standard deviations above its mean a normal sample's share lies, with nine chances in ten at least.
+    """Return how many of its standard deviations above its mean a normal sample's share lies, with 99 chances in 100 at least.
 
     The one-sided tolerance factor: both moments are those of so many values, and few of them may lie closely by chance.
 

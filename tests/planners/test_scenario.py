@@ -12,7 +12,7 @@ from planners.flight import currents_of, currents_of_samples, fly_legs
 from planners.mission_check import check, clearances
 from planners.mission_flights import legs_of_plan
 from planners.mission_task import mission_task
-from planners.scenario import chances_of, points_at
+from planners.scenario import chances_of, few_enough, points_at
 from planners.spread import Spread, tolerance_factor
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
@@ -36,10 +36,11 @@ def test_margins_widen_until_the_samples_keep_clear():
     narrow = plan_mission(FLOW, START, GOAL, settings=SETTINGS, no_go=(AREA,))
     wide_chances, narrow_chances = (fly_scenarios(FLOW, _drawn(200, 2), one, no_go=(AREA,)) for one in (plan, narrow))
     assert plan.status == narrow.status == "reached"
-    assert chances.safe >= 0.9
     assert narrow_chances.safe < 0.8 < 0.88 <= wide_chances.safe
     assert narrow_chances.trespass == {"range": pytest.approx(1.0 - narrow_chances.safe)}
-    assert plan.statistics["margins_tried"] == 2
+    # one of twenty is too many to be sure of one in ten
+    assert chances.safe == 1.0
+    assert plan.statistics["margins_tried"] > 1
 
 
 def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
@@ -56,7 +57,7 @@ def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
     assert all(by_name[one.what][k] <= 0.0 for k, one in enumerate(found) if one is not None)
 
 
-def test_a_margin_of_few_samples_holds_its_share_nine_times_in_ten():
+def test_a_margin_of_few_samples_holds_its_share_nearly_always():
     rng, normal = np.random.default_rng(4), np.tile([0.6, 0.8], (7, 1, 1))
     held = []
     for _ in range(400):
@@ -65,10 +66,19 @@ def test_a_margin_of_few_samples_holds_its_share_nine_times_in_ten():
         margins = Spread(deviations, 0.9, 2.0).margins(normal)
         np.testing.assert_allclose(margins, margins[0, 0], rtol=1e-12)
         held.append(norm.cdf((margins[0, 0] - 2.0) / 5.0) >= 0.9)
-    assert 0.85 < np.mean(held) < 0.95
+    assert 0.97 < np.mean(held) < 1.0
     assert tolerance_factor(10**6, 0.9) == pytest.approx(norm.ppf(0.9), abs=0.01)
     # a half-plane that holds nothing is not moved
     np.testing.assert_array_equal(Spread(np.ones((5, 3, 2)), 0.9, 2.0).margins(np.zeros((4, 2, 2))), 0.0)
+
+
+def test_few_samples_that_trespass_tell_little():
+    assert few_enough(0, 20, 0.1)
+    assert not few_enough(1, 20, 0.1)
+    # of many samples a share below the allowed one is told
+    assert few_enough(13, 200, 0.1)
+    assert not few_enough(18, 200, 0.1)
+    assert few_enough(0, 20, 0.0)
 
 
 def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
