@@ -18,6 +18,8 @@ AGREEMENT = 1.0
 _REFINEMENTS = 3
 # Dense steps for each of the optimiser's.
 _DENSE = 4
+# A polished seed is good to this distance [m], and to this share of what it misses the goal by.
+_POLISHED = 1e-2, 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +109,8 @@ def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
     """Return the optimum found from a guess of heading, glide angle and duration; None when the solver's answer is not a number.
 
     Least squares come near, IPOPT settles it. The steps are laid for the guess's depths; where the dense path falls short of what the
-    solver promised, they are laid again for the answer's, then made finer. A path that leaves the region is solved within it.
+    solver promised, they are laid again for the answer's, then made finer. A path that leaves the region is solved within it; one that
+    land cuts short is left as it is, as the solver knows of no land.
     """
     iterations, n_steps, best, bounded = 0, task.n_steps, None, False
     for refinement in range(_REFINEMENTS + 1):
@@ -120,7 +123,8 @@ def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
         flown = fly_candidate(task, *guess)
         if best is None or flown.distance < best.distance:
             best = replace(flown, promised=answer.distance)
-        if best.agrees or (bounded and flown.until < flown.duration):
+        fixed = task.settings.integrator == "euler"
+        if best.agrees or fixed or (flown.until < flown.duration and (bounded or aground(task, flown))):
             break
         # A path cut short is not a matter of step length: from the same guess again, now within the region.
         if flown.until < flown.duration:
@@ -128,6 +132,12 @@ def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
             continue
         n_steps = task.n_steps * 2**refinement
     return best and replace(best, iterations=iterations, return_status=answer.return_status)
+
+
+def aground(task: Task, flown: Candidate) -> bool:
+    """Return whether what cuts a glide short is land, not the region's edge."""
+    beyond = flown.track.at(np.array([min(flown.until + 1.0, flown.duration)]))
+    return bool(task.region.inside(beyond)[0])
 
 
 def _approached(task: Task, guess: tuple[float, float, float], n_steps: int) -> tuple[float, float, float]:
@@ -139,6 +149,8 @@ def _approached(task: Task, guess: tuple[float, float, float], n_steps: int) -> 
 def polish(task: Task, seed: Candidate) -> Candidate:
     """Return a seed improved without derivatives (Nelder-Mead on the flown distance), for when IPOPT did worse than the seed."""
     limit = np.log(task.settings.max_duration)
+    # of a goal that is missed by far, metres do not matter
+    close = max(_POLISHED[0], _POLISHED[1] * seed.distance)
 
     def distance(unknowns: Array) -> float:
         flown = fly_candidate(task, unknowns[0], unknowns[1], float(np.exp(np.clip(unknowns[2], 0.0, limit))), refinement=1)
@@ -146,7 +158,7 @@ def polish(task: Task, seed: Candidate) -> Candidate:
 
     first = np.array([seed.heading, seed.glide_angle, np.log(seed.duration)])
     simplex = first + np.vstack([np.zeros(3), np.diag([0.02, 0.1 * max(abs(seed.glide_angle), 1e-3), -0.02])])
-    options = {"initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-2, "maxiter": 200}
+    options = {"initial_simplex": simplex, "xatol": close / (task.case.speed * seed.duration), "fatol": close, "maxiter": 100}
     best = minimize(distance, first, method="Nelder-Mead", options=options).x
     improved = fly_candidate(task, float(best[0]), float(best[1]), float(np.exp(np.clip(best[2], 0.0, limit))))
     return improved if improved.distance <= seed.distance else seed

@@ -20,6 +20,11 @@ def velocity_through_water(maths: Any, heading: Any, glide_angle: Any, speed: An
     return horizontal * maths.sin(heading), horizontal * maths.cos(heading), speed * maths.sin(glide_angle)
 
 
+def euler_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -> Any:
+    """Return the position one step of Euler's later, as in Kong et al. (IROS 2021); arguments as for ``rk4_step``."""
+    return position + step * first
+
+
 def rk4_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -> Any:
     """Return the position one classical Runge-Kutta step later.
 

@@ -60,8 +60,13 @@ def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan)
     return MissionFlights(flight.time, flight.depth, flight.place, surfacings, miss, projection)
 
 
-def legs_of_plan(plan: MissionPlan, flow: FlowEstimate) -> Legs:
+def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINED) -> Legs:
     """Return what a mission tells the glider, in the local frame of a flow.
+
+    Args:
+        plan: The mission.
+        flow: Any flow on the levels that it is flown in.
+        refinement: Steps for each of the optimiser's.
 
     Raises:
         PlanError: The mission has no legs.
@@ -71,7 +76,7 @@ def legs_of_plan(plan: MissionPlan, flow: FlowEstimate) -> Legs:
     levels = step_stops(flow.levels, np.array([goal.depth for goal in plan.goals]))
     begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
     turn = grid_bearing_of_true_north(flow.grid.projection, *begins.T)
-    depths = tuple(refined(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), REFINED) for leg in plan.turns)
+    depths = tuple(refined(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), refinement) for leg in plan.turns)
     drifts = np.append(np.full(len(plan.turns) - 1, plan.settings.surface_time), 0.0)
     return Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), depths, drifts)
 

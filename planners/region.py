@@ -34,8 +34,11 @@ class Region:
     def wet(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
         nearest = self.tree.query(points[:, :2])[1]
-        level = np.clip(np.searchsorted(self.grid.levels, points[:, 2], side="right") - 1, 0, self.grid.levels.size - 1)
-        return np.asarray(self.grid.wet.reshape(self.grid.levels.size, -1)[level, nearest])
+        return np.asarray(self.grid.wet.reshape(self.grid.levels.size, -1)[self.level_at(points[:, 2]), nearest])
+
+    def level_at(self, depth: Array) -> NDArray[np.intp]:
+        """Return the number of the last level at or above depths, shape (n,) [m]; the first for what is above all."""
+        return np.clip(np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1)
 
     def wet_by_level(self, points: Array) -> NDArray[np.bool_]:
         """Return whether horizontal points, shape (..., 2) [m], are water at each level, shape (Z, ...)."""

@@ -14,6 +14,7 @@ from planners.feedback import Pilot, fly_corrected
 from planners.flight import Currents, Flight, Legs, currents_of_samples, fly_legs
 from planners.mission import attempts_of, goal_legs_of, goal_steps_of
 from planners.mission_check import clearances
+from planners.mission_flights import legs_of_plan
 from planners.mission_program import MissionGuess
 from planners.mission_result import failed_plan, to_plan
 from planners.mission_solve import Attempt, safe_and_met, solve_clear, worth
@@ -23,7 +24,6 @@ from planners.spread import Spread
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import grid_bearing_of_true_north
 from replay_kit.types import Array, Place
 
 _VEHICLE, _SETTINGS = Glider(), MissionSettings()
@@ -138,18 +138,10 @@ def fly_scenarios(
     Raises:
         PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
     """
-    if len(plan.headings_deg) == 0:
-        raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
+    legs = legs_of_plan(plan, flow, 1)
     task = mission_task(flow, (plan.start, plan.goals), plan.vehicle, plan.settings, (no_go, bathymetry), plan.start_time_ns)
-    flight, predicted = flights_of(task, _currents_of(flow, samples), legs_of(task, plan), pilot)
+    flight, predicted = flights_of(task, _currents_of(flow, samples), legs, pilot)
     return chances_of(task, flight, points_at(predicted, plan.goal_times))[0]
-
-
-def legs_of(task: MissionTask, plan: MissionPlan) -> Legs:
-    """Return what a plan tells the glider."""
-    begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
-    turn = grid_bearing_of_true_north(task.region.grid.projection, *begins.T)
-    return Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), task.depths(plan.turns), task.drifts(plan.turns))
 
 
 def points_at(predicted: Flight, times: Array) -> NDArray[np.intp]:

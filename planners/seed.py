@@ -48,7 +48,7 @@ class FlowTable:
         depths: shape (D,) [m].
         velocity: shape (2, D, n_north, n_east) [m/s].
         allowed: shape (Z, n_north, n_east), True where a path may be between a level and the next.
-        levels: shape (Z,) [m].
+        region: Where a path may be, point by point.
     """
 
     origin: Array
@@ -56,7 +56,7 @@ class FlowTable:
     depths: Array
     velocity: Array
     allowed: NDArray[np.bool_]
-    levels: Array
+    region: Region
 
     def velocity_at(self, points: Array) -> Array:
         """Return the flow [m/s], shape (n, 3) with nothing downwards, at points, shape (n, 3) [m]; held constant outside the table."""
@@ -66,13 +66,20 @@ class FlowTable:
         return np.column_stack([u, v, np.zeros_like(u)])
 
     def allowed_at(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether a path may be at points, shape (n, 3) [m], by the nearest table point."""
-        size = np.array(self.allowed.shape[:0:-1])
-        cell = np.rint((points[:, :2] - self.origin) / self.spacing)
-        within = np.all((cell >= 0) & (cell < size), axis=1)
+        """Return whether a path may be at points, shape (n, 3) [m].
+
+        It may within a cell whose four table points are all allowed. Others lie on an edge or a coast, or the start may be between it
+        and the nearest table point: there the region itself is asked. A point that is not a number counts as allowed nowhere.
+        """
+        cells = np.array(self.allowed.shape[:0:-1]) - 1
+        cell = np.floor((points[:, :2] - self.origin) / self.spacing)
+        within = np.all((cell >= 0) & (cell < cells), axis=1)
         column, row = np.where(within[:, None], cell, 0.0).astype(int).T
-        level = np.clip(np.searchsorted(self.levels, points[:, 2], side="right") - 1, 0, self.levels.size - 1)
-        return np.asarray(within & self.allowed[level, row, column])
+        level = self.region.level_at(points[:, 2])
+        found = within & np.all([self.allowed[level, row + j, column + i] for j, i in np.ndindex(2, 2)], axis=0)
+        unsure = np.flatnonzero(~found & np.isfinite(points).all(axis=1))
+        found[unsure] = self.region.allowed(points[unsure])
+        return np.asarray(found)
 
 
 def tabulate(flow: FlowEstimate, region: Region) -> FlowTable:
@@ -91,7 +98,7 @@ def tabulate(flow: FlowEstimate, region: Region) -> FlowTable:
     rows = [velocity_kernel(flow.kernel, row, flow.nodes) @ flow.latent for row in points]
     velocity = np.stack([row.reshape(2, size[0], -1) @ weights.T for row in rows], axis=1)
     allowed = region.inside_outline(points) & region.wet_by_level(points)
-    return FlowTable(low, extent / (size - 1), depths, np.ascontiguousarray(velocity.transpose(0, 3, 1, 2)), allowed, flow.levels)
+    return FlowTable(low, extent / (size - 1), depths, np.ascontiguousarray(velocity.transpose(0, 3, 1, 2)), allowed, region)
 
 
 def find_seeds(flow: FlowEstimate, region: Region, start: Array, goal: Array, speed: float, max_duration: float, count: int) -> list[Seed]:
@@ -127,7 +134,7 @@ def _fans(table: FlowTable, start: Array, goal: Array, speed: float, max_duratio
     times = times[abs(to_goal) <= speed * times] if to_goal else np.empty(0)
     # Rates that use up the water column within the longest glide, and steeper ones; a horizontal glide among them.
     steeper = np.geomspace(1.0, 0.1, _N_DRIFTS) * max_duration
-    rooms = [-start[2], table.levels[-1] - start[2]]
+    rooms = [-start[2], table.region.deepest - start[2]]
     rates = np.concatenate([[0.0], *(room / steeper for room in rooms if room)])
     rates = np.unique(rates[np.abs(rates) < speed])
     room = np.where(rates > 0.0, rooms[1], rooms[0])
@@ -162,7 +169,7 @@ def _fly_all(table: FlowTable, start: Array, goal: Array, velocity: Array, durat
     for i in range(_N_STEPS):
         first = velocity + table.velocity_at(position)
         after = rk4_step(lambda at: velocity + table.velocity_at(at), position, step, first)
-        alive &= table.allowed_at(after)
+        alive[alive] = table.allowed_at(after[alive])
         leg = after - position
         along = np.clip(np.sum((goal - position) * leg, axis=1) / np.maximum(np.sum(leg**2, axis=1), 1e-12), 0.0, 1.0)
         distance = np.linalg.norm(position + along[:, None] * leg - goal, axis=1)

@@ -1,6 +1,9 @@
 """What a glide may do."""
 
 from dataclasses import dataclass
+from typing import Literal
+
+Integrator = Literal["rk4", "euler"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,8 +14,10 @@ class GlideSettings:
         speed: Through water [m/s].
         tolerance: A path that passes this close has reached the goal [m].
         max_duration: Longest glide considered [s].
-        n_steps: RK4 steps of the optimiser, beside one for each level; doubled where the dense path disagrees by a metre.
+        n_steps: Steps of the optimiser, beside one for each level; doubled where the dense path disagrees by a metre.
         starts: Most seeds that the optimiser starts from.
+        integrator: Of the optimiser's steps: Runge-Kutta's, or the paper's, Euler's, with which steps are never doubled. What a plan says
+            of its path is flown by Runge-Kutta either way; what the optimiser takes the distance to be is in ``statistics``.
     """
 
     speed: float = 0.3
@@ -20,3 +25,4 @@ class GlideSettings:
     max_duration: float = 432000.0
     n_steps: int = 24
     starts: int = 3
+    integrator: Integrator = "rk4"

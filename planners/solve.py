@@ -50,7 +50,7 @@ def plan(
     """
     region = region_of(flow.grid)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
-    case = GlideCase(begin, end, region.deepest, region.sides(), settings.speed, settings.max_duration)
+    case = GlideCase(begin, end, region.deepest, region.sides(), settings.speed, settings.max_duration, settings.integrator)
     task = Task(flow, region, case, settings)
     turn = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
     # No glide beats one that passes the goal, so an earlier plan that still leads there needs no search.
@@ -65,7 +65,7 @@ def plan(
     seed = seeds[0]
     best = min(solved, key=lambda candidate: candidate.distance, default=seed)
     notes = []
-    if best is seed or best.distance > seed.distance + _TIE:
+    if best is seed or (settings.integrator == "rk4" and best.distance > seed.distance + _TIE):
         best = polish(task, seed)
         notes.append("IPOPT did no better than the seed, which was polished by Nelder-Mead instead")
     elif not best.agrees and best.until == best.duration:

@@ -58,12 +58,11 @@ class Track:
         if outside[0] == 0:
             return 0.0
         low, high = self.time[outside[0] - 1], self.time[outside[0]]
+        # many times at once: to ask for one point costs nearly as much as for all
         while high - low > 1e-3:
-            middle = 0.5 * (low + high)
-            if allowed(self.at(np.array([middle])))[0]:
-                low = middle
-            else:
-                high = middle
+            times = np.linspace(low, high, _ZOOM_POINTS)
+            first = int(np.argmin(np.append(allowed(self.at(times[1:-1])), False))) + 1
+            low, high = times[first - 1], times[first]
         return float(low)
 
 

@@ -1,4 +1,4 @@
-"""One constant-velocity glide as a nonlinear program: three unknowns, a path by RK4, a squared distance to minimise.
+"""One constant-velocity glide as a nonlinear program: three unknowns, a path by Runge-Kutta or Euler, a squared distance to minimise.
 
 Minimised over the duration too, the distance at the end is the closest approach on the continuous path. Everything that changes from
 plan to plan (latent velocities, places, limits, steps) is a parameter, so that one graph serves every estimate on the same nodes.
@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from planners.flow import field_function, graph_key
-from planners.glider import rk4_step, velocity_through_water
+from planners.glider import euler_step, rk4_step, velocity_through_water
+from planners.settings import Integrator
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
 
@@ -76,6 +77,7 @@ class GlideCase:
         sides: shape (4, 7), the outline as ``Region.sides`` gives it.
         speed: Through water [m/s].
         max_duration: [s].
+        integrator: Of the steps.
     """
 
     start: Array
@@ -84,6 +86,7 @@ class GlideCase:
     sides: Array
     speed: float
     max_duration: float
+    integrator: Integrator = "rk4"
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,17 +114,18 @@ _programs: OrderedDict[Any, GlideProgram] = OrderedDict()
 _MOST_PROGRAMS = 8
 
 
-def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
+def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
     """Return the program of a flow's nodes, built once: estimates that differ only in latent velocities share it.
 
     Args:
         flow: Any flow on the nodes.
-        n_steps: Number of RK4 steps.
+        n_steps: Number of steps.
         bounded: Whether the path is constrained to the region.
+        integrator: Of the steps.
     """
-    key = (*graph_key(flow), n_steps, bounded)
+    key = (*graph_key(flow), n_steps, bounded, integrator)
     if key not in _programs:
-        _programs[key] = _build(flow, n_steps, bounded)
+        _programs[key] = _build(flow, n_steps, bounded, integrator)
         if len(_programs) > _MOST_PROGRAMS:
             _programs.popitem(last=False)
     _programs.move_to_end(key)
@@ -134,7 +138,7 @@ def approach(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, flo
     From a rough seed the exact Hessian is often indefinite, and IPOPT spends dozens of iterations on it; the Gauss-Newton steps of
     least squares go straight down, at a third of the price each. Arguments as for ``solve_glide``.
     """
-    program, parameters = glide_program(flow, fractions.size - 1, bounded=False), _parameters(flow, case, fractions)
+    program, parameters = glide_program(flow, fractions.size - 1, False, case.integrator), _parameters(flow, case, fractions)
     unknowns, lower, upper = _unknowns(case, guess)
     seen: dict[bytes, tuple[Array, Array]] = {}
 
@@ -164,7 +168,7 @@ def solve_glide(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, 
         fractions: shape (n_steps + 1,), where the steps end as fractions of the duration.
         bounded: Whether the path is constrained to the region.
     """
-    program = glide_program(flow, fractions.size - 1, bounded)
+    program = glide_program(flow, fractions.size - 1, bounded, case.integrator)
     unknowns, lower, upper = _unknowns(case, guess)
     answer = program.solver(
         x0=unknowns,
@@ -208,7 +212,7 @@ def _parameters(flow: FlowEstimate, case: GlideCase, fractions: Array) -> Array:
     )
 
 
-def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
+def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
     unknowns = ca.MX.sym("unknowns", 3)
     start, goal, speed = ca.MX.sym("start", 3), ca.MX.sym("goal", 3), ca.MX.sym("speed")
     steps, sides = ca.MX.sym("steps", n_steps), ca.MX.sym("sides", 4, 7)
@@ -216,7 +220,7 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
     duration = ca.exp(unknowns[2])
     glide_angle = ca.atan(unknowns[1] * _KM / (speed * duration))
     velocity = ca.vertcat(*velocity_through_water(ca, unknowns[0], glide_angle, speed))
-    positions = ca.horzsplit(path_function(flow, n_steps)(start, velocity, duration * steps, latent))
+    positions = ca.horzsplit(path_function(flow, n_steps, integrator)(start, velocity, duration * steps, latent))
     beyond = [_beyond_sides(position[:2] / _KM, sides) for position in positions]
     miss = (positions[-1] - goal) / _KM
     program: dict[str, Any] = {
@@ -232,7 +236,7 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool) -> GlideProgram:
     return GlideProgram(ca.nlpsol("glide", "ipopt", program, _OPTIONS), jacobian, lower, np.zeros(n_sides))
 
 
-def path_function(flow: FlowEstimate, n_steps: int) -> ca.Function:
+def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4") -> ca.Function:
     """Return the function (start, velocity, steps, latent) -> positions after each step.
 
     The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
@@ -245,9 +249,10 @@ def path_function(flow: FlowEstimate, n_steps: int) -> ca.Function:
     def over_ground(at: Any) -> Any:
         return velocity + ca.vertcat(current(at, latent), 0.0)
 
+    one_step = rk4_step if integrator == "rk4" else euler_step
     positions: list[Any] = [start]
     for i in range(n_steps):
-        positions.append(rk4_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
+        positions.append(one_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
     options: dict[str, Any] = {"is_diff_in": [True, True, True, False], "never_inline": True, "cse": True}
     return ca.Function("path", inputs, [ca.horzcat(*positions[1:])], options)
 

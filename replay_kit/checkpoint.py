@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from replay_kit.errors import ConfigError, LogError
+from replay_kit.estimator.buffer import Buffer
 from replay_kit.estimator.dual import RowLog
-from replay_kit.estimator.span import Buffer
 from replay_kit.job import checkpoint_files
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal

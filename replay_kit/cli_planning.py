@@ -37,6 +37,7 @@ CALLS = on_planning.Calls(
     plan_mission=planners.plan_mission,
     fly_mission=fly_mission,
     plan_scenarios=planners.plan_scenarios,
+    fly_corrected=lambda flow, samples, plan: planners.fly_scenarios(flow, samples, plan, pilot=planners.Pilot()),
     glider=lambda speed, shallowest, steepest: planners.Glider(speed, None, shallowest, steepest),
     settings=planners.MissionSettings,
     no_go=planners.NoGo,

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
+from replay_kit.estimator.buffer import Buffer
 from replay_kit.estimator.directions import new_directions
 from replay_kit.estimator.dual import Dual
 from replay_kit.estimator.kalman import ProfileRows
@@ -40,28 +41,6 @@ _PENDING = 512
 _SEEN = 256
 # Room made for new directions, at least, and as a share of those there are.
 _MORE, _MORE_SHARE = 32, 0.25
-
-
-class Buffer:
-    """Rows that only ever grow at the end, shared by the states of a run.
-
-    A state owns the first n rows. It appends in place when there are no others; else another state went on from it before, and it goes
-    on with a copy. So no state ever changes, and a run of steps copies nothing.
-    """
-
-    def __init__(self, capacity: int, size: int) -> None:
-        self.rows = np.zeros((capacity, size))
-        self.filled = 0
-
-    def appended(self, n: int, more: Array) -> "Buffer":
-        """Return a buffer of the first n rows and more ones: this one, if it can be."""
-        new = self
-        if self.filled != n:
-            new = Buffer(*self.rows.shape)
-            new.rows[:n] = self.rows[:n]
-        new.filled = n + len(more)
-        new.rows[n : new.filled] = more
-        return new
 
 
 @dataclass(frozen=True, eq=False)

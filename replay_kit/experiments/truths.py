@@ -41,6 +41,20 @@ def leave_out(ensemble: Ensemble, member: int) -> Case:
     return Case(member, truth, Ensemble(ensemble.grid, left, ensemble.time_ns, ensemble.source, ensemble.notes))
 
 
+def members_named(text: str, n_members: int) -> tuple[int, ...]:
+    """Return the positions that ``--leave-out`` names: several with commas between them, or ``all``.
+
+    Raises:
+        ConfigError: It names none, or one twice.
+    """
+    if text == "all":
+        return tuple(range(n_members))
+    names = [name.strip() for name in text.split(",")]
+    if not all(name.isdecimal() for name in names) or len(set(names)) < len(names):
+        raise ConfigError(f"--leave-out: expected positions from 0 with commas between them, each once, or all, got '{text}'")
+    return tuple(int(name) for name in names)
+
+
 def most_distant(ensemble: Ensemble) -> int:
     """Return the position of the member that is farthest, in RMS over wet points, from the mean of the others."""
     anomalies = (ensemble.velocity - ensemble.velocity.mean(axis=0))[:, :, ensemble.grid.wet]

@@ -10,8 +10,9 @@ from planners import MissionSettings, Pilot, fly_scenarios, plan_mission, plan_s
 from planners.feedback import aim, fly_corrected
 from planners.flight import currents_of, currents_of_samples, fly_legs
 from planners.mission_check import check, clearances
+from planners.mission_flights import legs_of_plan
 from planners.mission_task import mission_task
-from planners.scenario import chances_of, legs_of, points_at
+from planners.scenario import chances_of, points_at
 from planners.spread import Spread, tolerance_factor
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
@@ -45,7 +46,7 @@ def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
     plan = plan_mission(FLOW, START, GOAL, settings=SETTINGS, no_go=(AREA,))
     lane = replace(_area(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
     task = mission_task(FLOW, (START, (GOAL,)), plan.vehicle, SETTINGS, ((AREA, lane), None), 0)
-    flight = fly_legs(currents_of_samples(_drawn(40, 3)), task.vehicle, task.start[:2], legs_of(task, plan))
+    flight = fly_legs(currents_of_samples(_drawn(40, 3)), task.vehicle, task.start[:2], legs_of_plan(plan, task.flow, 1))
     _, clear = chances_of(task, flight, points_at(flight, plan.goal_times))
     found = [check(task, replace(flight, place=flight.place[k : k + 1])) for k in range(40)]
     assert [one is None for one in found] == (clear > 0.0).tolist()
@@ -87,7 +88,7 @@ def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
     start, goal = place(flow, -7e3, -3e3, 0.0), place(flow, 6e3, 2e3, 0.0)
     plan = plan_mission(flow, start, goal, settings=replace(SETTINGS, legs=6, surface_time=600.0))
     task = mission_task(flow, (start, (goal,)), plan.vehicle, plan.settings, ((), None), 0)
-    legs, here = legs_of(task, plan), task.start[:2]
+    legs, here = legs_of_plan(plan, task.flow, 1), task.start[:2]
     asked = fly_legs(currents_of(flow), task.vehicle, here, legs)
     same = fly_corrected(currents_of(flow), currents_of(flow), task.vehicle, here, legs, asked.place[0, asked.ends], Pilot())
     np.testing.assert_allclose(same.flight.place[0], asked.place[0], atol=10.0)

@@ -58,6 +58,15 @@ def test_track_ends_where_it_leaves_the_region() -> None:
     assert region.allowed(track.at(np.array([until])))[0]
 
 
+def test_a_track_ends_where_it_first_leaves_even_if_it_comes_back() -> None:
+    position, velocity = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [2000.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]] * 3)
+    track = Track(np.array([0.0, 1000.0, 2000.0]), position, velocity)
+    # out of it for a while, in again, and out at the point that is known
+    until = track.allowed_until(lambda at: (at[:, 0] < 210.7) | ((at[:, 0] > 300.0) & (at[:, 0] < 999.0)))
+    assert until == pytest.approx(210.7, abs=1e-3)
+    assert until < 210.7
+
+
 def test_sides_keep_every_grid_point_inside() -> None:
     grid = still_flow(shape=(12, 30)).grid
     points = np.column_stack([grid.east.ravel(), grid.north.ravel()]) / 1e3

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from replay_kit.errors import ConfigError
+from replay_kit.experiments.truths import members_named
 
 STUDIES = ("time", "relative", "dac", "outliers", "bias", "coverage")
 
@@ -50,9 +51,4 @@ class MissionJob:
         Raises:
             ConfigError: One is no position.
         """
-        if self.leave_out == "all":
-            return tuple(range(n_members))
-        names = [name.strip() for name in self.leave_out.split(",")]
-        if not all(name.isdecimal() for name in names) or len(set(names)) < len(names):
-            raise ConfigError(f"--leave-out: expected positions from 0 with commas between them, each once, or all, got '{self.leave_out}'")
-        return tuple(int(name) for name in names)
+        return members_named(self.leave_out, n_members)

@@ -76,6 +76,7 @@ class Calls:
         plan_mission: A mission.
         fly_mission: A mission in one current or several.
         plan_scenarios: A mission that keeps clear in samples.
+        fly_corrected: A mission in some currents, corrected at each surfacing by a pilot who knows the flow: what comes of it.
         glider: Makes a vehicle of a speed [m/s] and of the least and largest glide angle [degrees].
         settings: Makes settings of a mission from their names.
         no_go: Makes an area from its corners, longitude and latitude [degrees], and its name.
@@ -87,6 +88,7 @@ class Calls:
     plan_mission: PlanMission
     fly_mission: Callable[[FlowEstimate | Sequence[FlowEstimate], Any], Flights]
     plan_scenarios: PlanScenarios
+    fly_corrected: Callable[[FlowEstimate, Sequence[FlowEstimate], Any], Any]
     glider: Callable[[float, float, float], Any]
     settings: Callable[..., Any]
     no_go: Callable[[tuple[tuple[float, float], ...], str], Any]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.errors import ConfigError
+from replay_kit.experiments.truths import members_named
 
 # Members that are the truth in turn when none are named.
 _TRUTHS = 20
@@ -69,9 +70,4 @@ class PlanningJob:
         if self.leave_out is None:
             count = min(_TRUTHS, n_members, max(self.pairs, self.scenarios))
             return tuple(int(k) for k in (np.arange(count) + 0.5) * n_members / count)
-        if self.leave_out == "all":
-            return tuple(range(n_members))
-        names = [name.strip() for name in self.leave_out.split(",")]
-        if not all(name.isdecimal() for name in names) or len(set(names)) < len(names):
-            raise ConfigError(f"--leave-out: expected positions from 0 with commas between them, each once, or all, got '{self.leave_out}'")
-        return tuple(int(name) for name in names)
+        return members_named(self.leave_out, n_members)
