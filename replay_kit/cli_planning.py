@@ -81,6 +81,8 @@ def planning(
     settings = load_config(config, {"forecast": forecast_part(region, levels, level_step, lead), "estimator": {"modes": modes}})
     sizes = {"scenarios": scenarios, "fresh": fresh, "masks": masks, "replans": replans}
     job = on_planning.PlanningJob(chosen, leave_out, pairs, pings, noise, legs, **sizes, seed=seed)
+    # before anything is read or made
+    job.check(on_planning.STUDIES)
     members = read_ensemble(ensemble, settings.forecast)
     withheld = None if truth is None else read_truth(truth, settings.forecast)
     # made before the work, so that a folder that cannot be made is said at once

@@ -267,6 +267,12 @@ def test_what_is_refused(changed, words):
         job.check(STUDIES) or job.members(6)
 
 
+def test_a_wrong_option_makes_no_folder(tmp_path):
+    command = ["experiment", "planning", "--ensemble", str(tmp_path / "none.nc"), "-o", str(tmp_path / "out"), "--study", "glide"]
+    assert "expected some of glides" in str(CliRunner().invoke(app, command).exception)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_truth_of_its_own_leaves_no_member_out():
     truth = synthetic.ensemble(5, n_members=1, shape=(8, 9))
     with pytest.raises(ConfigError, match="--truth and --leave-out"):
