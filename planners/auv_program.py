@@ -12,8 +12,9 @@ import numpy as np
 
 from planners.flow import graph_key
 from planners.hazards import Ring, beyond, half_planes
-from planners.mission_program import HOUR, KM, OPTIONS
+from planners.mission_program import HOUR, KM
 from planners.region import Region
+from planners.solver import OPTIONS
 from planners.transcription import path_function
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array

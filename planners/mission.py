@@ -10,7 +10,7 @@ from planners.hazards import Ring
 from planners.mission_program import MissionGuess
 from planners.mission_result import failed_plan, to_plan
 from planners.mission_solve import Attempt, GoalSteps, goals_met, safe_and_met, solve_legs, worth
-from planners.mission_task import MissionTask, front_of, guess_of, mission_task, route_of
+from planners.mission_task import MissionTask, front_of, guess_of, mission_task, out_of_reach, route_of
 from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
@@ -107,9 +107,11 @@ def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> l
         route, passed = route_of(task, front, min(settings.max_duration, _LEGS_OUT_OF_REACH * shallow))
     likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
 
+    brief = not route.arrives and out_of_reach(task)
+
     def attempt(legs: tuple[int, ...], fewer: bool = False) -> Attempt:
         guess = guess_of(task, route, front, legs[-1])
-        return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer)
+        return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer, brief=brief)
 
     attempts = [attempt(goal_legs_of(passed, settings.legs or likely))]
     if settings.legs is not None or not route.arrives or once:

@@ -7,7 +7,6 @@ so that one graph serves every estimate on the same nodes.
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -17,6 +16,7 @@ from planners.flow import graph_key
 from planners.guide import Guide, GuideTerms
 from planners.hazards import beyond
 from planners.leg import leg_function, stage_latent
+from planners.solver import MOST_ITERATIONS, OPTIONS, Program
 from planners.spline import FlowSpline
 from planners.vehicle import Glider
 from replay_kit.flow import FlowEstimate
@@ -25,24 +25,6 @@ from replay_kit.types import Array
 KM, HOUR = 1e3, 3600.0
 # A kilometre of trespass costs so many times a kilometre missed along one axis.
 _TRESPASS = 4.0
-OPTIONS: dict[str, Any] = {
-    "print_time": False,
-    "show_eval_warnings": False,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    # metres and seconds are wanted of kilometres and hours
-    "ipopt.tol": 1e-6,
-    "ipopt.constr_viol_tol": 1e-6,
-    "ipopt.acceptable_tol": 1e-5,
-    "ipopt.acceptable_iter": 3,
-    "ipopt.max_iter": 80,
-    "ipopt.nlp_scaling_method": "none",
-    "ipopt.mu_init": 1e-2,
-    "ipopt.bound_push": 1e-4,
-    "ipopt.bound_frac": 1e-4,
-    "ipopt.slack_bound_push": 1e-6,
-    "ipopt.slack_bound_frac": 1e-6,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,26 +130,7 @@ class MissionAnswer:
     return_status: str
 
 
-# From an optimum of nearly the same problem a large barrier only leads away and back.
-_WARM: dict[str, Any] = {"ipopt.mu_init": 1e-6, "ipopt.bound_push": 1e-8, "ipopt.bound_frac": 1e-8}
-
-
-@dataclass(frozen=True, eq=False)
-class _Program:
-    solver: Any
-    lower: Array
-    upper: Array
-    problem: dict[str, Any]
-
-    @cached_property
-    def warm_solver(self) -> Any:
-        """The solver for guesses that are nearly optimal; its derivatives are those of the other."""
-        same = {name: self.solver.get_function(f"nlp_{name}") for name in ("jac_g", "grad_f")}
-        same["hess_lag"] = self.solver.get_function("nlp_hess_l")
-        return ca.nlpsol("mission_again", "ipopt", self.problem, {**OPTIONS, **_WARM, **same})
-
-
-_programs: OrderedDict[Any, _Program] = OrderedDict()
+_programs: OrderedDict[Any, Program] = OrderedDict()
 _MOST_PROGRAMS = 8
 # Cost of slacks that are not to count, and the distance [km] below which a weighed distance is a smooth bowl.
 _SMALL, _BOWL = 1e-6, 1e-2
@@ -182,6 +145,7 @@ def solve_mission(
     times: Array | None,
     *,
     nearly_optimal: bool = False,
+    most: int = MOST_ITERATIONS,
 ) -> MissionAnswer:
     """Return the local optimum that IPOPT finds from a guess.
 
@@ -193,9 +157,10 @@ def solve_mission(
         guess: Where to begin.
         times: As for ``flow_function``.
         nearly_optimal: Whether the guess is the optimum of nearly the same problem.
+        most: Iterations.
     """
     program = _program(flow, vehicle, shape, times, data.spline)
-    solver = program.warm_solver if nearly_optimal else program.solver
+    solver = program.solver_for(nearly_optimal, most)
     unknowns, lower, upper = _unknowns(vehicle, shape, data, guess)
     answer = solver(x0=unknowns, p=_parameters(flow, data), lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
     statistics = solver.stats()
@@ -239,7 +204,7 @@ def _parameters(flow: FlowEstimate, data: MissionData) -> Array:
     return np.concatenate([np.asarray(part) for part in parts])
 
 
-def _program(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None, spline: FlowSpline | None) -> _Program:
+def _program(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None, spline: FlowSpline | None) -> Program:
     key = (*graph_key(flow), vehicle, shape, None if times is None else times.tobytes(), spline)
     if key not in _programs:
         _programs[key] = _build(flow, vehicle, shape, times, spline)
@@ -249,7 +214,7 @@ def _program(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Ar
     return _programs[key]
 
 
-def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None, spline: FlowSpline | None) -> _Program:
+def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Array | None, spline: FlowSpline | None) -> Program:
     n_legs, n_steps, n_goals, n_planes = shape.n_legs, shape.n_steps, len(shape.goal_legs), shape.n_planes
     start, start_time, goals = ca.MX.sym("start", 2), ca.MX.sym("start_time"), ca.MX.sym("goals", 2, n_goals)
     drifts, weights, profiles = ca.MX.sym("drifts", n_legs), ca.MX.sym("weights", 5), range(max(shape.profiles) + 1)
@@ -293,4 +258,4 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
     n_equal = 3 * n_legs + 2 * n_goals
     n_within = (n_planes + int(shape.guided)) * shape.n_places * n_legs
     lower = np.concatenate([np.zeros(n_equal), np.full(n_within, -np.inf)])
-    return _Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within), program)
+    return Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_within), program)

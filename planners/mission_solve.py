@@ -11,6 +11,7 @@ from planners.hazards import half_planes
 from planners.mission_check import Finding, check
 from planners.mission_program import HOUR, KM, MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
 from planners.mission_task import REFINED, MissionTask
+from planners.solver import MOST_ITERATIONS
 from planners.spread import Spread
 from replay_kit.types import Array
 
@@ -24,6 +25,8 @@ _CLOSEST = 1e-5, 1.0
 _ROUNDS, _PLANES = 6, 3
 # No more rounds after so many of the solver's iterations times legs: a minute of them makes a hopeless mission no better.
 _EFFORT = 1500
+# The same, for each solve too, but so many iterations at least, where not even a faster vehicle would arrive.
+_EFFORT_BRIEF, _LEAST_ITERATIONS = 900, 20
 # Rounds where margins are wide: what they are made for is known roughly.
 _ROUNDS_WIDER = 3
 # Half-planes laid anew have to lower the cost by this share.
@@ -85,7 +88,9 @@ class Attempt:
     trespass: float
 
 
-def solve_legs(task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: Route | None, *, fewer: bool = False) -> Attempt:
+def solve_legs(
+    task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: Route | None, *, fewer: bool = False, brief: bool = False
+) -> Attempt:
     """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path trespasses without.
 
     Args:
@@ -95,29 +100,31 @@ def solve_legs(task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: 
         route: What the guess was made of, along which the first half-planes are laid; None for what is left of an earlier plan, which is
             nearly optimal.
         fewer: Whether more legs are known to lead there: then it is of no use how near these come, or how clear they keep.
+        brief: Whether the goals are known to be out of reach: then it is of no use how close to them these come in the end.
     """
     turns, nearly_optimal = task.turns(len(guess.headings)), route is None
     # where distance is weighed against other things, a goal that is not met is no failure
     closest, weighed = task.settings.objective == "closest", task.settings.weighs_distance or task.guide is not None
     hopeless = route is not None and not route.arrives and not weighed
-    found = _solve(task, guess, turns, goals, None, closest or hopeless, nearly_optimal)
+    most = int(np.clip(_EFFORT_BRIEF // len(turns), _LEAST_ITERATIONS, MOST_ITERATIONS)) if brief else MOST_ITERATIONS
+    found = _solve(task, guess, turns, goals, None, closest or hopeless, nearly_optimal, most=most)
     best = _flown(task, found, turns, goals, found.iterations)
     if hopeless and not closest:
         # the graph knows no way: only if these legs come there all the same does time count
         closest = bool(np.any(best.miss > task.settings.tolerance))
         if not closest:
-            found = _solve(task, found.guess, turns, goals, None, False)
+            found = _solve(task, found.guess, turns, goals, None, False, most=most)
             best = _flown(task, found, turns, goals, best.iterations + found.iterations)
     if not closest and not weighed and np.any(best.miss > _MET):
         if fewer and np.any(best.miss > _FAR_OFF * task.settings.tolerance):
             return best
         # the goal is out of reach: from here as close to it as can be, not as the penalties would weigh it
-        found = _solve(task, found.guess, turns, goals, None, True)
+        found = _solve(task, found.guess, turns, goals, None, True, most=most)
         best = _flown(task, found, turns, goals, best.iterations + found.iterations)
         closest = True
     if best.finding is None:
         return best
-    return _kept_clear(task, best, guess, turns, closest, _along(task, guess, turns, route))
+    return _kept_clear(task, best, guess, turns, closest, _along(task, guess, turns, route), most)
 
 
 def solve_clear(task: MissionTask, before: Attempt, spread: Spread) -> Attempt:
@@ -136,19 +143,20 @@ def solve_clear(task: MissionTask, before: Attempt, spread: Spread) -> Attempt:
 
 
 def _kept_clear(
-    task: MissionTask, free: Attempt, guess: MissionGuess, turns: tuple[tuple[float, ...], ...], closest: bool, path: Array
+    task: MissionTask, free: Attempt, guess: MissionGuess, turns: tuple[tuple[float, ...], ...], closest: bool, path: Array, most: int
 ) -> Attempt:
     """Return the best path found within half-planes, laid along a path and anew along each path found until that gains nothing more."""
     best, at, before, iterations = free, guess, np.inf, free.iterations
+    effort = _EFFORT if most == MOST_ITERATIONS else _EFFORT_BRIEF
     for again in range(_ROUNDS):
-        found = _solve(task, at, turns, free.goals, path, closest, again > 0)
+        found = _solve(task, at, turns, free.goals, path, closest, again > 0, most=most)
         iterations += found.iterations
         flown = _flown(task, found, turns, free.goals, iterations)
         better = flown.finding is None and (best.finding is not None or worth(task, flown) < worth(task, best))
         best = flown if better or best is free else best
         gained = not np.isfinite(before) or found.objective < before - _PROGRESS * abs(before)
         moved = float(np.max(np.abs(found.guess.places - at.places)))
-        spent = (iterations - free.iterations) * len(turns) > _EFFORT
+        spent = (iterations - free.iterations) * len(turns) >= effort
         if moved < _SAME or spent or (best.finding is None and not gained):
             break
         at, before = found.guess, found.objective
@@ -165,6 +173,7 @@ def _solve(
     closest: bool,
     nearly_optimal: bool = False,
     spread: Spread | None = None,
+    most: int = MOST_ITERATIONS,
 ) -> MissionAnswer:
     """Return the solver's answer; ``path``, shape (L, n_places, 2) [m], is what half-planes are laid for; a spread widens margins."""
     different = tuple(dict.fromkeys(turns))
@@ -203,7 +212,7 @@ def _solve(
         *_guide_places(task, guess.angles, shape, [depths[leg] for leg in turns], guide_weight),
         spline=task.spline,
     )
-    return solve_mission(task.flow, task.vehicle, shape, data, guess, task.currents.times, nearly_optimal=nearly_optimal)
+    return solve_mission(task.flow, task.vehicle, shape, data, guess, task.currents.times, nearly_optimal=nearly_optimal, most=most)
 
 
 def _weights(task: MissionTask) -> tuple[float, float | None, float]:

@@ -24,6 +24,8 @@ from replay_kit.types import Array, Place
 
 # Dense steps for each of the optimiser's.
 REFINED = 2
+# So many times as fast as it is a vehicle has every doubt in its favour.
+_MUCH_FASTER = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,8 +171,15 @@ def time_on_clock(currents: Currents, time_ns: int) -> float:
     return 0.0 if currents.times is None or first is None or time_ns == 0 else (time_ns - first) / 1e9
 
 
-def front_of(task: MissionTask, rings: tuple[Ring, ...]) -> Front:
-    """Return the graph of the mean current of the mission's dives, at its beginning, clear of some rings."""
+def front_of(task: MissionTask, rings: tuple[Ring, ...], *, faster: float = 1.0, anywhere: bool = False) -> Front:
+    """Return the graph of the mean current of the mission's dives, at its beginning.
+
+    Args:
+        task: The problem.
+        rings: What it keeps clear of.
+        faster: How many times as fast as it is the vehicle is taken to be.
+        anywhere: Whether it goes over land as well.
+    """
     flow, table = task.flow, tabulate(task.flow, task.region)
     angle = task.vehicle.angles[0]
     sampled = np.linspace(0.0, task.settings.depth, 101)
@@ -183,7 +192,19 @@ def front_of(task: MissionTask, rings: tuple[Ring, ...]) -> Front:
     adrift = task.settings.surface_time / task.leg_time(angle)
     shares = (1.0 - adrift) * by_level + adrift * (np.arange(table.depths.size) == 0)
     along = float(task.vehicle.speeds(np, angle)[0])
-    return build_front(table, shares, rings, task.deep_enough, (1.0 - adrift) * along)
+    wet = (lambda points: np.ones(len(points), dtype=bool)) if anywhere else task.deep_enough
+    return build_front(table, shares, rings, wet, faster * (1.0 - adrift) * along)
+
+
+def out_of_reach(task: MissionTask) -> bool:
+    """Return whether a much faster vehicle that nothing stops would not pass all goals in the time of the most legs allowed either.
+
+    The graph knows the current's mean over the dives alone: that it finds no way for the vehicle as it is proves nothing.
+    """
+    if task.settings.weighs_distance or task.guide is not None:
+        return False
+    longest = (task.settings.legs or task.settings.max_legs) * task.leg_time(task.vehicle.angles[0])
+    return not route_of(task, front_of(task, (), faster=_MUCH_FASTER, anywhere=True), longest)[0].arrives
 
 
 def route_of(task: MissionTask, front: Front, longest: float) -> tuple[Route, Array]:

@@ -47,7 +47,7 @@ class FlowTable:
         spacing: shape (2,) [m].
         depths: shape (D,) [m].
         velocity: shape (2, D, n_north, n_east) [m/s].
-        allowed: shape (Z, n_north, n_east), True where a path may be between a level and the next.
+        allowed: shape (Z, n_north - 1, n_east - 1), True where a path may be at all four corners of a cell, between a level and the next.
         region: Where a path may be, point by point.
     """
 
@@ -71,12 +71,11 @@ class FlowTable:
         It may within a cell whose four table points are all allowed. Others lie on an edge or a coast, or the start may be between it
         and the nearest table point: there the region itself is asked. A point that is not a number counts as allowed nowhere.
         """
-        cells = np.array(self.allowed.shape[:0:-1]) - 1
+        cells = np.array(self.allowed.shape[:0:-1])
         cell = np.floor((points[:, :2] - self.origin) / self.spacing)
         within = np.all((cell >= 0) & (cell < cells), axis=1)
         column, row = np.where(within[:, None], cell, 0.0).astype(int).T
-        level = self.region.level_at(points[:, 2])
-        found = within & np.all([self.allowed[level, row + j, column + i] for j, i in np.ndindex(2, 2)], axis=0)
+        found = within & self.allowed[self.region.level_at(points[:, 2]), row, column]
         unsure = np.flatnonzero(~found & np.isfinite(points).all(axis=1))
         found[unsure] = self.region.allowed(points[unsure])
         return np.asarray(found)
@@ -98,6 +97,7 @@ def tabulate(flow: FlowEstimate, region: Region) -> FlowTable:
     rows = [velocity_kernel(flow.kernel, row, flow.nodes) @ flow.latent for row in points]
     velocity = np.stack([row.reshape(2, size[0], -1) @ weights.T for row in rows], axis=1)
     allowed = region.inside_outline(points) & region.wet_by_level(points)
+    allowed = allowed[:, 1:, 1:] & allowed[:, 1:, :-1] & allowed[:, :-1, 1:] & allowed[:, :-1, :-1]
     return FlowTable(low, extent / (size - 1), depths, np.ascontiguousarray(velocity.transpose(0, 3, 1, 2)), allowed, region)
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from planners import Glider
 from planners.flow import field_function
 from planners.leg import leg_depths, leg_function, stage_latent, steps_needed
-from planners.mission_program import HOUR, KM, OPTIONS, MissionData, MissionGuess, MissionShape, _programs, solve_mission
+from planners.mission_program import HOUR, KM, MissionData, MissionGuess, MissionShape, _programs, solve_mission
+from planners.solver import OPTIONS
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
 from tests.benchmarks.estimator import row

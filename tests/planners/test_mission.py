@@ -11,6 +11,7 @@ from planners.flight import Legs, currents_of, currents_of_samples, fly_legs, re
 from planners.hazards import Ring, half_planes, no_go_ring
 from planners.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
 from planners.mission import goal_legs_of, one_leg_more
+from planners.mission_task import MissionTask, mission_task, out_of_reach
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_local
@@ -234,6 +235,28 @@ def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
     strong = plan_mission(uniform_flow(-0.4, 0.0), start, goal, settings=SETTINGS)
     assert strong.status == "unreachable"
     assert "current" in strong.message
+
+
+def test_what_is_far_out_of_reach_is_told_from_what_may_be_and_takes_few_iterations():
+    def task(east: float, settings: MissionSettings) -> MissionTask:
+        flow = uniform_flow(east, 0.0)
+        places = place(flow, -20e3, 0.0, 0.0), (place(flow, -30e3, 0.0, 0.0),)
+        return mission_task(flow, places, GLIDER, settings, ((), None), 0)
+
+    # twice as fast it makes 0.58 m/s, 13 km in 3 legs
+    assert out_of_reach(task(0.65, SETTINGS))
+    assert not out_of_reach(task(0.5, SETTINGS))
+    assert not out_of_reach(task(0.0, replace(SETTINGS, legs=3)))
+    assert out_of_reach(task(0.3, replace(SETTINGS, legs=2)))
+    assert not out_of_reach(task(0.65, replace(SETTINGS, objective=Weights(time=1.0, closest=1.0))))
+    # without and within half-planes at the region's edge, thirty for as many legs each
+    flow = uniform_flow(0.9, 0.0)
+    goal = place(flow, -30e3, 0.0, 0.0)
+    result = plan_mission(flow, place(flow, -20e3, 0.0, 0.0), goal, settings=replace(SETTINGS, legs=30))
+    assert result.status == "unsafe"
+    assert "edge of the region" in result.message
+    assert "limit: 30 legs" in result.message
+    assert result.statistics["iterations"] <= 60
 
 
 def test_a_way_that_is_walled_off_is_not_called_reached():
