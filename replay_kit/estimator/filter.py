@@ -132,7 +132,8 @@ class ReducedBasisEstimator:
     ) -> tuple[FilterState, Innovation]:
         """Return the state after an observation that is expected to be as ``look`` says, and the innovation."""
         looked = look_at(rows, screened.values, look, self.trust, self.error_std is None, state.watch.settled)
-        columns = unit_columns(screened.observation, screened.used, self.basis.grid.projection, rows)
+        misfit = rows.misfit(screened.values, look.mean)
+        columns = unit_columns(screened.observation, screened.used, self.basis.grid.projection, rows, misfit)
         posterior = state.posterior
         if looked.believed:
             posterior = in_cheaper_form(look.posterior(look.told(looked.innovation, columns), looked.error_scale))

@@ -62,7 +62,7 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
     innovation = rows.compress(values)[0] - rows.times(estimator.prior.mean.reshape(LEVELS.size, -1))
     design = rows.design()
     cov = design @ estimator.prior.dense() @ design.T + np.eye(len(design))
-    units = unit_columns(profile, used, ENSEMBLE.grid.projection, rows)
+    units = unit_columns(profile, used, ENSEMBLE.grid.projection, rows, np.zeros((6, 2)))
     evidence = Evidence().after(units, innovation, cov, 0.0)
     relative = relative_velocity(profile, used, ENSEMBLE.grid.projection)
     for k, name in enumerate(NAMES):
@@ -79,9 +79,34 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
         assert evidence.information[k, k] == pytest.approx(bend, rel=1e-4)
 
 
-@pytest.mark.parametrize("name", ["heading", "shear"])
-def test_through_time_the_evidence_is_what_a_state_with_a_flat_prior_says(name):
-    flat = {"heading_bias_std": 5e4, "shear_bias_std": 10.0}
+def test_a_shear_goes_along_the_way_through_the_water_expected_and_is_what_a_state_says_without_its_own():
+    shear = Biases(("shear",), np.ones(1))
+    depth, relative, misfit = np.array([10.0, 30.0, 70.0]), np.array([[0.3, 0.1], [0.2, 0.0], [0.1, -0.1]]), np.full((3, 2), [0.2, -0.3])
+    (column,) = shear.columns(depth, relative, misfit)
+    np.testing.assert_allclose(column, np.outer([0.0, 20.0, 60.0], [0.0, -1.0]), atol=1e-12)
+    np.testing.assert_array_equal(shear.columns(depth, relative, 0.0 * misfit), shear.columns(depth, relative))
+
+
+def test_the_water_s_own_shear_is_no_error_of_the_instrument():
+    """Profiles whose shear is the prior's alone, at random: along the way measured it would seem to be one."""
+    estimator, rng = build_estimator(OTHERS, CONFIG), np.random.default_rng(5)
+    (profile,) = list(mission(0.0, 0.0, 1))
+    used, scores = np.arange(6), []
+    for _ in range(400):
+        velocity = profile.velocity.copy()
+        velocity[used] += 2e-3 * rng.standard_normal(2) * (profile.depth[used] - profile.depth[0])[:, None]
+        sheared = replace(profile, velocity=velocity)
+        rows, values = estimator.rows(sheared, used)
+        misfit = values - estimator.rows(profile, used)[1]
+        pairs = [unit_columns(sheared, used, ENSEMBLE.grid.projection, rows, off)[:, 2] for off in (misfit, 0.0 * misfit)]
+        scores.append([column @ rows.compress(misfit)[0] for column in pairs])
+    mean, spread = np.mean(scores, axis=0), np.std(scores, axis=0) / np.sqrt(len(scores))
+    assert abs(mean[0]) < 3.0 * spread[0]
+    assert mean[1] < -10.0 * spread[1]
+
+
+def test_through_time_the_evidence_is_what_a_state_with_a_flat_prior_says():
+    name, flat = "heading", {"heading_bias_std": 5e4}
     off, on = (build_evolving([OTHERS], CONFIG, TimeConfig(scale=1e6, biases=names, **flat)) for names in ((), (name,)))
     log = list(mission(4.0, 0.0, 12))
     (*_, (without, _)), (*_, (with_state, said)) = off.steps(off.initial(), log), on.steps(on.initial(), log)

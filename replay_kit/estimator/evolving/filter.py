@@ -163,7 +163,7 @@ class EvolvingEstimator:
         before = before or self.predicted(state, observation.time_ns)
         look = look_along(before.means, before.cov, seen.design)
         looked = look_at(seen, seen.values, look, self.trust, True, state.watch.settled)
-        columns = unit_columns(observation, used, self.basis.grid.projection, seen)
+        columns = unit_columns(observation, used, self.basis.grid.projection, seen, seen.misfit(seen.values, look.mean))
         return Offered(observation, before, seen, looked, columns, said, used)
 
     def taken(self, state: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:

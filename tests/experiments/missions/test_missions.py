@@ -19,6 +19,7 @@ from replay_kit.errors import ConfigError, ForecastError
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.experiments.missions import STUDIES, MissionJob, run_missions, to_csv, to_json
+from replay_kit.experiments.missions import bias as bias_module
 from replay_kit.experiments.missions import coverage as coverage_module
 from replay_kit.experiments.missions.dac import _spread
 from replay_kit.experiments.missions.flights import fly_dives, fly_pings, measurements, staying
@@ -54,7 +55,10 @@ FLIGHT = staying(partial(fly_pings, SEA, 10, 20.0, 0.05), 0)
 
 @pytest.fixture(scope="module")
 def result():
-    return run_missions(series(), CONFIG, JOB)
+    with pytest.MonkeyPatch.context() as patch:
+        # a ping in ten minutes of a mission is many for a test
+        patch.setattr(bias_module, "_EVERY_S", 3600.0)
+        return run_missions(series(), CONFIG, JOB)
 
 
 def value_of(result, study, method, figure):
