@@ -113,7 +113,13 @@ def plan_scenarios(
             short = np.sort(-clear)[::-1][most_enough(len(clear), allowed)]
             more += max(_MORE * float(short), _LEAST)
         attempt = _wider(task, attempt, Spread(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, more))
-    best = max(tried, key=lambda one: (one[1].safe, safe_and_met(task, one[0])))
+
+    def rank(one: tuple[Attempt, Chances, float]) -> tuple[bool, bool, float]:
+        kept = one[1].safe >= 1.0 - allowed
+        return kept, kept and safe_and_met(task, one[0]), one[1].safe
+
+    # of the plans that hold what is allowed one that meets the goal is the best, of the others the safest
+    best = max(tried, key=rank)
     plan = to_plan(task, start, asked, start_time_ns, [best[0]])
     counts = {"margins_tried": len(tried), "attempts": len(attempts) + len(tried) - 1, "margin_beside_spread_m": best[2]}
     return replace(plan, statistics={**plan.statistics, **counts}), best[1]

@@ -14,6 +14,7 @@ from planners import (
     Glider,
     MissionPlan,
     MissionSettings,
+    fly_scenarios,
     plan_line,
     plan_mission,
     plan_mooring,
@@ -131,7 +132,8 @@ def plan(
     )
     few = waypoints_of(flow, made, waypoint_tolerance) if waypoints is not None and len(made.headings_deg) else None
     ellipses, spread = _spread(drawn, made, kind)
-    if spread is not None and chances is not None:
+    if spread is not None:
+        chances = chances or fly_scenarios(estimates[0], drawn, made, no_go=how["no_go"], bathymetry=how["bathymetry"])
         spread |= {"safe": chances.safe, "trespass": dict(chances.trespass), "allowed": risk}
     projection = estimates[0].grid.projection
     print_mission(made, few, spread, console_beside(json_file, geojson, csv))
@@ -275,8 +277,7 @@ def print_mission(made: MissionPlan, few: Waypoints | None, spread: dict[str, An
             f"{off} in the median {spread['miss_median_m']:.0f} m, 90 % within {spread['miss_90_percent_m']:.0f} m",
             soft_wrap=True,
         )
-        if "allowed" in spread:
-            console.print(_trespassing(spread), soft_wrap=True)
+        console.print(_trespassing(spread), soft_wrap=True)
     table = Table("leg", "heading", "glide angle", "pitch", "depth [m]", "after [h]", "surfacing at", box=None)
     for row in legs_table(made, None):
         angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
@@ -290,7 +291,8 @@ def _trespassing(spread: dict[str, Any]) -> str:
     share = 1.0 - spread["safe"]
     named = ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in spread["trespass"].items())
     what = f"{100.0 * share:.0f} % of them trespass" + (f" ({named})" if named else "")
+    if spread["allowed"] is None:
+        return what
     allowed = f"{100.0 * spread['allowed']:.0f} % allowed"
-    return (
-        f"{what}; {allowed}" if share <= spread["allowed"] + 1e-9 else f"{what}, more than the {allowed}: no margin tried kept enough clear"
-    )
+    kept = share <= spread["allowed"] + 1e-9
+    return f"{what}; {allowed}" if kept else f"{what}, more than the {allowed}: no margin tried kept enough clear"

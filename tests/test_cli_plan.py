@@ -64,9 +64,11 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     grid.to_netcdf(tmp_path / "bottom.nc", engine="h5netcdf")
     read = read_bathymetry(tmp_path / "bottom.nc")
     assert (read.depth.shape, read.depth.max()) == ((33, 41), 4000.0)
-    free, past = (json.loads(run(flow, *ASK, "--json", "-", *more).stdout) for more in ([], ["--no-go", areas]))
+    free, past = (json.loads(run(flow, *ASK, "--json", "-", *more).stdout) for more in ([], ["--no-go", areas, "--samples", 5]))
     assert past["status"] == "reached"
     assert past["duration_s"] > free["duration_s"]
+    assert (past["samples"]["safe"] == 1.0) == (past["samples"]["trespass"] == {})
+    assert past["samples"]["allowed"] is None
     done = run(flow, *ASK, "--json", "-", "--no-go", areas, "--samples", 5, "--risk", 0.2, "--legs", len(past["legs"]))
     wide = json.loads(done.stdout)
     assert wide["duration_s"] >= past["duration_s"] * (1.0 - 1e-4)
