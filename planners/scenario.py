@@ -115,10 +115,10 @@ def plan_scenarios(
         attempt = _wider(task, attempt, Spread(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, more))
 
     def rank(one: tuple[Attempt, Chances, float]) -> tuple[bool, bool, float]:
-        kept = one[1].safe >= 1.0 - allowed
+        kept = few_enough(round((1.0 - one[1].safe) * len(samples)), len(samples), allowed)
         return kept, kept and safe_and_met(task, one[0]), one[1].safe
 
-    # of the plans that hold what is allowed one that meets the goal is the best, of the others the safest
+    # of the plans that are sure to hold what is allowed one that meets the goal is the best, of the others the safest
     best = max(tried, key=rank)
     plan = to_plan(task, start, asked, start_time_ns, [best[0]])
     counts = {"margins_tried": len(tried), "attempts": len(attempts) + len(tried) - 1, "margin_beside_spread_m": best[2]}
