@@ -99,27 +99,23 @@ def plan_scenarios(
     attempts = attempts_of(task, None, start_time_ns)
     if not attempts:
         return failed_plan(task, start, asked, start_time_ns, "the current is not a number; check the estimate's latent velocities"), _NONE
-    attempt, tried = min(attempts, key=lambda one: worth(task, one)), list[tuple[Attempt, Chances, float]]()
+    attempt, tried = min(attempts, key=lambda one: worth(task, one)), list[tuple[Attempt, Chances, float, bool]]()
     more = 0.0
     for _ in range(_PLANS):
         legs = replace(attempt.legs, depths=task.depths(task.turns(len(attempt.legs.headings))))
         flight, predicted = flights_of(task, currents, legs, pilot)
         chances, clear = chances_of(task, flight, points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)]))
-        tried.append((attempt, chances, more))
-        if few_enough(round((1.0 - chances.safe) * len(clear)), len(clear), allowed):
+        kept = few_enough(int(np.sum(clear <= 0.0)), len(clear), allowed)
+        tried.append((attempt, chances, more, kept))
+        if kept:
             break
         if len(tried) > 1:
             # so many that one trespasses which should not
             short = np.sort(-clear)[::-1][most_enough(len(clear), allowed)]
             more += max(_MORE * float(short), _LEAST)
         attempt = _wider(task, attempt, Spread(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, more))
-
-    def rank(one: tuple[Attempt, Chances, float]) -> tuple[bool, bool, float]:
-        kept = few_enough(round((1.0 - one[1].safe) * len(samples)), len(samples), allowed)
-        return kept, kept and safe_and_met(task, one[0]), one[1].safe
-
-    # of the plans that are sure to hold what is allowed one that meets the goal is the best, of the others the safest
-    best = max(tried, key=rank)
+    # a plan that is sure to hold what is allowed is the best, or else the safest; only the last one tried can be sure
+    best = max(tried, key=lambda one: (one[3], one[1].safe, safe_and_met(task, one[0])))
     plan = to_plan(task, start, asked, start_time_ns, [best[0]])
     counts = {"margins_tried": len(tried), "attempts": len(attempts) + len(tried) - 1, "margin_beside_spread_m": best[2]}
     return replace(plan, statistics={**plan.statistics, **counts}), best[1]
