@@ -18,8 +18,8 @@ from replay_kit.logs.mcap_log_writer import write_mcap_log
 from replay_kit.twin import make_twin
 from replay_kit.types import Message
 from tests import synthetic
+from tests.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 COMMAND = [sys.executable, "-c", "from replay_kit.cli import main; main()"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "160"}
 

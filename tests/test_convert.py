@@ -19,9 +19,10 @@ from replay_kit.measurements import observations
 from replay_kit.twin import make_twin
 from replay_kit.types import Message, Observation
 from tests.logs.log_samples import tlog
+from tests.places import DATA
 from tests.twin.truths import make_truth
 
-SEAGLIDER = sorted((Path(__file__).parents[2] / "shared" / "data" / "seaglider").glob("p17101*.nc"))
+SEAGLIDER = sorted((DATA / "seaglider").glob("p17101*.nc"))
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ from replay_kit.errors import ReplayKitError
 from replay_kit.logs import open_log
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import SHARED, json_mcap, tlog
+from tests.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 # each example writes the files of the one folder anew
 trips = settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 times = st.integers(0, 2**64 - 1)

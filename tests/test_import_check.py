@@ -5,7 +5,6 @@ A sample of a larger study (replay_kit/DECISIONS.md): the sample ocean, 30 pings
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +20,9 @@ from replay_kit.measurements.import_faults import declination_of, depth_faults, 
 from replay_kit.twin import make_twin
 from replay_kit.types import Message
 from tests.measurements.messages import mavlink_frames, ping
+from tests.places import SAMPLES
 from tests.planted import NAMES, PINGS, planted
 
-SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
 CONFIG = load_config(None, {"forecast": {"levels": (5.0, 150.0, 500.0)}, "estimator": {"modes": 60}})
 
 

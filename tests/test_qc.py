@@ -18,8 +18,8 @@ from replay_kit.types import Flag, Reason
 from tests import synthetic
 from tests.measurements.carriers import json_mcap
 from tests.measurements.messages import fix, ping
+from tests.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 CELLS = {"n_cells": 5, "cell_size": 20.0, "bin0_distance": 10.0, "velocity": [[0.1, 0.2, 0.0]] * 4 + [None]}
 
 

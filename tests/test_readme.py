@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from replay_kit.config import RunConfig, load_config
+from tests.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 READMES = [path for path in sorted(ROOT.rglob("README.md")) if not any(part.startswith(".") for part in path.relative_to(ROOT).parts)]
 BLOCKS = [
     pytest.param(path, language, code, id=f"{path.relative_to(ROOT)}-{k}")

@@ -15,10 +15,10 @@ from replay_kit.twin import make_twin, write_ensemble
 from replay_kit.types import Message
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import alone, seconds
+from tests.places import ROOT
 
 Row = dict[str, Any]
-_ROOT = Path(__file__).resolve().parents[2]
-_SAMPLES = _ROOT / "sample_logs"
+_SAMPLES = ROOT / "sample_logs"
 # bytes of each
 _PICTURE, _ATTITUDE = 60_000, 100
 _SECOND = 1_000_000_000

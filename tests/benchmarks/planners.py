@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -29,12 +28,13 @@ from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
 from tests.benchmarks.planners_masked import masked_row
 from tests.benchmarks.planners_search import closest_by_search, tabulated
+from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place
 from tests.reference.front import front_time
 from tests.reference.zermelo import time_in_jet, time_in_solid_rotation, time_in_uniform_current
 
 Row = dict[str, Any]
-QG = Path(__file__).resolve().parents[3] / "shared" / "data" / "qg" / "climatology.nc"
+QG = DATA / "qg" / "climatology.nc"
 SPEED = 0.3
 # Members that pairs are drawn in, a few in each.
 _MEMBERS = (5, 12, 17, 23, 29, 35, 41, 53, 60, 71)

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,6 +26,7 @@ from replay_kit.job import look_ahead
 from replay_kit.twin import Options, make_twin
 from replay_kit.types import Ensemble, Flag
 from tests import synthetic
+from tests.places import DATA
 from tests.reference import dives as slow
 
 MEMBERS = synthetic.ensemble(n_members=9, shape=(5, 6))
@@ -34,7 +34,6 @@ TRUTH = Ensemble(MEMBERS.grid, MEMBERS.velocity[:1], None, "truth")
 FORECAST = Ensemble(MEMBERS.grid, MEMBERS.velocity[1:], None, "forecast")
 TIME = TimeConfig(oscillators=("steady",), oscillator_std=0.1, oscillator_depth_length=60.0, oscillator_scale=3e5)
 DEPTH = np.arange(10.0, 300.0, 20.0)
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _HOUR_NS = 3600 * 10**9
 
 

@@ -22,6 +22,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from replay_kit.errors import LogError
 from replay_kit.logs.mcap_reader import McapReader
 from replay_kit.types import LogReport
+from tests.places import ROOT
 
 #: Topic, log time, publish time, sequence, payload.
 Said = tuple[str, int, int, int, bytes]
@@ -44,9 +45,6 @@ class Sound:
     end: int
     unit_end: int
     checked: bool
-
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def logs() -> list[Path]:

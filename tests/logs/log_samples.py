@@ -2,14 +2,15 @@
 
 from collections.abc import Sequence
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import orjson
 from mcap.writer import CompressionType, Writer
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "logs"
+from tests.places import DATA
+
+SHARED = DATA / "logs"
 SECOND = 1_000_000_000
 
 

@@ -12,6 +12,7 @@ from replay_kit.logs.losses import loss_json, loss_words, unchecked_words
 from replay_kit.types import Loss
 from tests.logs.log_samples import SECOND, json_mcap
 from tests.logs.test_broken_mcap import numbers, read, record_offsets
+from tests.places import SAMPLES
 
 TIMES = [k * SECOND for k in range(1, 41)]
 
@@ -88,7 +89,7 @@ def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> 
 
 
 def test_stamps_of_a_telemetry_log_are_not_covered() -> None:
-    reader = open_log(Path(__file__).parents[2] / "sample_logs" / "glider.tlog")
+    reader = open_log(SAMPLES / "glider.tlog")
     count = sum(1 for _ in reader.messages())
     assert unchecked_words(reader.report()) == f"stamps of frames ({count})"
 

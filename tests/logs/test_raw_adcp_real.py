@@ -16,8 +16,9 @@ from replay_kit.measurements import observations
 from replay_kit.measurements.earth import earth_referenced
 from replay_kit.types import Flag, Observation
 from tests.logs.raw_adcp_samples import adcp_messages, write
+from tests.places import DATA
 
-ADCP = Path(__file__).parents[3] / "shared" / "data" / "adcp"
+ADCP = DATA / "adcp"
 real = pytest.mark.skipif(not ADCP.exists(), reason="../shared/data/adcp is not there")
 
 

@@ -13,10 +13,10 @@ from replay_kit.logs import open_log
 from replay_kit.logs.seaglider import SeagliderReader
 from replay_kit.measurements import observations
 from replay_kit.types import Message
+from tests.places import DATA
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
-WITH_ADCP = sorted((SHARED / "seaglider").glob("p17101*.nc"))
-WITHOUT_ADCP = sorted((SHARED / "seaglider").glob("p24900*.nc"))
+WITH_ADCP = sorted((DATA / "seaglider").glob("p17101*.nc"))
+WITHOUT_ADCP = sorted((DATA / "seaglider").glob("p24900*.nc"))
 real = pytest.mark.skipif(not WITH_ADCP, reason="../shared/data/seaglider is not there")
 
 START = 1_700_000_000.0

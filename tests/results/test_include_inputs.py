@@ -15,9 +15,8 @@ from replay_kit.results import ResultWriter
 from replay_kit.types import Innovation, Message, VehicleState
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import json_mcap, tlog
+from tests.places import SAMPLES
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
-
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
 
 
 @pytest.mark.parametrize("name", ["glider.mcap", "survey.mcap"])

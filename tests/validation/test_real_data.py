@@ -6,8 +6,6 @@
 | North Atlantic, 50 pings, 100 modes, seeds 0 to 2 | mean relative error at most 0.33 | the figure stated for 300 modes; 0.290 measured |
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,8 +15,8 @@ from replay_kit.forecast import read_truth
 from replay_kit.job import ReplayJob
 from replay_kit.replay import replay
 from replay_kit.twin import make_twin
+from tests.places import DATA
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
 
 
