@@ -80,7 +80,7 @@ class Adjoint:
         cov = state.cov - state.cov @ self.cov @ state.cov
         means = state.means.copy()
         means[:, 0] -= state.cov @ self.mean
-        return replace(state, means=means, cov=0.5 * (cov + cov.T))
+        return replace(state, means=means, covariance=0.5 * (cov + cov.T), group=None)
 
 
 def smooth(
