@@ -25,7 +25,7 @@ from replay_kit.results import Journal, ResultWriter, read_journal
 from replay_kit.run import Run
 
 #: Begins the file; then the run's identity, the SHA-256 of the rest, and the rest.
-_MAGIC = b"replay-kit checkpoint 2\n"
+_MAGIC = b"replay-kit checkpoint 3\n"
 _HEAD = len(_MAGIC) + 64 + 32
 _OF_RUN = (
     *("tally", "state", "dive_start", "dive", "vehicle", "planned", "plan_note"),

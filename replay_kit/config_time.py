@@ -29,7 +29,7 @@ class TimeConfig(BaseModel):
     window: float = Field(
         default=0.0,
         ge=0.0,
-        description="s; profiles that lie within it, 16 at most, are one update, for logs of 1 to 10 Hz; 0 takes each alone",
+        description="s; profiles that lie within it of the first of them are one update, for logs of 1 to 10 Hz; 0 takes each alone",
     )
     oscillators: tuple[Oscillation, ...] = Field(
         default=(),

@@ -35,8 +35,9 @@ _CHUNK = 512
 class FlowEstimate:
     """A horizontally divergence-free flow in a box, with its uncertainty when known.
 
-    Outside the levels the flow of the nearest level holds; outside the grid's horizontal extent the kernel fades to zero and
-    nothing is known. Points on land get a value too: ask ``grid.wet``.
+    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent the kernel fades to zero. Below the
+    last level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
+    Points on land get a value too: ask ``grid.wet``.
 
     Attributes:
         grid: Grid, local frame and land mask it was built on; its wet top points are the kernel's nodes.

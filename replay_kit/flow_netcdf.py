@@ -34,7 +34,9 @@ _COMPONENTS = (("u", "eastward_sea_water_velocity"), ("v", "northward_sea_water_
 def to_dataset(
     flow: FlowEstimate, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None
 ) -> xr.Dataset:
-    """Return velocity and standard error towards true east and north as a CF dataset, NaN where dry.
+    """Return velocity and standard error towards true east and north as a CF dataset, NaN where dry and below the last level.
+
+    Below the last level nothing is known: ``FlowEstimate.velocity`` continues the last level's flow there, a grid does not show it.
 
     Args:
         flow: The flow.
@@ -69,10 +71,10 @@ def to_dataset(
 
 
 def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> NDArray[np.bool_]:
-    """Return True where the grid's nearest point at the nearest level is wet and the point lies on the grid.
+    """Return True where the grid's nearest point at the nearest level is wet and the point lies in the box of the grid and its levels.
 
-    A point farther than half a cell's diagonal from every grid point is off the grid, hence not wet. Depths outside the levels
-    take the nearest level, as the flow does.
+    A point farther than half a cell's diagonal from every grid point is off the grid, hence not wet. Depths above the first level
+    take the first level; below the last one the forecast has no water.
 
     Args:
         grid: The grid.
@@ -86,7 +88,7 @@ def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> N
     level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
     # A hair more than the half diagonal, so that the corners shared by four cells belong to one.
     on_grid = distance <= 0.5 * np.hypot(_spacing(grid, 0), _spacing(grid, 1)) * (1.0 + 1e-6)
-    return np.asarray(grid.wet.reshape(grid.levels.size, -1)[level, nearest] & on_grid)
+    return np.asarray(grid.wet.reshape(grid.levels.size, -1)[level, nearest] & on_grid & (depth <= grid.levels[-1]))
 
 
 def write_grid(flow: FlowEstimate, path: Path) -> None:

@@ -8,14 +8,17 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import replay_kit.run
 from replay_kit.checkpoint import journal_path
 from replay_kit.cli_planners import planner_of
 from replay_kit.config import OutputConfig, RunConfig
+from replay_kit.config_time import TimeConfig
 from replay_kit.errors import ConfigError, LogError
 from replay_kit.forecast import read_truth
 from replay_kit.job import ReplayJob
@@ -85,6 +88,61 @@ def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(ocean
     assert summary.messages == whole[1].messages
     assert not checkpoint.exists()
     assert not journal_path(checkpoint).exists()
+
+
+WINDOW = CONFIG.model_copy(update={"time": TimeConfig(scale=432_000.0, window=1800.0)})
+
+
+@pytest.fixture(scope="module")
+def grouped(ocean, tmp_path_factory):
+    """The result of a run whose profiles count together, in groups that begin and end within blocks; without checkpoints."""
+    out = tmp_path_factory.mktemp("grouped") / "out.mcap"
+    run(ocean, out, config=WINDOW, goal=None)
+    return out
+
+
+@pytest.mark.parametrize("block", [1, 5, 1000])
+def test_blocks_of_the_replay_change_no_byte_of_profiles_that_count_together(ocean, tmp_path, grouped, block, monkeypatch):
+    monkeypatch.setattr(replay_kit.run, "BLOCK", block)
+    run(ocean, tmp_path / "out.mcap", config=WINDOW, goal=None)
+    assert (tmp_path / "out.mcap").read_bytes() == grouped.read_bytes()
+
+
+def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(ocean, tmp_path, grouped):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    for stop_after in (130, 40, 20):
+        with pytest.raises(Killed):
+            run(ocean, out, checkpoint, stop_after, config=WINDOW, goal=None)
+        # the state that is kept holds the open group
+        assert b"replay_kit.estimator.evolving.together" in checkpoint.read_bytes()
+    run(ocean, out, checkpoint, config=WINDOW, goal=None)
+    assert out.read_bytes() == grouped.read_bytes()
+    assert verify(out, [ocean], planner_of).same
+
+
+def test_a_resumed_run_scores_the_truth_near_all_profiles_used_not_only_those_since_the_checkpoint(ocean, tmp_path):
+    job = ReplayJob(
+        (ocean / "glider.mcap",), ocean / "ensemble.nc", tmp_path / "out.mcap", truth=str(ocean / "truth.nc"), truth_radius_km=8.0
+    )
+    whole, _ = replay(job, CONFIG)
+    resumed = replace(job, checkpoint=tmp_path / "run.ck", overwrite=True)
+    left = 200
+
+    def on_message(_):
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise Killed
+
+    with pytest.raises(Killed):
+        replay(resumed, CONFIG, on_message=on_message)
+    assert resumed.checkpoint.exists()
+    summary, _ = replay(resumed, CONFIG)
+    assert summary.truth is not None
+    # as text, because what a run without a goal does not know is NaN
+    assert repr(summary.truth) == repr(whole.truth)
+    far, _ = replay(replace(job, out=None, truth_radius_km=None), CONFIG)
+    assert repr(summary.truth) != repr(far.truth)
 
 
 def test_copied_inputs_of_several_logs_are_copied_once_however_often_a_run_is_stopped(ocean, tmp_path):

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config import ForecastConfig
 from replay_kit.errors import ForecastError
+from replay_kit.forecast.depths import in_metres
 from replay_kit.forecast.grid import grid_to_local, local_grid, region_slices, true_to_local, wet_mask
 from replay_kit.forecast.names import MEMBER_NAMES, find_coordinate, find_depth, find_member, find_velocity
 from replay_kit.forecast.times import choose_time
@@ -124,7 +125,8 @@ def _read(
     if min(longitude.shape) < 2:
         raise ForecastError(f"{source}: the region holds a grid of {longitude.shape}; at least 2 x 2 points are needed: widen --region")
     u, v, axes = find_velocity(ds, source)
-    levels, order, depth = _levels(ds, u, config, source)
+    middle = 0.5 * float(latitude.min() + latitude.max())
+    levels, order, depth, of_depth = _levels(ds, u, config, middle, source)
     velocity = np.stack([_array(part, member, depth, horizontal, order, source) for part in (u, v)], axis=1)
     wet, zero_columns = wet_mask(velocity)
     if not wet[0].any():
@@ -138,7 +140,7 @@ def _read(
         projection = local_grid(longitude, latitude, levels, wet, None).projection
         velocity = true_to_local(projection, longitude, latitude, velocity)
     grid = local_grid(longitude, latitude, levels, wet, place_at)
-    return Ensemble(grid, velocity, time_ns, source, (*of_time, *_notes(grid, zero_columns, place_at)))
+    return Ensemble(grid, velocity, time_ns, source, (*of_time, *_notes(grid, zero_columns, place_at), *of_depth))
 
 
 def _refuse_holes(velocity: Array, wet: NDArray[np.bool_], source: str) -> None:
@@ -182,14 +184,16 @@ def _horizontal(ds: xr.Dataset, where: str) -> tuple[Array, Array, tuple[str, st
     return x, y, dims
 
 
-def _levels(ds: xr.Dataset, u: xr.DataArray, config: ForecastConfig, where: str) -> tuple[Array, NDArray[np.int64], str | None]:
-    """Return the levels used [m, increasing], their positions in the file, and the depth dimension (None: one level at 0 m)."""
+def _levels(
+    ds: xr.Dataset, u: xr.DataArray, config: ForecastConfig, latitude: float, where: str
+) -> tuple[Array, NDArray[np.int64], str | None, tuple[str, ...]]:
+    """Return the levels used [m, increasing], their positions in the file, the depth dimension (None: one level at 0 m), and notes."""
     depth = find_depth(ds, u.dims)
     if depth is None:
-        return np.zeros(1), np.zeros(1, dtype=np.int64), None
+        return np.zeros(1), np.zeros(1, dtype=np.int64), None, ()
     if depth not in ds.coords:
         raise ForecastError(f"{where}: dimension {depth} has no coordinate values; add a depth coordinate in metres")
-    values = ds[depth].values.astype(np.float64)
+    values, notes = in_metres(ds[depth], latitude, where)
     if ds[depth].attrs.get("positive", "").lower() == "up" or np.all(values <= 0.0):
         values = -values
     order = np.argsort(values, kind="stable")
@@ -200,7 +204,7 @@ def _levels(ds: xr.Dataset, u: xr.DataArray, config: ForecastConfig, where: str)
     levels = values[order]
     if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
         raise ForecastError(f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}")
-    return levels, order, depth
+    return levels, order, depth, notes
 
 
 def _array(part: xr.DataArray, member: str, depth: str | None, horizontal: tuple[str, str], order: NDArray[np.int64], where: str) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def joint(sea, designs, times, values, at):
+def joint(sea, designs, times, values, at, counted=None):
     """Mean and covariance of the weights at a time, from rows at their own times.
 
     Args:
@@ -12,21 +12,24 @@ def joint(sea, designs, times, values, at):
         times: for each observation [ns].
         values: for each observation (m,), about the offset.
         at: [ns].
+        counted: for each observation, when its unknowns are those of the sea [ns]; None for its own time.
     """
+    counted = times if counted is None else counted
 
     def loading(t):
         return sea.loading(t).reshape(sea.size, -1)
 
-    def covariance(t, s):
-        kept = np.exp(-abs(t - s) / 1e9 / sea.scales)
+    def covariance(t, t_counted, s, s_counted):
+        kept = np.exp(-abs(t_counted - s_counted) / 1e9 / sea.scales)
         return loading(t).T @ (kept[:, None] * loading(s))
 
-    blocks = [[h @ covariance(t, s) @ g.T for g, s in zip(designs, times, strict=True)] for h, t in zip(designs, times, strict=True)]
+    seen = list(zip(designs, times, counted, strict=True))
+    blocks = [[h @ covariance(t, tc, s, sc) @ g.T for g, s, sc in seen] for h, t, tc in seen]
     c = np.block(blocks) + np.eye(sum(map(len, designs)))
-    cross = np.hstack([covariance(at, s) @ g.T for g, s in zip(designs, times, strict=True)])
+    cross = np.hstack([covariance(at, at, s, sc) @ g.T for g, s, sc in seen])
     innovation = np.concatenate([v - h @ sea.mean_at(t).ravel() for h, t, v in zip(designs, times, values, strict=True)])
     gain = cross @ np.linalg.inv(c)
-    return sea.mean_at(at).ravel() + gain @ innovation, covariance(at, at) - gain @ cross.T
+    return sea.mean_at(at).ravel() + gain @ innovation, covariance(at, at, at, at) - gain @ cross.T
 
 
 def turned(pairs, omega, seconds):

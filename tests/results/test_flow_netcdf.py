@@ -14,6 +14,7 @@ from replay_kit.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import load, load_bytes, save, save_bytes, to_dataset, wet_at, write_grid
 from replay_kit.geodesy import grid_bearing_of_true_north, rotate_to_geographic, to_local
+from replay_kit.results.slices import depth_slice
 from replay_kit.types import Array
 
 
@@ -162,13 +163,31 @@ def test_product_grid(flow: FlowEstimate) -> None:
     east, north = to_local(flow.grid.projection, 5.1, 62.05)
     expected = np.hypot(*flow.velocity(east, north, 25.0))
     assert float(np.hypot(dataset.u, dataset.v).sel(longitude=5.1, latitude=62.05, depth=25.0)) == pytest.approx(expected, rel=1e-10)
-    assert np.isfinite(dataset.u.values).all()
+    # the third depth is below the last level
+    assert np.isfinite(dataset.u.values[:2]).all()
 
 
 def test_product_grid_is_empty_off_the_region_and_on_land(flow: FlowEstimate) -> None:
     grid = flow.grid
     dataset = to_dataset(flow, [grid.longitude[0, 0], 5.0, 20.0], [grid.latitude[0, 0]], [10.0])
     assert np.isnan(dataset.u.values[0, 0]).tolist() == [True, False, True]
+
+
+def test_below_the_last_level_nothing_is_known_of_velocity_or_error(flow: FlowEstimate) -> None:
+    """One rule: a point's velocity is continued, its error is not known, and a grid shows neither."""
+    grid, last = flow.grid, float(flow.levels[-1])
+    row, column = np.argwhere(grid.wet[-1])[0]
+    axes = {"longitude": [grid.longitude[row, column]], "latitude": [grid.latitude[row, column]]}
+    depths = np.array([0.0, last, np.nextafter(last, np.inf), last + 500.0])
+    dataset = to_dataset(flow, **axes, depth=depths)
+    below = np.array([False, False, True, True])
+    for name in ("u", "v", "u_standard_error", "v_standard_error"):
+        np.testing.assert_array_equal(np.isnan(dataset[name].values.ravel()), below, err_msg=name)
+    place = grid.east[row, column], grid.north[row, column]
+    np.testing.assert_array_equal(np.isnan(flow.standard_error(*place, depths)[:, 0]), below)
+    np.testing.assert_array_equal(flow.velocity(*place, last + 500.0), flow.velocity(*place, last))
+    assert np.isnan(depth_slice(flow, last + 500.0).velocity).all()
+    assert np.isfinite(depth_slice(flow, last).velocity).any()
 
 
 def test_wet_at_agrees_with_the_grid(flow: FlowEstimate) -> None:

@@ -72,7 +72,7 @@ def new_dive(estimator: EvolvingEstimator, state: EvolvingState) -> EvolvingStat
     means[part] = 0.0
     cov[part], cov[:, part] = 0.0, 0.0
     cov[part, part] = np.eye(part.stop - part.start)
-    return replace(state, means=means, cov=cov)
+    return replace(state, means=means, covariance=cov, group=None)
 
 
 def by_dive(observations: Sequence[Measurement]) -> Iterator[tuple[bool, Measurement]]:

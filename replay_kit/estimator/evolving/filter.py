@@ -1,6 +1,6 @@
 """The estimator whose estimate changes between observations: state in, observation in; state and innovation out."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.biases import NAMES, Evidence, stretch, unit_columns
 from replay_kit.estimator.evolving.seen import Model, Seen
 from replay_kit.estimator.evolving.state import Layout, look_along
-from replay_kit.estimator.evolving.together import compressed, grouped
+from replay_kit.estimator.evolving.together import Group
 from replay_kit.estimator.gate import Watch
 from replay_kit.estimator.looked import Looked, look_at
 from replay_kit.estimator.modes import Basis
@@ -30,19 +30,27 @@ class EvolvingState:
 
     Attributes:
         means: shape (n, 4): of the unknowns, and how it answers to a heading, scale and shear error of one unit that no unknown stands for.
-        cov: shape (n, n).
-        time_ns: Of the last observation used [ns, UTC]; None before the first.
+        covariance: shape (n, n), or the group that it is computed from when first asked for; read ``cov``.
+        time_ns: For which the last observation used counts [ns, UTC], the first of its group where several count together; None before
+            the first.
         watch: Over the latest verdicts.
         last: Observation offered last.
         evidence: Of errors of the instrument.
+        group: Profiles that the next one may count together with; None without. Whoever changes means or covariance ends it.
     """
 
     means: Array
-    cov: Array
+    covariance: Array | Group
     time_ns: int | None
     watch: Watch
     last: Observation | PathMean | None = None
     evidence: Evidence = _NO_EVIDENCE_YET
+    group: Group | None = None
+
+    @property
+    def cov(self) -> Array:
+        """Covariance of the unknowns, shape (n, n)."""
+        return self.covariance.cov if isinstance(self.covariance, Group) else self.covariance
 
     @property
     def mean(self) -> Array:
@@ -85,59 +93,47 @@ class EvolvingEstimator:
         return EvolvingState(np.zeros((self.layout.size, 1 + len(NAMES))), np.eye(self.layout.size), None, Watch())
 
     def steps(self, state: EvolvingState, observations: Iterable[Observation | PathMean]) -> Iterator[tuple[EvolvingState, Innovation]]:
-        """Yield the state after each observation, and what it said.
-
-        With a window, profiles that lie in it count together: all are held against the state before the first of them, and the state
-        changes with the last.
-        """
-        for group in grouped(observations, self.window):
-            if len(group) > 1:
-                done = self._together(state, group)
-                state = done[-1][0]
-                yield from done
-            else:
-                state, innovation = self.step(state, group[0])
-                yield state, innovation
-
-    def _together(self, state: EvolvingState, observations: Sequence[Observation | PathMean]) -> list[tuple[EvolvingState, Innovation]]:
-        """Return the states after observations that count together, and the innovations."""
-        before, current = self.predicted(state, max(observation.time_ns for observation in observations)), state
-        done: list[tuple[EvolvingState, Innovation]] = []
-        believed: list[Offered] = []
+        """Yield the state after each observation, and what it said: ``step`` over and over."""
         for observation in observations:
-            offered = self.offered(current, observation, before)
-            if isinstance(offered, Innovation):
-                done.append((current, offered))
-                continue
-            current = replace(current, last=observation)
-            if offered.looked.believed:
-                believed.append(offered)
-            done.append((current, offered.looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), 1.0)))
-        if believed:
-            design, told = compressed(
-                np.concatenate([each.seen.design / each.looked.error_scale for each in believed]),
-                np.concatenate([each.told / each.looked.error_scale for each in believed]),
-            )
-            look, stretched = look_along(before.means, before.cov, design), sum(each.stretched for each in believed)
-            means, cov = look.posterior(told, 1.0)
-            # held against one state, the profiles' innovations share its error: they are evidence together, and one of them is watched
-            evidence = before.evidence
-            if any(each.columns is not None for each in believed):
-                evidence = evidence.after(told[:, 1:], told[:, 0], look.cov + np.eye(len(told)), stretched)
-            watch, grown = before.watch.after(believed[0].looked.verdict, self.trust)
-            means = self._stretched(means, cov, believed)
-            after = replace(current, means=means, cov=grown * cov, time_ns=before.time_ns, watch=watch, evidence=evidence)
-            done[-1] = after, replace(done[-1][1], prior_inflation=grown)
-        return done
+            state, innovation = self.step(state, observation)
+            yield state, innovation
 
     def step(self, state: EvolvingState, observation: Observation | PathMean) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation, and the innovation.
 
         An observation without a usable bin, older than the state by more than twenty minutes, or the same as the one before, leaves the
-        state untouched.
+        state untouched. With a window, profiles that lie in it count together: all are held against the state before the first of them,
+        which alone is watched, as they share that state's error.
         """
-        offered = self.offered(state, observation)
-        return (state, offered) if isinstance(offered, Innovation) else self.taken(state, offered)
+        group = state.group if state.group is not None and state.group.takes(observation, self.window) else None
+        offered = self.offered(state, observation, None if group is None else group.before)
+        if isinstance(offered, Innovation):
+            return state, offered
+        if group is not None:
+            return self._joined(state, group, offered)
+        after, innovation = self.taken(state, offered)
+        if self.window > 0.0 and isinstance(observation, Observation):
+            after = replace(after, group=self._opened(after, offered, innovation.prior_inflation))
+        return after, innovation
+
+    def _opened(self, after: EvolvingState, offered: "Offered", grown: float) -> Group:
+        """Return the group that a profile begins; ``after`` is the state with it."""
+        # a rejected profile leaves the state where it was; those that count with it are held against the state at its time all the same
+        believed, time_ns = offered.looked.believed, offered.observation.time_ns
+        before = offered.before if believed else self.predicted(after, time_ns)
+        group = Group.opened(time_ns, before, grown if believed else 1.0)
+        return group.with_profile(*offered.rows) if believed else group
+
+    def _joined(self, state: EvolvingState, group: Group, offered: "Offered") -> tuple[EvolvingState, Innovation]:
+        """Return the state after one more profile of a group, and the innovation."""
+        looked = offered.looked
+        said = looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), 1.0)
+        if not looked.believed:
+            return replace(state, last=offered.observation), said
+        group = group.with_profile(*offered.rows)
+        means = self._stretched(group.means, group.cov_column, group.stretched)
+        time_ns, evidence = group.before.time_ns, group.evidence
+        return EvolvingState(means, group, time_ns, state.watch, offered.observation, evidence, group), said
 
     def offered(
         self, state: EvolvingState, observation: Observation | PathMean, before: EvolvingState | None = None
@@ -162,16 +158,17 @@ class EvolvingEstimator:
         seen = self.model.path(observation) if isinstance(observation, PathMean) else self.model.profile(observation, used)
         before = before or self.predicted(state, observation.time_ns)
         look = look_along(before.means, before.cov, seen.design)
-        looked = look_at(seen, seen.values, look, self.trust, True, state.watch.settled)
+        looked = look_at(seen, seen.values, look, self.trust, True, before.watch.settled)
         columns = unit_columns(observation, used, self.basis.grid.projection, seen, seen.misfit(seen.values, look.mean))
-        return Offered(observation, before, seen, looked, columns, said, used)
+        return Offered(observation, before, seen, looked, look.cross, columns, said, used)
 
     def taken(self, state: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation that was offered to a state, and the innovation."""
         looked, after = offered.looked, state
         if looked.believed:
             means, cov = looked.look.posterior(offered.told, looked.error_scale)
-            after = replace(offered.before, means=self._stretched(means, cov, [offered]), cov=cov)
+            means = self._stretched(means, lambda position: cov[:, position], offered.stretched)
+            after = replace(offered.before, means=means, covariance=cov)
         return self._noted(after, offered)
 
     def _noted(self, after: EvolvingState, offered: "Offered") -> tuple[EvolvingState, Innovation]:
@@ -179,28 +176,27 @@ class EvolvingEstimator:
         looked = offered.looked
         watch, grown = after.watch.after(looked.verdict, self.trust)
         evidence = looked.evidence(after.evidence, offered.observation, offered.columns)
-        cov = after.cov if grown == 1.0 else grown * after.cov
-        after = replace(after, cov=cov, watch=watch, last=offered.observation, evidence=evidence)
+        covariance = after.covariance if grown == 1.0 else grown * after.cov
+        after = replace(after, covariance=covariance, watch=watch, last=offered.observation, evidence=evidence, group=None)
         return after, looked.said(offered.said, offered.used, np.zeros(len(offered.seen.design)), grown)
 
-    def _stretched(self, means: Array, cov: Array, believed: "Sequence[Offered]") -> Array:
+    def _stretched(self, means: Array, cov_column: Callable[[int], Array], stretched: float) -> Array:
         """Return means with the stretching of what a scale error measures taken off, where one is estimated; see ``biases``."""
         names = self.model.biases.names
         if "scale" not in names:
             return means
-        stretched = sum(each.stretched for each in believed)
         at = self.layout.parts["biases"].start + names.index("scale")
         out = means.copy()
-        out[:, 0] -= cov[:, at] * float(self.model.biases.std[names.index("scale")]) * stretched
+        out[:, 0] -= cov_column(at) * float(self.model.biases.std[names.index("scale")]) * stretched
         return out
 
     def predicted(self, state: EvolvingState, time_ns: int) -> EvolvingState:
         """Return the state at a later time without observations in between, of which less is known; as it is for an earlier one."""
         if state.time_ns is None:
-            return replace(state, time_ns=time_ns)
+            return replace(state, time_ns=time_ns, group=None)
         time_ns = max(time_ns, state.time_ns)
         means, cov = self.layout.predict(state.means, state.cov, (time_ns - state.time_ns) / _NS)
-        return replace(state, means=means, cov=cov, time_ns=time_ns)
+        return replace(state, means=means, covariance=cov, time_ns=time_ns, group=None)
 
     def usable(self, observation: Observation | PathMean) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
@@ -268,6 +264,7 @@ class Offered:
         before: The state at its time.
         seen: Its rows.
         looked: What was made of them.
+        cross: shape (m, n), the rows times the covariance of the state at its time.
         columns: shape (m, 3), what errors of the instrument of one unit do to them; None where the log does not say.
         said: What is said of it before.
         used: Positions of its usable bins.
@@ -277,6 +274,7 @@ class Offered:
     before: EvolvingState
     seen: Seen
     looked: Looked[tuple[Array, Array]]
+    cross: Array
     columns: Array | None
     said: Innovation
     used: NDArray[np.intp]
@@ -285,6 +283,12 @@ class Offered:
     def told(self) -> Array:
         """Innovations, shape (m, 4): of the rows, and of each error of one unit."""
         return self.looked.look.told(self.looked.innovation, self.columns)
+
+    @property
+    def rows(self) -> tuple[Array, Array, Array, float, bool]:
+        """What a group takes of a believed profile; see ``Group``."""
+        scale = self.looked.error_scale
+        return self.seen.design / scale, self.cross / scale, self.told / scale, self.stretched, self.columns is not None
 
     @property
     def stretched(self) -> float:

@@ -41,7 +41,7 @@ def log_likelihoods(estimator: EvolvingEstimator, observations: Sequence[Measure
         half_log_det = 0.5 * float(np.linalg.slogdet(look.cov + np.eye(innovation.size))[1]) + 2.0 * log_scale(offered.seen.noise)
         yield -0.5 * (look.nis(innovation) + left_out) - half_log_det
         means, cov = look.posterior(offered.told, 1.0)
-        state = replace(offered.before, means=means, cov=cov, last=observation)
+        state = replace(offered.before, means=means, covariance=cov, last=observation)
 
 
 def log_scale(noise: BinNoise) -> float:

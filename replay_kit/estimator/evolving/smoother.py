@@ -29,7 +29,7 @@ class Step:
     """What an observation did to the state.
 
     Attributes:
-        time_ns: When [ns, UTC].
+        time_ns: For when the filter counted it [ns, UTC]: never before an earlier step, also when the observation came late.
         rows: shape (m, n), h.
         gain: shape (m, n), K'.
         told: shape (m,), S^-1 e.
@@ -80,7 +80,7 @@ class Adjoint:
         cov = state.cov - state.cov @ self.cov @ state.cov
         means = state.means.copy()
         means[:, 0] -= state.cov @ self.mean
-        return replace(state, means=means, cov=0.5 * (cov + cov.T))
+        return replace(state, means=means, covariance=0.5 * (cov + cov.T), group=None)
 
 
 def smooth(
@@ -90,7 +90,7 @@ def smooth(
 
     Args:
         estimator: Of the sea through time; its gate decides forward, as in a replay.
-        observations: In order of time.
+        observations: In the order in which the filter is given them; late ones count when they count there.
         times_ns: Wanted times [ns, UTC], in any order.
         lag: Only observations up to so long after a time count for it [s]; None counts all.
     """
@@ -121,20 +121,22 @@ def _nothing(estimator: EvolvingEstimator, time_ns: int) -> Adjoint:
 def _forward(
     estimator: EvolvingEstimator, observations: Iterable[Observation | PathMean], wanted: Sequence[int]
 ) -> tuple[dict[int, EvolvingState], list[Step]]:
-    """Return the filter's states at wanted times, after the observations up to each, and what every observation did."""
+    """Return the filter's states at wanted times, after the observations that counted up to each, and what every observation did."""
     state, left = estimator.initial(), list(wanted)
     states: dict[int, EvolvingState] = {}
     steps: list[Step] = []
     for observation in observations:
-        while left and left[0] < observation.time_ns:
-            states[left[0]] = estimator.predicted(state, left[0])
-            left.pop(0)
         offered = estimator.offered(state, observation)
         if isinstance(offered, Innovation):
             continue
-        state, _ = estimator.taken(state, offered)
         if offered.looked.believed:
-            steps.append(_step(offered))
+            step = _step(offered)
+            # only what counts ends the time before it: after a rejected observation an earlier one may still come
+            while left and left[0] < step.time_ns:
+                states[left[0]] = estimator.predicted(state, left[0])
+                left.pop(0)
+            steps.append(step)
+        state, _ = estimator.taken(state, offered)
     return states | {time_ns: estimator.predicted(state, time_ns) for time_ns in left}, steps
 
 
@@ -145,4 +147,5 @@ def _step(offered: Offered) -> Step:
     factor = scipy.linalg.cho_factor(cross @ rows.T + np.eye(len(rows)), lower=True)
     solved = scipy.linalg.cho_solve(factor, np.column_stack([cross, innovation, np.eye(len(rows))]))
     n = cross.shape[1]
-    return Step(offered.observation.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :])
+    assert offered.before.time_ns is not None  # a prediction has a time
+    return Step(offered.before.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :])

@@ -84,7 +84,18 @@ class Layout:
         return out
 
 
-def look_along(means: Array, cov: Array, design: Array) -> Look[tuple[Array, Array]]:
+@dataclass(frozen=True, eq=False)
+class Along(Look[tuple[Array, Array]]):
+    """What a state expects of rows.
+
+    Attributes:
+        cross: shape (m, n), the rows times the state's covariance.
+    """
+
+    cross: Array
+
+
+def look_along(means: Array, cov: Array, design: Array) -> Along:
     """Return what is expected of rows, and how they change means and covariance.
 
     Args:
@@ -99,4 +110,4 @@ def look_along(means: Array, cov: Array, design: Array) -> Look[tuple[Array, Arr
         return means + gain.T @ whitened, cov - gain.T @ gain
 
     spread = cross @ design.T
-    return Look(design @ means[:, 0], design @ means[:, 1:], 0.5 * (spread + spread.T), absorb)
+    return Along(design @ means[:, 0], design @ means[:, 1:], 0.5 * (spread + spread.T), absorb, cross)

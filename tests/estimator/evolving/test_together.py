@@ -1,6 +1,7 @@
 """Profiles that count together: exactly what they say one after another, where nothing changes within the window."""
 
 from dataclasses import replace
+from itertools import groupby, islice, pairwise
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import pytest
 from replay_kit.config_time import TimeConfig
 from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving.together import compressed, grouped
+from replay_kit.estimator.evolving import together as module
+from replay_kit.estimator.evolving.together import compressed
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
 from tests.estimator.test_paths import dive
 
@@ -50,10 +52,9 @@ def test_one_update_is_as_good_as_many(scale):
         np.testing.assert_allclose(joint[-1][0].mean, single[-1][0].mean, atol=tolerance * np.abs(single[-1][0].mean).max())
         np.testing.assert_allclose(joint[-1][0].cov, single[-1][0].cov, atol=tolerance)
     assert len(joint) == len(log)
-    assert joint[-1][0].time_ns == log[-1].time_ns
-    # within a group the state waits for the last of it
-    assert joint[0][0].time_ns is None
-    assert joint[10][0].time_ns == log[10].time_ns
+    # a group counts at the time of its first profile, and each state knows all profiles so far
+    assert [state.time_ns - DAY for state, _ in joint] == [11 * SECOND * (k // 11) for k in range(len(log))]
+    assert all(np.abs(after.mean - before.mean).max() > 0.0 for (before, _), (after, _) in pairwise(joint))
 
 
 def test_the_static_comparison_above_is_not_ruled_out():
@@ -72,9 +73,115 @@ def test_an_outlier_in_a_group_is_rejected_alone():
     assert [k for k, decision in enumerate(said) if decision == "rejected" and k != 7] == [80, 81, 82]
 
 
+def first_of_groups(states):
+    """How many states each group has, by the time of its first profile; one without a group is alone."""
+    keys = [state.group.first_ns if state.group is not None else -k for k, state in enumerate(states, start=1)]
+    return [len(list(alike)) for _, alike in groupby(keys)]
+
+
 def test_groups_end_with_their_window_and_means_stay_alone():
-    log = quick_log(12)
-    assert [len(group) for group in grouped(log, 4.0)] == [5, 5, 2]
-    assert [len(group) for group in grouped(log, 0.0)] == [1] * 12
-    path = replace(dive(), time_ns=log[3].time_ns)
-    assert [len(group) for group in grouped([*log[:3], path, *log[4:]], 100.0)] == [3, 1, 8]
+    log, path = quick_log(12), replace(dive(), time_ns=DAY + 3 * SECOND)
+    for window, given, expected in ((4.0, log, [5, 5, 2]), (0.0, log, [1] * 12), (100.0, [*log[:3], path, *log[4:]], [3, 1, 8])):
+        together = build_evolving(forecasts(), CONFIG, TimeConfig(window=window))
+        assert first_of_groups([state for state, _ in together.steps(together.initial(), given)]) == expected
+
+
+def test_a_profile_older_than_the_first_of_the_group_begins_another():
+    log = quick_log(8)[:6]
+    log[4] = replace(log[4], time_ns=log[0].time_ns - SECOND)
+    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=100.0))
+    assert first_of_groups([state for state, _ in together.steps(together.initial(), log)]) == [4, 2]
+
+
+@pytest.mark.parametrize("block", [1, 3, 16])
+def test_blocks_change_no_bit_of_a_group(block):
+    """Whether profiles are given at once, in blocks or one by one."""
+    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=20.0, biases=("scale",)), TrustConfig())
+    log = quick_log(45)
+    whole = list(together.steps(together.initial(), log))
+    state, parts, source = together.initial(), [], iter(log)
+    while given := list(islice(source, block)):
+        parts += list(together.steps(state, given))
+        state = parts[-1][0]
+    for (state, said), (other, expected) in zip(parts, whole, strict=True):
+        for name in ("means", "cov"):
+            assert getattr(state, name).tobytes() == getattr(other, name).tobytes()
+        assert (state.time_ns, state.watch) == (other.time_ns, other.watch)
+        assert state.evidence.scores.tobytes() == other.evidence.scores.tobytes()
+        assert (said.nis, said.decision, said.error_inflation) == (expected.nis, expected.decision, expected.error_inflation)
+    assert first_of_groups([state for state, _ in parts]) == [21, 21, 3]
+
+
+def test_a_group_is_the_update_by_all_rows_at_once():
+    """The textbook's update, and its whitened innovations as evidence of the instrument's errors."""
+    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=100.0, biases=("scale",)))
+    log = [replace(each, platform_velocity=(0.2, -0.1), common_std=0.02) for each in quick_log(12)]
+    state = together.initial()
+    for observation in profiles(3):
+        state, _ = together.step(state, replace(observation, time_ns=observation.time_ns // 10))
+    first = together.offered(state, log[0])
+    offers = [first, *(together.offered(state, each, first.before) for each in log[1:])]
+    *_, (after, _) = together.steps(state, log)
+    rows = np.vstack([each.seen.design / each.looked.error_scale for each in offers])
+    told = np.vstack([each.told / each.looked.error_scale for each in offers])
+    before = first.before
+    innovation_cov = rows @ before.cov @ rows.T + np.eye(len(rows))
+    gain = before.cov @ rows.T @ np.linalg.inv(innovation_cov)
+    cov, means = before.cov - gain @ rows @ before.cov, before.means + gain @ told
+    stretched = sum(each.stretched for each in offers)
+    at = together.layout.parts["biases"].start
+    means[:, 0] -= cov[:, at] * together.model.biases.std[0] * stretched
+    np.testing.assert_allclose(after.means, means, atol=1e-9 * np.abs(means).max())
+    np.testing.assert_allclose(after.cov, cov, atol=1e-10)
+    evidence = before.evidence.after(told[:, 1:], told[:, 0], innovation_cov, stretched)
+    np.testing.assert_allclose(after.evidence.scores, evidence.scores, rtol=1e-8)
+    np.testing.assert_allclose(after.evidence.informations, evidence.informations, rtol=1e-8)
+    assert stretched != 0.0
+
+
+def test_a_long_group_takes_a_bounded_memory_and_says_what_its_profiles_say_alone():
+    """150 profiles have 900 rows, in the directions that the state has at most."""
+    together, one_by_one = (build_evolving(forecasts(), CONFIG, TimeConfig(scale="static", window=window)) for window in (600.0, 0.0))
+    state, alone, sizes = together.initial(), one_by_one.initial(), []
+    for observation in quick_log(150):
+        state, _ = together.step(state, observation)
+        alone, _ = one_by_one.step(alone, observation)
+        sizes.append(len(state.group.gain))
+    assert max(sizes) <= max(module._ROWS, 2 * together.layout.size) < 900
+    assert min(sizes[100:]) <= together.layout.size + 6
+    np.testing.assert_allclose(state.mean, alone.mean, atol=1e-9 * np.abs(alone.mean).max())
+    np.testing.assert_allclose(state.cov, alone.cov, atol=1e-10)
+
+
+def test_the_first_profile_of_a_group_is_watched_and_grows_the_covariance_of_the_whole_group():
+    """Profiles far off, so that the watch fires at the first of some group: all of its states are grown, and none a second time."""
+    trust = TrustConfig(gate="off", watch_profiles=4)
+    growing, steady = (
+        build_evolving(forecasts(), CONFIG, TimeConfig(window=3.0), each) for each in (trust, trust.model_copy(update={"watch": False}))
+    )
+    log = [replace(each, velocity=each.velocity + 1.5 * (-1.0) ** (k // 4)) for k, each in enumerate(quick_log(20))]
+    state = without = growing.initial()
+    grown_at: list[tuple[int, float]] = []
+    for k, observation in enumerate(log):
+        without = state if k % 4 == 0 else without
+        state, said = growing.step(state, observation)
+        without, _ = steady.step(without, observation)
+        if said.prior_inflation > 1.0:
+            grown_at.append((k, said.prior_inflation))
+        factor = grown_at[-1][1] if grown_at and grown_at[-1][0] == k - k % 4 else 1.0
+        np.testing.assert_allclose(state.cov, factor * without.cov, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(state.means, without.means, rtol=1e-12, atol=1e-15)
+    assert grown_at
+    assert all(k % 4 == 0 for k, _ in grown_at)
+
+
+def test_a_group_whose_first_profile_is_rejected_counts_the_others_at_its_time():
+    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=10.0), TrustConfig())
+    log = quick_log(80)
+    log[77] = replace(log[77], velocity=log[77].velocity + 3.0)
+    (before, _), (rejected, said), (joined, _) = list(together.steps(together.initial(), log[:79]))[-3:]
+    assert said.decision == "rejected"
+    np.testing.assert_array_equal(rejected.mean, before.mean)
+    assert rejected.time_ns == before.time_ns
+    assert joined.time_ns == log[77].time_ns
+    assert np.abs(joined.mean - before.mean).max() > 0.0

@@ -1,0 +1,112 @@
+"""Depth axes in every unit that has a meaning, and those that hold no depth."""
+
+from pathlib import Path
+
+import gsw
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.config import EstimatorConfig, ForecastConfig
+from replay_kit.errors import ForecastError
+from replay_kit.estimator import build_estimator
+from replay_kit.flow_netcdf import write_grid
+from replay_kit.forecast import read_ensemble, read_series, read_truth
+from replay_kit.forecast.reader import open_forecast
+from tests import synthetic
+from tests.forecast.test_reader import PLAIN, write
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data"
+
+
+def with_depths(values, **attrs) -> xr.Dataset:
+    """The synthetic ensemble with another depth axis."""
+    return synthetic.dataset().assign_coords(depth=("depth", values, attrs))
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [
+        *((unit, 1.0) for unit in ("m", "metre", "metres", "meter", "Meters", " m ")),
+        *((unit, 1000.0) for unit in ("km", "kilometers", "Kilometre")),
+        *((unit, 0.01) for unit in ("cm", "centimetres")),
+        *((unit, 0.3048) for unit in ("ft", "feet", "foot")),
+    ],
+)
+def test_lengths_become_metres_without_a_word(tmp_path, unit, metres):
+    read = read_ensemble(write(with_depths(synthetic.LEVELS / metres, positive="down", units=unit), tmp_path / "e.nc"), PLAIN)
+    np.testing.assert_allclose(read.grid.levels, synthetic.LEVELS, rtol=1e-15)
+    assert read.notes == ()
+
+
+def test_levels_are_chosen_in_metres_and_heights_of_another_unit_turned(tmp_path):
+    path = write(with_depths(-synthetic.LEVELS / 1000.0, positive="up", units="km"), tmp_path / "e.nc")
+    np.testing.assert_allclose(read_ensemble(path, ForecastConfig(levels=(140.0,))).grid.levels, [150.0])
+
+
+@pytest.mark.parametrize(("unit", "sign", "positive"), [("dbar", 1.0, "down"), ("decibars", -1.0, "up")])
+def test_pressures_become_depths_and_the_ensemble_says_so(tmp_path, unit, sign, positive):
+    pressure = np.array([5.0, 60.0, 150.0, 2000.0])
+    read = read_ensemble(write(with_depths(sign * pressure, positive=positive, units=unit), tmp_path / "e.nc"), PLAIN)
+    # the middle of the synthetic grid is at 39.8 S
+    np.testing.assert_allclose(read.grid.levels, -gsw.z_from_p(pressure, -39.8), rtol=1e-12)
+    assert 1970.0 < read.grid.levels[-1] < 1980.0
+    assert read.notes == (f"coordinate depth is in {unit}: converted to metres with TEOS-10 at latitude -39.80",)
+
+
+@pytest.mark.parametrize("attrs", [{}, {"units": ""}])
+def test_an_axis_without_a_unit_is_in_metres_and_the_ensemble_says_so(tmp_path, attrs):
+    path = write(with_depths(synthetic.LEVELS, **attrs), tmp_path / "e.nc")
+    for read in (read_ensemble(path, PLAIN), read_series(path, PLAIN)[0], read_truth(f"{path}#2", PLAIN)):
+        np.testing.assert_array_equal(read.grid.levels, synthetic.LEVELS)
+        assert read.notes == ("coordinate depth states no unit and was taken to be in metres",)
+
+
+@pytest.mark.parametrize("unit", ["fathoms", "M", "Pa", "degrees_north"])
+def test_a_unit_that_is_not_known_is_refused_with_its_file_and_coordinate(tmp_path, unit):
+    path = write(with_depths(synthetic.LEVELS, units=unit), tmp_path / "e.nc")
+    for read in (read_ensemble, read_series, lambda path, config: read_truth(f"{path}#0", config)):
+        with pytest.raises(ForecastError, match=rf"e\.nc.*: coordinate depth is in '{unit}'; expected m, .*convert the axis to metres"):
+            read(path, PLAIN)
+
+
+@pytest.mark.parametrize(
+    "attrs",
+    [
+        {"units": "1"},
+        {"units": "sigma_level"},
+        {"units": "Layer"},
+        {"units": "1", "standard_name": "ocean_sigma_coordinate"},
+        {"standard_name": "model_level_number"},
+        {"standard_name": "ocean_s_coordinate_g2"},
+        {"formula_terms": "sigma: depth eta: zeta depth: h"},
+    ],
+)
+def test_model_levels_are_refused_as_such(tmp_path, attrs):
+    path = write(with_depths(np.array([1.0, 2.0, 3.0, 4.0]), **attrs), tmp_path / "e.nc")
+    with pytest.raises(ForecastError, match=r"e\.nc: coordinate depth has .*holds model levels and no depths.*fixed depths in metres"):
+        read_ensemble(path, PLAIN)
+
+
+def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):
+    ensemble = synthetic.ensemble()
+    estimator = build_estimator(ensemble, EstimatorConfig(modes=4, sample_share=0.6))
+    write_grid(estimator.flow(estimator.initial()), tmp_path / "flow.nc")
+    truth = read_truth(str(tmp_path / "flow.nc"), PLAIN)
+    np.testing.assert_array_equal(truth.grid.levels, synthetic.LEVELS)
+    assert truth.notes == ()
+
+
+FILES = (ROOT / "sample_logs" / "ensemble.nc", DATA / "natl_nemo" / "ensemble.nc", DATA / "qg" / "climatology.nc")
+TRUTHS = (ROOT / "sample_logs" / "truth.nc", DATA / "natl_nemo" / "truth.nc")
+
+
+@pytest.mark.parametrize("path", [*FILES, *TRUTHS], ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_real_files_keep_their_levels(path):
+    if not path.exists():
+        pytest.skip("the shared data are not on this machine")
+    read = read_truth(str(path), PLAIN) if path in TRUTHS else read_ensemble(path, PLAIN)
+    with open_forecast(path) as ds:
+        np.testing.assert_array_equal(read.grid.levels, ds["depth"].values.astype(np.float64))
+    assert not any("coordinate" in note for note in read.notes)
