@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from replay_kit.config import MeasurementConfig
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_geographic
+from replay_kit.logs import open_log
+from replay_kit.measurements import initial_state, interpret
 from replay_kit.results import ResultWriter
-from replay_kit.types import Innovation, Plan, Projection, VehicleState
+from replay_kit.types import Innovation, Message, Plan, Projection, VehicleState
 from tests.results.result_samples import DEPTHS, TOPICS, decoded
 
 
@@ -26,13 +29,37 @@ def test_fix(result, state: VehicleState) -> None:
     log_time, fix = result["/vehicle/fix"][0]
     assert log_time == time_ns(fix.timestamp) == state.time_ns
     assert (fix.longitude, fix.latitude, fix.altitude) == (state.longitude, state.latitude, -state.depth)
-    assert [(pair.key, pair.value) for pair in fix.metadata] == [("dead_reckoned", "1")]
+    assert [(pair.key, pair.value) for pair in fix.metadata] == [("dead_reckoned", "1"), ("depth", "12.5")]
 
 
 def test_unknown_depth_is_not_the_surface(state: VehicleState, tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.fix(replace(state, depth=np.nan))
-    assert np.isnan(decoded(tmp_path / "out.mcap")["/vehicle/fix"][0][1].altitude)
+    fix = decoded(tmp_path / "out.mcap")["/vehicle/fix"][0][1]
+    assert np.isnan(fix.altitude)
+    assert [pair.key for pair in fix.metadata] == ["dead_reckoned"]
+
+
+@pytest.mark.parametrize("depth", [0.0, 12.5, 1.0 / 3.0, np.float64(987.654321), np.nan])
+@pytest.mark.parametrize("dead_reckoned", [False, True])
+def test_a_fix_of_a_result_is_read_back_as_it_was(state: VehicleState, tmp_path: Path, depth: float, dead_reckoned: bool) -> None:
+    written = replace(state, depth=depth, dead_reckoned=dead_reckoned)
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.fix(written)
+    log, memory, read = open_log(tmp_path / "out.mcap"), initial_state(), []
+    for message in log.messages():
+        memory, events = interpret(memory, message, MeasurementConfig())
+        read += [event for event in events if isinstance(event, VehicleState)]
+    (fix,) = read
+    assert (fix.time_ns, fix.longitude, fix.latitude) == (written.time_ns, written.longitude, written.latitude)
+    np.testing.assert_equal((fix.depth, fix.dead_reckoned), (depth, dead_reckoned))
+
+
+def test_the_altitude_of_another_writer_s_fix_is_no_depth(state: VehicleState) -> None:
+    payload = {"longitude": 5.0, "latitude": 62.0, "altitude": -120.0, "metadata": []}
+    message = Message(state.time_ns, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)
+    _, events = interpret(initial_state(), message, MeasurementConfig())
+    assert [np.isnan(event.depth) for event in events if isinstance(event, VehicleState)] == [True]
 
 
 def test_longitudes_of_a_full_circle_are_turned(state: VehicleState, tmp_path: Path) -> None:
