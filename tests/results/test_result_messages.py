@@ -92,12 +92,28 @@ def test_estimate(result, flow: FlowEstimate, weights: np.ndarray) -> None:
     assert (value.n_modes, value.n_observations) == (4, 300)
 
 
+def unpacked(grid: Any) -> np.ndarray:
+    """Return a grid's cells, shape (rows, columns, fields), read as Foxglove documents them: by the strides and each field's offset."""
+    rows, columns = len(grid.data) // grid.row_stride, grid.column_count
+    assert rows * grid.row_stride == len(grid.data)
+    cells = [
+        [
+            np.frombuffer(grid.data, "<f4", 1, row * grid.row_stride + column * grid.cell_stride + field.offset)[0]
+            for column in range(columns)
+            for field in grid.fields
+        ]
+        for row in range(rows)
+    ]
+    return np.array(cells, dtype=np.float32).reshape(rows, columns, len(grid.fields))
+
+
 @pytest.mark.parametrize("depth", DEPTHS)
 def test_grid(result, flow: FlowEstimate, depth: float) -> None:
     _, value = result[f"/flow/grid/{depth:g}m"][0]
-    assert [(field.name, field.offset, field.type) for field in value.fields] == [("u", 0, 7), ("v", 4, 7), ("speed", 8, 7)]
-    packed = np.frombuffer(value.data, "<f4").reshape(-1, value.row_stride // value.cell_stride, 3)
-    assert packed.shape == (5, value.column_count, 3)
+    names = ["u", "v", "speed", "u_standard_error", "v_standard_error"]
+    assert [(field.name, field.offset, field.type) for field in value.fields] == [(name, 4 * k, 7) for k, name in enumerate(names)]
+    packed = unpacked(value)
+    assert packed.shape == (5, value.column_count, 5)
     assert (value.frame_id, value.pose.position.z) == ("map", -depth)
     assert (value.cell_size.x, value.cell_size.y) == (5_000.0, 5_000.0)
     east = value.pose.position.x + value.cell_size.x * (np.arange(7) + 0.5)
@@ -107,7 +123,26 @@ def test_grid(result, flow: FlowEstimate, depth: float) -> None:
     wet = flow.grid.wet[np.argmin(np.abs(flow.levels - depth))]
     np.testing.assert_array_equal(packed[wet, :2], expected[wet].astype(np.float32))
     np.testing.assert_allclose(packed[wet, 2], np.hypot(*expected[wet].T), rtol=1e-6)
+    error = flow.standard_error(east, north[:, None], depth)
+    assert (error[wet] > 0.0).all()
+    np.testing.assert_array_equal(packed[wet, 3:], error[wet].astype(np.float32))
     assert np.isnan(packed[~wet]).all()
+
+
+def test_a_grid_below_the_last_level_states_no_error(flow: FlowEstimate, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.grids(flow.time_ns, flow, [500.0])
+    packed = unpacked(decoded(tmp_path / "out.mcap")["/flow/grid/500m"][0][1])
+    assert np.isfinite(packed[..., :3]).any()
+    assert np.isnan(packed[..., 3:]).all()
+
+
+def test_a_grid_of_a_flow_without_uncertainty_has_no_fields_of_errors(flow: FlowEstimate, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.grids(flow.time_ns, flow.certain(), [0.5])
+    value = decoded(tmp_path / "out.mcap")["/flow/grid/0.5m"][0][1]
+    assert [field.name for field in value.fields] == ["u", "v", "speed"]
+    assert unpacked(value).shape == (5, 7, 3)
 
 
 def test_arrows(result, flow: FlowEstimate) -> None:
