@@ -24,13 +24,13 @@ def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, floa
     rows = []
     for k, heading in enumerate(plan.headings_deg):
         row = {
-            "leg": float(k + 1),
+            "leg": k + 1,
             "start_s": float(begins[k]),
             "heading_deg": float(heading),
             "glide_angle_deg": float(plan.glide_angles_deg[k]),
             "pitch_deg": float(plan.pitches_deg[k]),
             "depth_m": float(max(plan.turns[k])),
-            "dives": float(sum(depth > before for before, depth in pairwise(plan.turns[k]))),
+            "dives": sum(bool(depth > before) for before, depth in pairwise(plan.turns[k])),
             "surfacing_s": float(plan.surfacing_times[k]),
             "longitude": float(plan.surfacings[k, 0]),
             "latitude": float(plan.surfacings[k, 1]),
@@ -49,7 +49,7 @@ def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
             "longitude": goal.longitude,
             "latitude": goal.latitude,
             "depth_m": goal.depth,
-            "leg": float(plan.goal_legs[k]),
+            "leg": int(plan.goal_legs[k]),
             "met_s": float(plan.goal_times[k]),
             "off_m": float(plan.closest_approach[k]),
         }
@@ -106,7 +106,7 @@ def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None
     for k, (goal, met) in enumerate(zip(plan.goals, goals_table(plan), strict=True)):
         features.append(feature("Point", position(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", **met}))
     for row in legs_table(plan, ellipses):
-        features.append(feature("Point", position(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']:.0f}", **row}))
+        features.append(feature("Point", position(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']}", **row}))
     for k, ellipse in enumerate([] if ellipses is None else ellipses):
         around = [position(float(lon), float(lat)) for lon, lat in ellipse_outline(ellipse, projection)]
         features.append(feature("Polygon", [around], {"name": f"90 % of surfacings {k + 1}"}))
@@ -114,11 +114,16 @@ def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None
 
 
 def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
-    """Return points of an ellipse of ``surfacing_ellipses``, shape (5,), as longitudes and latitudes, shape (37, 2), the first repeated."""
+    """Return points of an ellipse of ``surfacing_ellipses``, shape (5,), as longitudes and latitudes, shape (37, 2), the first repeated.
+
+    They run counter-clockwise, as RFC 7946 asks of the outer ring of a polygon.
+    """
     longitude, latitude, major, minor, bearing_deg = ellipse
-    angle, turn = np.linspace(0.0, 2.0 * np.pi, 37), float(grid_bearing_of_true_north(projection, longitude, latitude))
+    # the last point is the first to the last bit
+    angle, turn = np.deg2rad(10.0 * (np.arange(37) % 36)), float(grid_bearing_of_true_north(projection, longitude, latitude))
     bearing = np.deg2rad(bearing_deg) + turn
-    along, across = major * np.cos(angle), minor * np.sin(angle)
+    # the second axis to the left of the first, so that the angle grows counter-clockwise
+    along, across = major * np.cos(angle), -minor * np.sin(angle)
     east, north = to_local(projection, longitude, latitude)
     outline = east + along * np.sin(bearing) + across * np.cos(bearing), north + along * np.cos(bearing) - across * np.sin(bearing)
     return np.column_stack(to_geographic(projection, *outline))

@@ -39,14 +39,14 @@ def waypoint_rows(waypoints: Waypoints) -> list[dict[str, float | None]]:
     """Return one row a waypoint; the time of one that is not reached is None."""
     return [
         {
-            "waypoint": float(k + 1),
+            "waypoint": k + 1,
             "longitude": round(float(waypoints.longitude[k]), 7),
             "latitude": round(float(waypoints.latitude[k]), 7),
             "radius_m": waypoints.radius,
             "glide_angle_deg": round(float(waypoints.glide_angles_deg[k]), 4),
             "pitch_deg": round(float(waypoints.pitches_deg[k]), 4),
             "depth_m": waypoints.depth,
-            "dives": float(waypoints.yos),
+            "dives": int(waypoints.yos),
             "reached_s": round(float(time), 3) if np.isfinite(time) else None,
         }
         for k, time in enumerate(waypoints.times)

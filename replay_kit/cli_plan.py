@@ -1,6 +1,5 @@
 """The command that plans a glider's mission on an estimate."""
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,19 +21,19 @@ from planners import (
     waypoints_of,
 )
 from planners.mission_flights import fly_mission, surfacing_ellipses
-from planners.mission_output import as_glide, legs_table, to_csv, to_geojson, to_json
+from planners.mission_output import legs_table, to_csv, to_geojson, to_json
 from planners.waypoint_output import check_form, waypoint_json, waypoint_text
 from planners.waypoints import Waypoints
 from replay_kit.cli_options import ConfigOption, JsonOption, OverwriteOption, console_beside, place, write_json, write_text
 from replay_kit.cli_plan_inputs import goal_of, objective_of, pair_of, read_areas, read_bathymetry, read_flow
-from replay_kit.cli_planners import MissionPlanner
+from replay_kit.cli_planners import MissionPlanner, config_of, write_plan
 from replay_kit.config import load_config
 from replay_kit.config_planner import PlannerConfig
 from replay_kit.errors import ConfigError, PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_local
 from replay_kit.job import check_paths
-from replay_kit.results import ResultWriter
+from replay_kit.provenance import plan_metadata
 from replay_kit.types import Array, Place
 
 # Hours that an hour a kilometre off a line costs more, when that is not stated.
@@ -111,7 +110,8 @@ def plan(
     least, most = (None, None) if angles is None else pair_of(angles, "--angles", "MIN,MAX")
     dive = {"depth": depth, "dives": dives, "surface_time": surface_time, "legs": legs, "max_legs": max_legs}
     flown = {"min_angle": least, "max_angle": most, "flight_model": flight_model or None, "samples": samples, "seed": seed}
-    planner = load_config(config, {"planner": {**dive, **flown}}).planner
+    run_config = load_config(config, {"planner": {**dive, **flown}})
+    planner = run_config.planner
     glider, settings = mission_of(planner, objective, spline)
     estimates = [read_flow(path) for path in flows]
     begin, goals = place(start, "--start"), tuple(goal_of(text) for text in goal)
@@ -143,10 +143,10 @@ def plan(
         write_text(waypoints, waypoint_text(few, waypoints))
     write_json(json_file, {**to_json(made, ellipses), "samples": spread, "waypoints": None if few is None else waypoint_json(few)})
     if out is not None:
-        with ResultWriter(out, overwrite) as writer:
-            told = {str(int(row["leg"])): json.dumps(row) for row in legs_table(made, ellipses)}
-            writer.start(projection, made.start_time_ns, {"mission": {"status": made.status, "message": made.message}, "legs": told}, "")
-            writer.plan(as_glide(made, projection), projection)
+        read = {**{f"flow{k}": path for k, path in enumerate(flows)}, "no_go": no_go, "bathymetry": bathymetry}
+        asked = {"start": start, "goals": " ".join(goal), "objective": objective, "mooring": mooring, "spline": spline, "risk": risk}
+        asked |= {"surfacings_only": surfacings_only, "line_weight": kind.line_weight}
+        write_plan(out, overwrite, (made, ellipses), projection, plan_metadata(read, asked), config_of(run_config, settings))
 
 
 @dataclass(frozen=True, slots=True)

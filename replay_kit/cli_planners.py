@@ -1,14 +1,17 @@
 """The planners bound to a configuration: what ``replay`` and the studies ask of them."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 import planners
 from planners.mission_flights import fly_mission, surfacing_ellipses
-from planners.mission_output import as_glide
+from planners.mission_output import as_glide, legs_table
 from planners.region import locate, region_of
+from replay_kit.config import RunConfig
 from replay_kit.config_planner import PlannerConfig
 from replay_kit.errors import PlanError
 from replay_kit.experiments.planning.legs import Leg
@@ -17,7 +20,9 @@ from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import distance, to_geographic
 from replay_kit.job import Planned, Planner
 from replay_kit.planned import Ellipse, Surfacing
-from replay_kit.types import Place
+from replay_kit.provenance import run_settings_toml
+from replay_kit.results import ResultWriter
+from replay_kit.types import Array, Place, Projection
 
 # The estimates that a mission is planned on reach over so many times the way through still water.
 _AHEAD = 1.5
@@ -195,3 +200,46 @@ def legs_planner(planner: MissionPlanner) -> PlanLegs:
         return PlannedLegs(legs, ends, float(mission.closest_approach[-1]), planned)
 
     return plan
+
+
+def config_of(config: RunConfig, settings: planners.MissionSettings) -> RunConfig:
+    """Return the configuration that a mission was planned with: what only ``plan`` sets otherwise is laid over it.
+
+    Args:
+        config: With the command's options.
+        settings: Of the mission; weights of an objective have no place in a configuration.
+    """
+    planned: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
+    if isinstance(settings.objective, str):
+        planned["objective"] = settings.objective
+    return config.model_copy(update={"planner": config.planner.model_copy(update=planned)})
+
+
+def write_plan(
+    path: Path,
+    overwrite: bool,
+    made: tuple[planners.MissionPlan, Array | None],
+    projection: Projection,
+    metadata: Mapping[str, Mapping[str, str]],
+    config: RunConfig,
+) -> None:
+    """Write a mission as a result of its own.
+
+    Args:
+        path: The result.
+        overwrite: Replace an existing one.
+        made: The mission, and its ellipses of shape (L, 5) or None.
+        projection: The local frame of its track.
+        metadata: Inputs, options and versions.
+        config: All settings, attached as ``config.toml``.
+
+    Raises:
+        ConfigError: The result exists and may not be replaced, or cannot be written.
+        ReplayKitError: It could not be written whole.
+    """
+    mission, ellipses = made
+    legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, ellipses)}
+    about = {**metadata, "mission": {"status": mission.status, "message": mission.message}, "legs": legs}
+    with ResultWriter(path, overwrite) as writer:
+        writer.start(projection, mission.start_time_ns, about, run_settings_toml(config))
+        writer.plan(as_glide(mission, projection), projection)

@@ -17,13 +17,11 @@ from scipy.spatial import cKDTree
 from replay_kit import __version__
 from replay_kit.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.flow import FlowEstimate
+from replay_kit.flow_lossless import CF_TIME, CONVENTIONS, FORMAT, READ_VERSIONS, from_lossless, history, to_lossless
 from replay_kit.geodesy import rotate_to_geographic, to_local
-from replay_kit.kernels.depth import DepthFunctions, depth_weights
-from replay_kit.kernels.horizontal import HorizontalKernel, velocity_kernel
-from replay_kit.types import Array, Grid, Projection
-
-FORMAT = "replay_kit.FlowEstimate"
-FORMAT_VERSION = 1
+from replay_kit.kernels.depth import depth_weights
+from replay_kit.kernels.horizontal import velocity_kernel
+from replay_kit.types import Array, Grid
 
 # Points evaluated at once: bounds the kernel matrix to some tens of MB.
 _CHUNK = 512
@@ -56,7 +54,12 @@ def to_dataset(
     velocity, variance = _on_columns(flow, lon.ravel(), lat.ravel(), np.column_stack([east.ravel(), north.ravel()]), levels)
     wet = flow.grid.wet if longitude is None else wet_at(flow.grid, east, north, levels[:, None, None])
     dims, coords = _coordinates(flow, lon, lat, levels)
-    attrs = {"Conventions": "CF-1.8", "title": "Ocean current estimate", "source": f"replay-kit {__version__}"}
+    attrs = {
+        "Conventions": CONVENTIONS,
+        "title": "Ocean current estimate",
+        "source": f"replay-kit {__version__}",
+        "history": history("to_dataset", flow),
+    }
     dataset = xr.Dataset(coords=coords, attrs=attrs)
     for component, (name, standard_name) in enumerate(_COMPONENTS):
         words = standard_name.replace("_", " ")
@@ -102,7 +105,7 @@ def write_grid(flow: FlowEstimate, path: Path) -> None:
     encoding |= {str(name): {"zlib": True, "complevel": 4, "_FillValue": np.nan} for name in dataset.data_vars}
     if "time" in dataset.coords:
         # CF-1.8 has no 64-bit integers; the lossless file keeps the nanoseconds.
-        encoding["time"] |= {"units": "seconds since 1970-01-01", "calendar": "standard", "dtype": "float64"}
+        encoding["time"] |= {**CF_TIME, "dtype": "float64"}
     _write(dataset, Path(path), encoding)
 
 
@@ -112,7 +115,7 @@ def save(flow: FlowEstimate, path: Path) -> None:
     Raises:
         ConfigError: The file cannot be written.
     """
-    dataset = _to_lossless(flow)
+    dataset = to_lossless(flow)
     _write(dataset, Path(path), {str(name): {"_FillValue": None} for name in dataset.variables})
 
 
@@ -150,13 +153,14 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
     try:
         with xr.open_dataset(io.BytesIO(data), engine="h5netcdf", decode_cf=False) as dataset:
             kind, version = dataset.attrs.get("replay_kit_format"), dataset.attrs.get("replay_kit_format_version")
-            if kind == FORMAT and version == FORMAT_VERSION:
-                return _from_lossless(dataset.load())
+            if kind == FORMAT and version in READ_VERSIONS:
+                return from_lossless(dataset.load())
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise ForecastError(f"{name}: expected a flow saved by replay-kit (NetCDF-4), but it is none or is damaged: {error}") from error
     if kind != FORMAT:
         raise ForecastError(f"{name}: a NetCDF file, but not a flow saved by replay-kit (no attribute replay_kit_format = {FORMAT})")
-    raise ForecastError(f"{name}: flow format version {version}, but this replay-kit reads version {FORMAT_VERSION}; write it again")
+    known = " and ".join(map(str, READ_VERSIONS))
+    raise ForecastError(f"{name}: flow format version {version}, but this replay-kit reads versions {known}; write it again")
 
 
 def _target(
@@ -223,67 +227,6 @@ def _coordinates(flow: FlowEstimate, lon: Array, lat: Array, depth: Array) -> tu
 def _spacing(grid: Grid, axis: int) -> float:
     """Return the largest distance [m] between neighbours along an axis of the horizontal grid; 0 for a single row."""
     return float(np.max(np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis)), initial=0.0))
-
-
-def _to_lossless(flow: FlowEstimate) -> xr.Dataset:
-    grid = flow.grid
-    # NetCDF has no dimension of length zero that is not unlimited: a flow without uncertainty has neither modes nor weight_cov.
-    values = {
-        "depth": (("depth",), grid.levels, "m, levels, positive down"),
-        "longitude": (("y", "x"), grid.longitude, "degrees east"),
-        "latitude": (("y", "x"), grid.latitude, "degrees north"),
-        "east": (("y", "x"), grid.east, "m, local east"),
-        "north": (("y", "x"), grid.north, "m, local north"),
-        "wet": (("depth", "y", "x"), grid.wet.astype(np.int8), "1 where the forecast has a velocity"),
-        "latent": (("component_node", "depth"), flow.latent, "latent velocities, all east then all north"),
-        **({"modes": (("component_node", "mode"), flow.modes, "latent velocities of the modes")} if flow.n_modes else {}),
-        **({"weight_cov": (("weight", "weight_2"), flow.weight_cov, "covariance of weights, level after level")} if flow.n_modes else {}),
-        **({"time": ((), np.int64(flow.time_ns), "ns since 1970-01-01 UTC")} if flow.time_ns is not None else {}),
-    }
-    variables = {name: xr.Variable(dims, array, {"long_name": words}) for name, (dims, array, words) in values.items()}
-    numbers = {
-        "projection_longitude": grid.projection.longitude,
-        "projection_latitude": grid.projection.latitude,
-        "kernel_length_east": flow.kernel.length_east,
-        "kernel_length_north": flow.kernel.length_north,
-        "kernel_speed": flow.kernel.speed,
-        "depth_function_length": flow.depth_functions.length,
-    }
-    attrs = {
-        "replay_kit_format": FORMAT,
-        "replay_kit_format_version": FORMAT_VERSION,
-        "source": f"replay-kit {__version__}",
-        "depth_function_kind": flow.depth_functions.kind,
-        **{name: np.float64(number) for name, number in numbers.items()},
-    }
-    return xr.Dataset(variables, attrs=attrs)
-
-
-def _from_lossless(dataset: xr.Dataset) -> FlowEstimate:
-    attrs = dataset.attrs
-    values = {str(name): np.asarray(variable.values) for name, variable in dataset.variables.items()}
-    grid = Grid(
-        projection=Projection(float(attrs["projection_longitude"]), float(attrs["projection_latitude"])),
-        longitude=values["longitude"],
-        latitude=values["latitude"],
-        east=values["east"],
-        north=values["north"],
-        levels=values["depth"],
-        wet=values["wet"].astype(np.bool_),
-    )
-    latent = values["latent"]
-    kind = attrs["depth_function_kind"]
-    if kind not in ("hat", "gaussian") or latent.shape[0] != 2 * int(grid.wet[0].sum()):
-        raise ValueError(f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {int(grid.wet[0].sum())} nodes")
-    return FlowEstimate(
-        grid=grid,
-        kernel=HorizontalKernel(float(attrs["kernel_length_east"]), float(attrs["kernel_length_north"]), float(attrs["kernel_speed"])),
-        depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
-        latent=latent,
-        modes=values.get("modes", np.empty((latent.shape[0], 0))),
-        covariance=values.get("weight_cov", np.empty((0, 0))),
-        time_ns=int(values["time"]) if "time" in values else None,
-    )
 
 
 def _write(dataset: xr.Dataset, path: Path, encoding: dict[str, dict[str, object]]) -> None:

@@ -57,8 +57,23 @@ def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble, 
         "grid": " x ".join(str(n) for n in grid.east.shape),
         "members": str(ensemble.n_members),
     }
-    versions = {"replay-kit": __version__, **{name: version(name) for name in _PACKAGES}}
-    return {"replay_kit.inputs": inputs, "replay_kit.options": options, "replay_kit.region": region, "replay_kit.versions": versions}
+    return {"replay_kit.inputs": inputs, "replay_kit.options": options, "replay_kit.region": region, "replay_kit.versions": _versions()}
+
+
+def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, Mapping[str, str]]:
+    """Return the metadata records of a plan made on its own: its inputs' names and hashes, the options, the versions.
+
+    Args:
+        inputs: What was read, by what it is; None for what was not given.
+        options: What was asked for beyond the configuration; None for what was not given.
+    """
+    hashes = {name: f"{path.name} sha256:{file_hash(path)}" for name, path in inputs.items() if path is not None}
+    asked = {name: str(value) for name, value in options.items() if value is not None}
+    return {"replay_kit.inputs": hashes, "replay_kit.options": asked, "replay_kit.versions": _versions()}
+
+
+def _versions() -> dict[str, str]:
+    return {"replay-kit": __version__, **{name: version(name) for name in _PACKAGES}}
 
 
 def run_settings_toml(config: RunConfig) -> str:

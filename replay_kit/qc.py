@@ -14,7 +14,7 @@ from replay_kit.estimator.screening import usable
 from replay_kit.job import open_readers
 from replay_kit.logs import merge
 from replay_kit.measurements import NOT_A_KIND, MeasurementState, Skipped, Used, finish, initial_state, interpret
-from replay_kit.measurements.adcp import number
+from replay_kit.measurements.adcp import depth_of_pressure, number
 from replay_kit.measurements.pings import PING_SCHEMA
 from replay_kit.measurements.quality_ping import Check
 from replay_kit.measurements.segments import Segments, segments
@@ -151,10 +151,10 @@ class _Track:
     depth: list[float] = field(default_factory=list)
 
     def add(self, message: Message, state: MeasurementState) -> None:
-        """Take in the depth after a message: the vehicle's, or the ping's own pressure where a log states nothing else."""
+        """Take in the depth after a message: the vehicle's, or that of the ping's own pressure where a log states nothing else."""
         depth = state.depth
         if not np.isfinite(depth) and message.schema == PING_SCHEMA:
-            depth = number(message.payload.get("pressure"))
+            depth = depth_of_pressure(number(message.payload.get("pressure")), state.latitude)
         # many messages come between two depths
         if np.isfinite(depth) and (not self.depth or depth != self.depth[-1] or message.time_ns - self.time_ns[-1] >= _REPEATED_NS):
             self.time_ns.append(message.time_ns)

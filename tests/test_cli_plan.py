@@ -1,5 +1,6 @@
 """The command that plans a mission: what it writes, and what it refuses."""
 
+import hashlib
 import json
 from dataclasses import replace
 
@@ -10,9 +11,13 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import CliRunner
 
+from planners import MissionSettings
+from replay_kit import __version__
 from replay_kit.cli import app
 from replay_kit.cli_plan_inputs import read_areas, read_bathymetry
-from replay_kit.errors import ForecastError, PlanError
+from replay_kit.config import load_config
+from replay_kit.errors import ForecastError, LogError, PlanError
+from replay_kit.results import first_difference, read_recorded
 from tests.planners.flow_samples import eddying_flow
 
 ASK = ["--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", "390"]
@@ -50,6 +55,41 @@ def test_everything_it_writes_agrees(flow, tmp_path):
         ((_, _, message, controls),) = reader.iter_decoded_messages(topics="/plan/controls")
     assert (message.log_time, controls.status) == (10**18, "reached")
     assert controls.duration == pytest.approx(said["duration_s"])
+
+
+def recorded(path):
+    """Return the metadata and the attached configuration of a plan's result."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
+        (config,) = [record.data.decode() for record in reader.iter_attachments() if record.name == "config.toml"]
+    return metadata, config
+
+
+def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
+    config, areas, out = (tmp_path / name for name in ("run.toml", "areas.geojson", "plan.mcap"))
+    config.write_text("[planner]\nmax_angle = 30.0\n[measurements]\nsurface_depth = 4.0\n")
+    far = [[150.0, -45.0], [150.1, -45.0], [150.1, -44.9], [150.0, -45.0]]
+    areas.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [far]}}))
+    run(flow, *ASK, "--config", config, "--no-go", areas, "--objective", "energy", "--legs", 3, "-o", out)
+    metadata, settings = recorded(out)
+    hashes = {"flow0": flow, "no_go": areas}
+    expected = {name: f"{path.name} sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" for name, path in hashes.items()}
+    assert metadata["replay_kit.inputs"] == expected
+    assert metadata["replay_kit.options"]["start"] == "152.42,-40.0,0"
+    assert metadata["replay_kit.options"]["goals"] == "152.52,-39.96,0"
+    assert metadata["replay_kit.versions"]["replay-kit"] == __version__
+    (tmp_path / "attached.toml").write_text(settings)
+    attached = load_config(tmp_path / "attached.toml")
+    assert (attached.planner.kind, attached.planner.objective, attached.planner.legs) == ("mission", "energy", 3)
+    assert (attached.planner.max_angle, attached.planner.depth, attached.measurements.surface_depth) == (30.0, 390.0, 4.0)
+    assert attached.planner.max_duration == MissionSettings().max_duration
+    again = tmp_path / "again.mcap"
+    run(flow, *ASK[:2], "--config", tmp_path / "attached.toml", "--no-go", areas, "-o", again)
+    assert recorded(again)[1] == settings
+    assert first_difference(out, again) is None
+    with pytest.raises(LogError, match="result of replay-kit replay"):
+        read_recorded(out)
 
 
 def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import gsw
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
@@ -89,6 +90,13 @@ def test_a_dive_is_told(capsys, tmp_path):
     assert track["apogees"] == [{"time": "1970-01-01T00:03:00Z", "depth": 100.0}]
     assert track["surfacings"] == ["1970-01-01T00:06:00Z"]
     assert "Track: 1 dives, 1 yos, 2 profiles, 1 surfacings" in said.err
+
+
+def test_a_pressure_is_shown_as_a_depth(tmp_path):
+    messages = [fix(0), *(ping(60 * k, **{**CELLS, "pressure": p}) for k, p in enumerate([0.0, 500.0, 1000.0, 500.0, 0.0]))]
+    (tmp_path / "glider.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
+    deepest = float(check_quality([tmp_path / "glider.mcap"], RunConfig()).depth.max())
+    assert deepest == pytest.approx(-gsw.z_from_p(1000.0, -40.0), rel=1e-12)
 
 
 def test_a_log_without_pings_is_unusable_and_says_what_it_has(tmp_path):

@@ -20,6 +20,8 @@ REFERENCES: tuple[Reference, ...] = ("earth", "platform")
 ORIENTATIONS = ("down", "up")
 # m/s; an error outside is no statement of one, and its square would not survive the filter's arithmetic
 _STD_BELIEVED = (1e-6, 1e3)
+# degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most
+_LATITUDE_ASSUMED = 45.0
 # of a cell; distances written with few digits are still evenly spaced
 _UNEVEN = 0.01
 
@@ -45,10 +47,18 @@ class Profile:
     reference: Reference
 
 
-def depth_of_pressure(pressure_dbar: float, latitude: float) -> float:
-    """Return the depth [m] at a sea pressure [dbar] (TEOS-10, through gsw); NaN for a pressure that has none."""
+def depth_of_pressure(pressure_dbar: float, latitude: float | None) -> float:
+    """Return the depth at a sea pressure [m]; NaN for a pressure that has none.
+
+    Args:
+        pressure_dbar: Sea pressure [dbar], 0 at the surface.
+        latitude: [degrees north]; None when none is known yet, for which 45 degrees are taken.
+
+    References:
+        TEOS-10, through gsw, for standard salinity and 0 degrees Celsius.
+    """
     with np.errstate(all="ignore"):
-        return number(-gsw.z_from_p(pressure_dbar, latitude))
+        return number(-gsw.z_from_p(pressure_dbar, _LATITUDE_ASSUMED if latitude is None else latitude))
 
 
 def number(value: Any) -> float:

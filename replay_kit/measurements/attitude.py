@@ -73,6 +73,8 @@ def attitude_within(orientation: tuple[int, Orientation] | None, time_ns: int) -
 def with_attitude(payload: Mapping[str, Any], orientation: tuple[int, Orientation] | None, time_ns: int) -> Mapping[str, Any]:
     """Return a ping with the attitude that it does not state, if another message stated one close enough in time.
 
+    The ping then has ``gimbal_pitch``: the pitch is an Euler angle, which Teledyne's correction of a tilt sensor must leave alone.
+
     Args:
         payload: Fields of the ping.
         orientation: The last one before it, after its time [ns, UTC].
@@ -80,4 +82,4 @@ def with_attitude(payload: Mapping[str, Any], orientation: tuple[int, Orientatio
     """
     if math.isfinite(number(payload.get("heading"))) or (attitude := attitude_within(orientation, time_ns)) is None:
         return payload
-    return {**payload, "heading": attitude.heading, "pitch": attitude.pitch, "roll": attitude.roll}
+    return {**payload, "heading": attitude.heading, "pitch": attitude.pitch, "roll": attitude.roll, "gimbal_pitch": True}

@@ -1,7 +1,8 @@
 """A ping as its instrument gave it, turned to true east and north, and made absolute where the platform's motion is known.
 
 What is done once is recorded in the ping, so that it is not done twice: ``coordinate_system``, ``reference``, ``bin_mapped``,
-``declination_applied``, and ``ground_reference``, which says what ``platform_velocity``, added to all bins, was taken from.
+``declination_applied``, ``gimbal_pitch`` (pitch is an Euler angle, not the reading of a tilt sensor), and ``ground_reference``, which
+says what ``platform_velocity``, added to all bins, was taken from.
 """
 
 import math
@@ -128,7 +129,8 @@ def _rotation(payload: Mapping[str, Any], system: str, declination: float) -> Ar
     orientation = known_word(payload, "orientation", ORIENTATIONS)
     if convention == "nortek":
         return frames.nortek_rotation(heading + declination, pitch, roll, orientation == "down")
-    return frames.teledyne_rotation(heading + declination, pitch, roll, orientation == "up" and not level)
+    gimbal = payload.get("gimbal_pitch") is True
+    return frames.teledyne_rotation(heading + declination, pitch, roll, orientation == "up" and not level, gimbal)
 
 
 def _solved(velocity: Array, payload: Mapping[str, Any], rotation: Array, system: str, mapped: bool) -> Array:

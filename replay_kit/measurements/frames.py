@@ -77,23 +77,28 @@ def beams_of(velocity: Array, vectors: Array) -> Array:
     return beams
 
 
-def teledyne_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, up: bool = False) -> Array:
+def teledyne_rotation(heading_deg: float, pitch_deg: float, roll_deg: float, up: bool = False, gimbal: bool = False) -> Array:
     """Return the matrix, shape (3, 3), from Teledyne's instrument axes to east, north, up.
 
     With pitch and roll 0 it turns ship axes (x starboard, y forward) too.
 
     Args:
         heading_deg: Of the y axis (beam 3), clockwise from north.
-        pitch_deg: As the internal tilt sensor measures it, positive when beam 3 is higher than beam 4; corrected here to what a
-            gimbal would measure (equation 18).
-        roll_deg: Positive when beam 2 is higher than beam 1.
-        up: Whether the instrument looks up: roll then counts from the ship's axes, half a turn from the instrument's.
+        pitch_deg: Positive when beam 3 is higher than beam 4, whether the instrument looks down or up. The pitch of the internal
+            tilt sensor, which is corrected here to what a gimbal would measure (equation 18), unless ``gimbal`` is set.
+        roll_deg: Positive when the ship's starboard side is down: beam 1 is then higher than beam 2 on an instrument that looks
+            down, and beam 2 higher than beam 1 on one that looks up.
+        up: Whether the instrument looks up. Roll counts from the ship's axes, from which the axes of an instrument that looks up
+            are half a turn away about y.
+        gimbal: Whether the pitch is already that of a gimbal: an Euler angle, as of a gyro or an inertial unit.
 
     References:
-        Teledyne, section 5.6, matrix M, and equation 18.
+        Teledyne, section 5.6, matrix M, and equation 18; the signs of the angles also in the WorkHorse's "Commands and Output Data
+        Format", variable leader, pitch (tilt 1) and roll (tilt 2).
     """
-    heading, roll = np.deg2rad(heading_deg), np.deg2rad(roll_deg)
-    pitch = np.arctan(np.tan(np.deg2rad(pitch_deg)) * np.cos(roll))
+    heading, pitch, roll = np.deg2rad(heading_deg), np.deg2rad(pitch_deg), np.deg2rad(roll_deg)
+    if not gimbal:
+        pitch = np.arctan(np.tan(pitch) * np.cos(roll))
     roll = roll + np.pi if up else roll
     (ch, sh), (cp, sp), (cr, sr) = ((np.cos(angle), np.sin(angle)) for angle in (heading, pitch, roll))
     return np.array(

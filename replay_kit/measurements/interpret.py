@@ -218,8 +218,7 @@ def _pose(state: MeasurementState, message: Message, pose: Pose, config: Measure
 def _depth(
     state: MeasurementState, message: Message, stated: Depth | Pressure, config: MeasurementConfig
 ) -> tuple[MeasurementState, list[Event]]:
-    latitude = state.fix.latitude if state.fix else 0.0
-    depth = stated.depth if isinstance(stated, Depth) else depth_of_pressure(stated.pressure_dbar, latitude)
+    depth = stated.depth if isinstance(stated, Depth) else depth_of_pressure(stated.pressure_dbar, state.latitude)
     if not np.isfinite(depth):
         what = "depth" if isinstance(stated, Depth) else "pressure"
         return state, [Skipped(message.topic, f"{what} is not a number")]

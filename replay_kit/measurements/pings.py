@@ -55,10 +55,10 @@ def take_ping(
         return state, [Skipped(message.topic, malformed(error))] * n_messages
     if refused is not None:
         return state, [Skipped(message.topic, refused)] * n_messages
-    pressure = number(message.payload.get("pressure"))
-    if not np.isfinite(state.depth) and np.isfinite(depth_of_pressure(pressure, 0.0)):
+    depth = depth_of_pressure(number(message.payload.get("pressure")), state.latitude)
+    if not np.isfinite(state.depth) and np.isfinite(depth):
         # a log whose only depth is the ping's own pressure still has dives
-        state = replace(at_depth(state, pressure, config), depth=float("nan"))
+        state = replace(at_depth(state, depth, config), depth=float("nan"))
     ping = WaitingPing(message, state.depth, dive_of(message.payload.get("dive"), state.dive), n_messages, until_ns)
     if state.fix is not None and state.fix.time_ns == message.time_ns == until_ns:
         return state, observe(ping, state.fix, None, config)

@@ -47,6 +47,11 @@ class MeasurementState:
     track: tuple[VehicleState, ...] = ()
     system: str | None = None
 
+    @property
+    def latitude(self) -> float | None:
+        """Of the last position known [degrees north]; None before the first."""
+        return None if self.fix is None else self.fix.latitude
+
 
 def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -> MeasurementState:
     """Return the state with a depth noted; a dive begins at twice the surface depth and ends above it."""

@@ -99,8 +99,9 @@ def read_recorded(path: Path) -> Recorded:
                     digests.append(Digest(int(values["time_ns"]), int(values["messages"]), values["sha256"]))
             attachments = {record.name: record.data for record in reader.iter_attachments()}
         config = attachments[CONFIG_NAME].decode()
-        if "replay_kit.inputs" not in metadata:
-            raise KeyError("replay_kit.inputs")
+        # a plan made on its own has inputs too, but no ensemble that could be replayed
+        if "ensemble" not in metadata.get("replay_kit.inputs", {}):
+            raise KeyError("replay_kit.inputs: ensemble")
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
     except _DAMAGED as error:

@@ -58,15 +58,22 @@ def frame_transform(time_ns: int) -> fox.FrameTransform:
 
 
 def location_fix(state: VehicleState) -> fox.LocationFix:
-    """Return the vehicle's position, longitude in -180..180; altitude is -depth, NaN when the depth is unknown."""
+    """Return the vehicle's position, longitude in -180..180.
+
+    ``metadata`` holds ``depth`` [m], by which the measurement step reads the fix back; it is absent when the depth is unknown. The
+    altitude is -depth, NaN when unknown, for viewers: of a fix by another writer it is a height above the ellipsoid.
+    """
     longitude = state.longitude if -180.0 <= state.longitude <= 180.0 else float(unwrap_longitude(state.longitude, 0.0))
+    metadata = [fox.KeyValuePair(key="dead_reckoned", value=str(int(state.dead_reckoned)))]
+    if math.isfinite(state.depth):
+        metadata.append(fox.KeyValuePair(key="depth", value=repr(float(state.depth))))
     return fox.LocationFix(
         timestamp=stamp(state.time_ns),
         frame_id=VEHICLE_FRAME,
         latitude=state.latitude,
         longitude=longitude,
         altitude=-state.depth,
-        metadata=[fox.KeyValuePair(key="dead_reckoned", value=str(int(state.dead_reckoned)))],
+        metadata=metadata,
     )
 
 

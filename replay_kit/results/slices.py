@@ -20,7 +20,8 @@ _ARROW_CELLS = 1.5
 # Arrows beyond this many along a side are thinned: a viewer draws each as a mesh.
 _MAX_ARROWS_A_SIDE = 40
 
-_FIELDS = ("u", "v", "speed")
+# Of a grid's cells; the last two only where the flow has an uncertainty.
+FIELDS = ("u", "v", "speed", "u_standard_error", "v_standard_error")
 _COLOR = fox.Color(r=0.05, g=0.2, b=0.5, a=1.0)
 
 
@@ -33,12 +34,15 @@ class Slice:
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
         velocity: shape (J, I, 2) [m/s], local east and north; NaN where dry or off the ensemble's grid.
+        standard_error: shape (J, I, 2) [m/s], of each component; NaN as the velocity, and where the flow knows nothing. None for a
+            flow without an uncertainty.
     """
 
     depth: float
     east: Array
     north: Array
     velocity: Array
+    standard_error: Array | None
 
     @property
     def cell(self) -> tuple[float, float]:
@@ -63,14 +67,21 @@ def depth_slice(flow: FlowEstimate, depth: float) -> Slice:
     east = _axis(grid.east, _cell(grid, 1))
     north = _axis(grid.north, _cell(grid, 0))
     e, n = np.meshgrid(east, north)
-    velocity = np.where(wet_at(grid, e, n, depth)[..., None], flow.velocity(e, n, depth), np.nan)
-    return Slice(float(depth), east, north, velocity)
+    wet = wet_at(grid, e, n, depth)[..., None]
+    velocity = np.where(wet, flow.velocity(e, n, depth), np.nan)
+    error = np.where(wet, flow.standard_error(e, n, depth), np.nan) if flow.n_modes else None
+    return Slice(float(depth), east, north, velocity, error)
 
 
 def grid_message(time_ns: int, value: Slice) -> fox.Grid:
-    """Return a slice as cells of packed float32 u, v and speed [m/s]; rows go north, columns east."""
+    """Return a slice as cells of packed float32 u, v, speed and the standard errors of u and v [m/s]; rows go north, columns east.
+
+    A flow without an uncertainty has no fields of standard errors.
+    """
     speed = np.hypot(value.velocity[..., 0], value.velocity[..., 1])
-    packed = np.concatenate([value.velocity, speed[..., None]], axis=-1).astype("<f4")
+    errors = [] if value.standard_error is None else [value.standard_error]
+    packed = np.concatenate([value.velocity, speed[..., None], *errors], axis=-1).astype("<f4")
+    names = FIELDS[: packed.shape[-1]]
     east, north = value.cell
     float32 = fox.PackedElementFieldNumericType.Float32
     return fox.Grid(
@@ -81,7 +92,7 @@ def grid_message(time_ns: int, value: Slice) -> fox.Grid:
         cell_size=fox.Vector2(x=east, y=north),
         row_stride=packed.strides[0],
         cell_stride=packed.strides[1],
-        fields=[fox.PackedElementField(name=name, offset=4 * index, type=float32) for index, name in enumerate(_FIELDS)],
+        fields=[fox.PackedElementField(name=name, offset=4 * index, type=float32) for index, name in enumerate(names)],
         data=packed.tobytes(),
     )
 

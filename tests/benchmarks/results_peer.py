@@ -9,7 +9,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from replay_kit.flow import FlowEstimate
-from replay_kit.results.slices import Slice, arrow_scale, depth_slice
+from replay_kit.results.slices import FIELDS, Slice, arrow_scale, depth_slice
 from replay_kit.types import Array, Innovation, VehicleState
 
 _SECOND = 1_000_000_000
@@ -72,13 +72,14 @@ class JsonResults:
 
 def _grid(value: Slice) -> dict[str, Any]:
     speed = np.hypot(value.velocity[..., 0], value.velocity[..., 1])
-    packed = np.concatenate([value.velocity, speed[..., None]], axis=-1).astype("<f4")
+    errors = [] if value.standard_error is None else [value.standard_error]
+    packed = np.concatenate([value.velocity, speed[..., None], *errors], axis=-1).astype("<f4")
     return {
         "frame_id": "map",
         "pose": _pose(value.east[0], value.north[0], -value.depth, 0.0),
         "column_count": value.east.size,
         "cell_size": dict(zip("xy", value.cell, strict=True)),
-        "fields": [{"name": name, "offset": 4 * k, "type": 7} for k, name in enumerate(("u", "v", "speed"))],
+        "fields": [{"name": name, "offset": 4 * k, "type": 7} for k, name in enumerate(FIELDS[: packed.shape[-1]])],
         "data": base64.b64encode(packed.tobytes()).decode(),
     }
 

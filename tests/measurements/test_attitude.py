@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from replay_kit.measurements import initial_state, interpret
 from replay_kit.measurements.attitude import Attitude, Orientation, attitude_of, with_attitude
+from replay_kit.measurements.earth import earth_referenced
 from replay_kit.types import Message
 from tests.measurements.foreign import pose
 from tests.measurements.messages import CONFIG, fix, ping
@@ -59,7 +60,12 @@ NORTH = {"x": 0.0, "y": 0.0, "z": math.sqrt(0.5), "w": math.sqrt(0.5)}
 
 
 def test_a_ping_takes_a_recent_attitude_only_when_it_states_none():
-    assert with_attitude({"heading": None}, (0, Orientation(EAST)), 10**9) == {"heading": 90.0, "pitch": 0.0, "roll": 0.0}
+    assert with_attitude({"heading": None}, (0, Orientation(EAST)), 10**9) == {
+        "heading": 90.0,
+        "pitch": 0.0,
+        "roll": 0.0,
+        "gimbal_pitch": True,
+    }
     for payload, age in (({"heading": 5.0}, 0), ({}, 2 * 10**9), ({}, -1)):
         assert with_attitude(payload, (0, Orientation(EAST)), age) == payload
 
@@ -82,3 +88,51 @@ def test_a_ping_that_waits_has_the_attitude():
     state, _ = interpret(initial_state(), Message(0, "/imu", "sensor_msgs/Imu", {"orientation": EAST}, 0, 0), CONFIG)
     state, _ = interpret(state, ping(0.5), CONFIG)
     assert state.waiting[0].message.payload["heading"] == 90.0
+
+
+# columns: the instrument's x, y, z in the body (x forward, y left, z up); looking up is half a turn about y (Teledyne) or x (Nortek)
+MOUNTED = {
+    ("teledyne", "down"): np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    ("teledyne", "up"): np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
+    ("nortek", "down"): np.diag([1.0, -1.0, -1.0]),
+    ("nortek", "up"): np.eye(3),
+}
+
+
+def turned(message, convention, look):
+    """Return the instrument's axes in east, north, up as the columns of a matrix: what unit velocities along them become."""
+    payload = ping().payload | {
+        "coordinate_system": "instrument",
+        "reference": "platform",
+        "orientation": look,
+        "attitude_convention": convention,
+        "velocity": np.eye(3).tolist(),
+        "bin_mapped": True,
+        "declination_applied": True,
+    }
+    return np.array(earth_referenced(with_attitude(payload, (0, Orientation(message)), 0), CONFIG)["velocity"]).T
+
+
+@pytest.mark.parametrize(("convention", "look"), MOUNTED)
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(angles)
+def test_an_inertial_unit_turns_every_instrument_as_its_rotation_does(convention, look, ypr):
+    rotation = Rotation.from_euler("ZYX", ypr, degrees=True)
+    axes = rotation.as_matrix() @ MOUNTED[convention, look]
+    np.testing.assert_allclose(turned(quaternion(rotation), convention, look), axes, atol=1e-9)
+
+
+@pytest.mark.parametrize(("convention", "look"), MOUNTED)
+@pytest.mark.parametrize(("pitch", "roll"), [(25.0, 0.0), (0.0, 20.0), (25.0, 20.0), (20.0, 10.0)])
+def test_an_euler_pitch_is_not_corrected_for_a_gimbal(convention, look, pitch, roll):
+    rotation = Rotation.from_euler("ZYX", (60.0, -pitch, roll), degrees=True)
+    error = Rotation.from_matrix(turned(quaternion(rotation), convention, look) @ (rotation.as_matrix() @ MOUNTED[convention, look]).T)
+    assert np.degrees(error.magnitude()) < 1e-6
+
+
+def test_a_tilt_sensor_s_own_pitch_is_still_corrected():
+    tilted = {"heading": 0.0, "pitch": 25.0, "roll": 20.0, "coordinate_system": "instrument", "attitude_convention": "teledyne"}
+    payload = ping().payload | tilted | {"reference": "platform", "velocity": np.eye(3).tolist(), "declination_applied": True}
+    # equation 18: tan(gimbal pitch) = tan(pitch) cos(roll); the third row of the second column is its sine
+    expected = np.sin(np.arctan(np.tan(np.radians(25.0)) * np.cos(np.radians(20.0))))
+    assert np.array(earth_referenced(payload, CONFIG)["velocity"])[1, 2] == pytest.approx(expected, abs=1e-12)

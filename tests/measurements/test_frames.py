@@ -34,6 +34,16 @@ def test_a_heading_turns_forward_to_where_it_points():
     assert (frames.nortek_rotation(0.0, 20.0, 0.0) @ [1.0, 0.0, 0.0])[2] == pytest.approx(np.sin(np.deg2rad(20.0)))
 
 
+def test_a_positive_roll_lowers_the_starboard_side_which_is_beam_2_s_when_looking_down():
+    """Teledyne's signs: looking down beam 1 is then higher than beam 2, looking up beam 2 is; a positive pitch raises beam 3 in both."""
+    outwards = -frames.janus_vectors(20.0)
+    for up in (False, True):
+        one, two, _, _ = outwards @ frames.teledyne_rotation(0.0, 0.0, 10.0, up)[2]
+        assert (two > one) == up
+        _, _, three, four = outwards @ frames.teledyne_rotation(0.0, 10.0, 0.0, up)[2]
+        assert three > four
+
+
 @quick
 @given(BEAMS, BEAM_ANGLE, st.booleans())
 def test_four_beams_are_solved_as_teledyne_does(beams, angle, convex):

@@ -2,11 +2,12 @@
 
 import math
 
+import gsw
 import numpy as np
 import pytest
 
 from replay_kit.measurements import Skipped, Used, initial_state, interpret, observations
-from replay_kit.types import Flag, Message, Observation, Reason, VehicleState
+from replay_kit.types import Flag, Message, Observation, PathMean, Reason, VehicleState
 from tests.measurements.messages import CONFIG, SECOND, fix, mavlink_frames, only, ping, position_int, run
 
 
@@ -136,6 +137,37 @@ def test_odometry_moves_the_last_measured_fix():
     assert states[2].depth == 40.0
     assert states[2].longitude - 152.0 == pytest.approx(1000.0 / 85_400.0, rel=1e-3)
     assert states[2].latitude == pytest.approx(-40.0, abs=1e-4)
+
+
+def mean_current(time_s):
+    start, end = ({"time": {"sec": at, "nsec": 0}, "lon": lon, "lat": -40.0} for at, lon in ((0, 152.0), (10_000, 152.1)))
+    payload = {"dac_eastward": 0.1, "dac_northward": 0.1, "start_fix": start, "end_fix": end}
+    return Message(time_s * SECOND, "/dac", "replay_kit.DepthAveragedCurrent", payload, 0, time_s)
+
+
+def test_a_dive_known_by_the_ping_s_pressure_is_in_metres():
+    pressures = {100 * k: 20.0 * min(k, 100 - k) for k in range(1, 100)}
+    pings = [ping(at, pressure=pressure) for at, pressure in pressures.items()]
+    events = run([fix(0), *pings, fix(10_000, longitude=152.1), mean_current(10_001)])
+    (mean,) = only(PathMean, events)
+    # a dive of 1000 dbar goes down to 990 m; its two middle pieces of 128 each end at the apogee
+    deepest = -gsw.z_from_p(1000.0, -40.0)
+    assert mean.depth.max() == pytest.approx(deepest * 127.0 / 128.0, rel=1e-12)
+
+
+def test_a_dive_begins_at_a_depth_and_not_at_its_number_of_decibars():
+    limit = 2.0 * CONFIG.surface_depth
+    for depth, dive in ((limit - 0.001, 0), (limit + 0.001, 1)):
+        deep = ping(60, pressure=float(gsw.p_from_z(-depth, -40.0)))
+        assert only(Observation, run([fix(0), deep]))[0].dive == dive
+
+
+def test_a_pressure_before_the_first_position_is_taken_at_45_degrees():
+    pressure = Message(0, "/p", "sensor_msgs/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, 0, 0)
+    (first,) = only(VehicleState, run([pressure, fix(1)]))
+    assert first.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), rel=1e-12)
+    (_, second) = only(VehicleState, run([fix(0), pressure, fix(1)]))
+    assert second.depth == pytest.approx(-gsw.z_from_p(1000.0, -40.0), rel=1e-12)
 
 
 def test_pressure_gives_depth():

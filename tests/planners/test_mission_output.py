@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -97,6 +98,38 @@ def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
     np.testing.assert_array_equal(outline[0], outline[-1])
     east, north = to_local(FLOW.grid.projection, *outline.T)
     np.testing.assert_allclose((east / 300.0) ** 2 + (north / 100.0) ** 2, 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("bearing", [0.0, 30.0, 90.0, 200.0, 359.0])
+@pytest.mark.parametrize(("longitude", "latitude"), [(152.5, -40.0), (-179.999, 62.0), (152.6, 40.0)])
+def test_polygons_are_closed_and_run_counter_clockwise(bearing, longitude, latitude):
+    frame = Projection(longitude, latitude)
+    ring = ellipse_outline(np.array([longitude, latitude, 300.0, 100.0, bearing]), frame)
+    np.testing.assert_array_equal(ring[0], ring[-1])
+    east, north = to_local(frame, *ring.T)
+    # twice the signed area, by the shoelace formula: positive counter-clockwise
+    assert np.sum(east[:-1] * north[1:] - east[1:] * north[:-1]) > 0.0
+
+
+def test_the_rings_of_a_mission_s_geojson_run_counter_clockwise():
+    ellipses = np.tile([152.5, -40.0, 300.0, 100.0, 20.0], (len(PLAN.turns), 1))
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, ellipses))["features"]
+    polygons = [feature["geometry"]["coordinates"] for feature in features if feature["geometry"]["type"] == "Polygon"]
+    assert len(polygons) == len(PLAN.turns)
+    for (ring,) in polygons:
+        assert ring[0] == ring[-1]
+        assert sum(a[0] * b[1] - b[0] * a[1] for a, b in pairwise(np.array(ring) - ring[0])) > 0.0
+
+
+def test_what_is_counted_is_written_as_an_integer():
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, None))["features"]
+    told = [feature["properties"] for feature in features if "leg" in feature["properties"]]
+    surfacings = [properties for properties in told if properties["name"].startswith("surfacing")]
+    assert [repr(properties["leg"]) for properties in surfacings] == [str(k + 1) for k in range(len(PLAN.turns))]
+    answer = json.loads(json.dumps(to_json(PLAN, None)))
+    rows = [*told, *answer["legs"], *answer["goals"], json.loads(str(as_glide(PLAN, FLOW.grid.projection).statistics["leg_001"]))]
+    assert {type(row[name]) for row in rows for name in ("leg", "dives") if name in row} == {int}
+    assert to_csv(PLAN, None).splitlines()[1].startswith("1,")
 
 
 def test_a_mission_is_also_a_plan_for_the_result_s_messages():

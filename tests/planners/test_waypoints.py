@@ -80,7 +80,10 @@ def test_files_hold_the_waypoints():
     few = waypoints_of(FLOW, PLAN, 50.0)
     rows = list(csv.DictReader(io.StringIO(waypoint_text(few, Path("a.csv")))))
     assert [float(row["longitude"]) for row in rows] == pytest.approx(few.longitude.tolist(), abs=1e-6)
+    assert [row["waypoint"] for row in rows] == [str(k + 1) for k in range(len(rows))]
     features = json.loads(waypoint_text(few, Path("a.geojson")))["features"]
+    points = [feature["properties"] for feature in features if feature["geometry"]["type"] == "Point"]
+    assert {type(properties[name]) for properties in points for name in ("waypoint", "dives")} == {int}
     assert len(features) == 1 + len(rows)
     assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
     slocum = waypoint_text(few, Path("goto_l10.ma"))

@@ -1,3 +1,4 @@
+import io
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from replay_kit import __version__
 from replay_kit.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import load, load_bytes, save, save_bytes, to_dataset, wet_at, write_grid
@@ -70,6 +72,42 @@ def test_load_refuses_other_files(flow: FlowEstimate, tmp_path: Path) -> None:
     write_grid(flow, path)
     with pytest.raises(ForecastError, match="not a flow saved by replay-kit"):
         load(path)
+
+
+def version_1(flow: FlowEstimate, path: Path) -> None:
+    """Write a flow as replay-kit did before its files followed CF: time as an integer, the depth of ``wet`` first, no metadata."""
+    save(flow, path)
+    with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as opened:
+        dataset = opened.load()
+    dataset = dataset.drop_vars("time", errors="ignore").assign(wet=dataset["wet"].transpose("depth", "y", "x"))
+    if flow.time_ns is not None:
+        dataset["time"] = ((), np.int64(flow.time_ns))
+    dataset.attrs["replay_kit_format_version"] = 1
+    for name in ("Conventions", "title", "history"):
+        del dataset.attrs[name]
+    dataset.to_netcdf(path, engine="h5netcdf", encoding={str(name): {"_FillValue": None} for name in dataset.variables})
+
+
+@pytest.mark.parametrize("n_modes", [0, 4])
+@pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
+def test_files_of_version_1_still_open(make_flow, tmp_path: Path, n_modes: int, time_ns: int | None) -> None:
+    flow = replace(make_flow(n_modes=n_modes), time_ns=time_ns)
+    version_1(flow, tmp_path / "flow.nc")
+    assert_same_flow(flow, load(tmp_path / "flow.nc"))
+
+
+@pytest.mark.parametrize("time_ns", [0, 1, 999_999_999, 1_700_000_000_000_000_001, 4_102_444_799_999_999_999])
+def test_the_time_is_exact_and_other_readers_have_it_to_the_microsecond(flow: FlowEstimate, time_ns: int) -> None:
+    data = save_bytes(replace(flow, time_ns=time_ns))
+    assert load_bytes(data, "flow").time_ns == time_ns
+    with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
+        assert abs(dataset["time"].values - np.datetime64(time_ns, "ns")) < np.timedelta64(1, "us")
+
+
+def test_history_names_program_version_and_estimate_and_no_time_of_writing(flow: FlowEstimate) -> None:
+    expected = f"replay-kit {__version__}: to_dataset(flow, time = 2023-11-14T22:13:20.123456789Z)"
+    assert to_dataset(flow).attrs["history"] == expected
+    assert to_dataset(replace(flow, time_ns=None)).attrs["history"] == f"replay-kit {__version__}: to_dataset(flow)"
 
 
 def test_load_refuses_other_versions_and_damage(flow: FlowEstimate, tmp_path: Path) -> None:

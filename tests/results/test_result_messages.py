@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from replay_kit.config import MeasurementConfig
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_geographic
+from replay_kit.logs import open_log
+from replay_kit.measurements import initial_state, interpret
 from replay_kit.results import ResultWriter
-from replay_kit.types import Innovation, Plan, Projection, VehicleState
+from replay_kit.types import Innovation, Message, Plan, Projection, VehicleState
 from tests.results.result_samples import DEPTHS, TOPICS, decoded
 
 
@@ -26,13 +29,37 @@ def test_fix(result, state: VehicleState) -> None:
     log_time, fix = result["/vehicle/fix"][0]
     assert log_time == time_ns(fix.timestamp) == state.time_ns
     assert (fix.longitude, fix.latitude, fix.altitude) == (state.longitude, state.latitude, -state.depth)
-    assert [(pair.key, pair.value) for pair in fix.metadata] == [("dead_reckoned", "1")]
+    assert [(pair.key, pair.value) for pair in fix.metadata] == [("dead_reckoned", "1"), ("depth", "12.5")]
 
 
 def test_unknown_depth_is_not_the_surface(state: VehicleState, tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.fix(replace(state, depth=np.nan))
-    assert np.isnan(decoded(tmp_path / "out.mcap")["/vehicle/fix"][0][1].altitude)
+    fix = decoded(tmp_path / "out.mcap")["/vehicle/fix"][0][1]
+    assert np.isnan(fix.altitude)
+    assert [pair.key for pair in fix.metadata] == ["dead_reckoned"]
+
+
+@pytest.mark.parametrize("depth", [0.0, 12.5, 1.0 / 3.0, np.float64(987.654321), np.nan])
+@pytest.mark.parametrize("dead_reckoned", [False, True])
+def test_a_fix_of_a_result_is_read_back_as_it_was(state: VehicleState, tmp_path: Path, depth: float, dead_reckoned: bool) -> None:
+    written = replace(state, depth=depth, dead_reckoned=dead_reckoned)
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.fix(written)
+    log, memory, read = open_log(tmp_path / "out.mcap"), initial_state(), []
+    for message in log.messages():
+        memory, events = interpret(memory, message, MeasurementConfig())
+        read += [event for event in events if isinstance(event, VehicleState)]
+    (fix,) = read
+    assert (fix.time_ns, fix.longitude, fix.latitude) == (written.time_ns, written.longitude, written.latitude)
+    np.testing.assert_equal((fix.depth, fix.dead_reckoned), (depth, dead_reckoned))
+
+
+def test_the_altitude_of_another_writer_s_fix_is_no_depth(state: VehicleState) -> None:
+    payload = {"longitude": 5.0, "latitude": 62.0, "altitude": -120.0, "metadata": []}
+    message = Message(state.time_ns, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)
+    _, events = interpret(initial_state(), message, MeasurementConfig())
+    assert [np.isnan(event.depth) for event in events if isinstance(event, VehicleState)] == [True]
 
 
 def test_longitudes_of_a_full_circle_are_turned(state: VehicleState, tmp_path: Path) -> None:
@@ -65,12 +92,28 @@ def test_estimate(result, flow: FlowEstimate, weights: np.ndarray) -> None:
     assert (value.n_modes, value.n_observations) == (4, 300)
 
 
+def unpacked(grid: Any) -> np.ndarray:
+    """Return a grid's cells, shape (rows, columns, fields), read as Foxglove documents them: by the strides and each field's offset."""
+    rows, columns = len(grid.data) // grid.row_stride, grid.column_count
+    assert rows * grid.row_stride == len(grid.data)
+    cells = [
+        [
+            np.frombuffer(grid.data, "<f4", 1, row * grid.row_stride + column * grid.cell_stride + field.offset)[0]
+            for column in range(columns)
+            for field in grid.fields
+        ]
+        for row in range(rows)
+    ]
+    return np.array(cells, dtype=np.float32).reshape(rows, columns, len(grid.fields))
+
+
 @pytest.mark.parametrize("depth", DEPTHS)
 def test_grid(result, flow: FlowEstimate, depth: float) -> None:
     _, value = result[f"/flow/grid/{depth:g}m"][0]
-    assert [(field.name, field.offset, field.type) for field in value.fields] == [("u", 0, 7), ("v", 4, 7), ("speed", 8, 7)]
-    packed = np.frombuffer(value.data, "<f4").reshape(-1, value.row_stride // value.cell_stride, 3)
-    assert packed.shape == (5, value.column_count, 3)
+    names = ["u", "v", "speed", "u_standard_error", "v_standard_error"]
+    assert [(field.name, field.offset, field.type) for field in value.fields] == [(name, 4 * k, 7) for k, name in enumerate(names)]
+    packed = unpacked(value)
+    assert packed.shape == (5, value.column_count, 5)
     assert (value.frame_id, value.pose.position.z) == ("map", -depth)
     assert (value.cell_size.x, value.cell_size.y) == (5_000.0, 5_000.0)
     east = value.pose.position.x + value.cell_size.x * (np.arange(7) + 0.5)
@@ -80,7 +123,26 @@ def test_grid(result, flow: FlowEstimate, depth: float) -> None:
     wet = flow.grid.wet[np.argmin(np.abs(flow.levels - depth))]
     np.testing.assert_array_equal(packed[wet, :2], expected[wet].astype(np.float32))
     np.testing.assert_allclose(packed[wet, 2], np.hypot(*expected[wet].T), rtol=1e-6)
+    error = flow.standard_error(east, north[:, None], depth)
+    assert (error[wet] > 0.0).all()
+    np.testing.assert_array_equal(packed[wet, 3:], error[wet].astype(np.float32))
     assert np.isnan(packed[~wet]).all()
+
+
+def test_a_grid_below_the_last_level_states_no_error(flow: FlowEstimate, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.grids(flow.time_ns, flow, [500.0])
+    packed = unpacked(decoded(tmp_path / "out.mcap")["/flow/grid/500m"][0][1])
+    assert np.isfinite(packed[..., :3]).any()
+    assert np.isnan(packed[..., 3:]).all()
+
+
+def test_a_grid_of_a_flow_without_uncertainty_has_no_fields_of_errors(flow: FlowEstimate, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.grids(flow.time_ns, flow.certain(), [0.5])
+    value = decoded(tmp_path / "out.mcap")["/flow/grid/0.5m"][0][1]
+    assert [field.name for field in value.fields] == ["u", "v", "speed"]
+    assert unpacked(value).shape == (5, 7, 3)
 
 
 def test_arrows(result, flow: FlowEstimate) -> None:
