@@ -20,6 +20,7 @@ from replay_kit.cli_options import (
     RegionOption,
     bar,
     console_beside,
+    ends_in,
     forecast_part,
     numbers,
     write_json,
@@ -76,7 +77,9 @@ def accuracy(
 @experiment.command()
 def paper(
     ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, figures and report; made if absent.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", callback=ends_in(), help="Folder for tables, figures and report; made if absent.")
+    ],
     truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="The truth to tell.")] = None,
     leave_out: Annotated[str | None, typer.Option("--leave-out", metavar="K|all|most-distant", help="Members withheld as truths.")] = None,
     lead: LeadOption = None,
@@ -130,7 +133,9 @@ def missions(
     dives: Annotated[int, typer.Option("--dives", min=1, help="Dives of the missions that have mean currents alone.")] = 30,
     noise: NoiseOption = 0.09,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Missions for each truth.")] = 1,
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for CSV and JSON; made if absent.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", callback=ends_in(), help="Folder for CSV and JSON; made if absent.")
+    ] = None,
     config: ConfigOption = None,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,

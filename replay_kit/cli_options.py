@@ -18,7 +18,49 @@ from replay_kit.job import is_stream
 from replay_kit.logs.atomic import atomic_file
 from replay_kit.types import Place
 
-JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - is standard output.")]
+# Endings of folders' names that are those of files, which a command that writes a folder would not make.
+_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml")
+
+
+def ends_in(*endings: str, stream: bool = False) -> Callable[[typer.CallbackParam, Path | None], Path | None]:
+    """Return the callback of an output option that refuses a name whose ending does not fit what is written, before all work.
+
+    A name without an ending fits where there is one format; where the ending chooses the format, it must be there. Upper case is the
+    same as lower case. Without endings the output is a folder, and the ending of a file is refused.
+
+    Args:
+        endings: Possible endings in lower case, with their dots; a bare name such as ``targets`` has the ending ``.targets``.
+        stream: Whether the output can be a pipe, a device, or ``-``, standard output. Others are written beside their name first and
+            then renamed, which would replace a device by a file.
+
+    Raises:
+        ConfigError: By the callback.
+    """
+    kind = f"the name of a file that ends in {'one of ' if len(endings) > 1 else ''}{', '.join(endings)}"
+
+    def check(param: typer.CallbackParam, path: Path | None) -> Path | None:
+        if path is None or (endings and stream and (str(path) == "-" or is_stream(path))):
+            return path
+        ending, option = path.suffix.lower(), param.opts[0]
+        if not endings:
+            if ending in _FILE_ENDINGS:
+                raise ConfigError(
+                    f"{option}: expected the name of a folder, got '{path}' with the ending {path.suffix}; leave the ending out"
+                )
+        elif str(path) == "-" or is_stream(path):
+            raise ConfigError(f"{option}: expected {kind}, got the stream '{path}'; this output cannot be written to a stream")
+        elif not (ending in endings or f".{path.name.lower()}" in endings or (not ending and len(endings) == 1)):
+            got = f"the ending {path.suffix}" if ending else "no ending"
+            raise ConfigError(f"{option}: expected {kind}, got '{path}' with {got}; choose another name")
+        return path
+
+    return check
+
+
+JsonOption = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", callback=ends_in(".json", stream=True), help="Write the answer as JSON; - is standard output."),
+]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist. An input is never replaced.")]
 IncludeInputsOption = Annotated[bool, typer.Option("--include-inputs", help="Copy the logs' messages into the result, untouched.")]
 RemapOption = Annotated[list[str] | None, typer.Option("--remap", metavar="OLD=NEW", help="Call a topic by another name; may be repeated.")]
