@@ -26,6 +26,7 @@ from replay_kit.cli_options import (
     LevelsOption,
     LevelStepOption,
     ModesOption,
+    OnceCommand,
     OverwriteOption,
     RegionOption,
     RemapOption,
@@ -115,7 +116,7 @@ def _root(
     """What was the water doing, and where should the vehicle go next?"""
 
 
-@app.command()
+@app.command(cls=OnceCommand)
 def replay(
     logs: Annotated[
         list[Path],
@@ -206,7 +207,7 @@ def replay(
     raise typer.Exit(summary.exit_code)
 
 
-@app.command()
+@app.command(cls=OnceCommand)
 def verify(
     result: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="A result of replay.")],
     inputs: Annotated[
@@ -225,7 +226,7 @@ def verify(
     raise typer.Exit(0 if verdict.same else 5)
 
 
-@app.command()
+@app.command(cls=OnceCommand)
 def convert(
     inputs: Annotated[
         list[Path],
@@ -255,4 +256,4 @@ def convert(
 
 
 for command in (info, qc, fit, twin, synthesize, plan):
-    app.command()(command)
+    app.command(cls=OnceCommand)(command)

@@ -16,6 +16,7 @@ from replay_kit.cli_options import (
     LevelStepOption,
     ModesOption,
     NoiseOption,
+    OnceCommand,
     OverwriteOption,
     RegionOption,
     bar,
@@ -39,11 +40,11 @@ from replay_kit.types import Ensemble
 experiment = typer.Typer(
     help="Studies: how well the estimator does, and against what.", no_args_is_help=True, rich_markup_mode=None, add_completion=False
 )
-experiment.command()(dives)
-experiment.command()(planning)
+experiment.command(cls=OnceCommand)(dives)
+experiment.command(cls=OnceCommand)(planning)
 
 
-@experiment.command()
+@experiment.command(cls=OnceCommand)
 def accuracy(
     ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
     truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="The truth to tell.")] = None,
@@ -74,7 +75,7 @@ def accuracy(
     write_json(json_file, to_json(result))
 
 
-@experiment.command()
+@experiment.command(cls=OnceCommand)
 def paper(
     ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
     out: Annotated[
@@ -115,7 +116,7 @@ def paper(
     write_json(json_file, paper_json(tables))
 
 
-@experiment.command()
+@experiment.command(cls=OnceCommand)
 def missions(
     ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
     leave_out: Annotated[str, typer.Option("--leave-out", metavar="K,K,...|all", help="Members withheld as truths, in turn.")],

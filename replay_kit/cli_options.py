@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from typer.core import TyperCommand
 
 from replay_kit.errors import ConfigError, ReplayKitError
 from replay_kit.inspect import iso
@@ -78,6 +79,32 @@ class InterruptedRunError(ReplayKitError):
     """Ctrl-C, with what was left behind in words."""
 
     exit_code = 130
+
+
+class OnceCommand(TyperCommand):
+    """A command that refuses an option with one value which is given several times; otherwise the last one would win in silence."""
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:
+        """Return the arguments left over, as the base class does.
+
+        Raises:
+            ConfigError: An option with one value is given several times.
+        """
+        parser = self.make_parser(ctx)
+        single = {}
+        for param in self.get_params(ctx):
+            if param.param_type_name == "option" and param.nargs == 1 and not (param.multiple or param.is_flag or param.count):
+                single[param.name] = max(param.opts, key=len)
+                # collects the values that the usual action would overwrite
+                parser.add_option(obj=param, opts=param.opts, dest=param.name, action="append", nargs=1)
+        given, _, _ = parser.parse_args(args=list(args))
+        for name, option in single.items():
+            values = given.get(name, [])
+            if len(values) > 1:
+                raise ConfigError(
+                    f"{option}: only one {option[2:]} is supported, got {len(values)}: {' and '.join(values)}; give the option once"
+                )
+        return super().parse_args(ctx, args)
 
 
 def numbers(text: str | None, option: str, count: int | None = None) -> tuple[float, ...] | None:

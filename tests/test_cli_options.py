@@ -1,4 +1,4 @@
-"""Rules of all options of all commands: an output's name fits what is written."""
+"""Rules of all options of all commands: an output's name fits what is written, and an option with one value is given once."""
 
 import os
 from collections.abc import Iterator
@@ -127,3 +127,30 @@ def test_answers_go_to_streams_and_logs_do_not(log, tmp_path, monkeypatch) -> No
             assert f"got the stream '{stream}'" in refusal(*words, "-o", stream, "--overwrite")
     assert Path("pipe.mcap").is_fifo()
     assert [path.name for path in tmp_path.iterdir()] == ["pipe.mcap"]
+
+
+SINGLE = [(words, option) for words, option, param in OPTIONS if not (param.multiple or param.is_flag)]
+
+
+@pytest.mark.parametrize("words", [words for words, _ in COMMANDS])
+def test_an_option_with_one_value_is_given_once(words) -> None:
+    options = [option for of, option in SINGLE if of == words]
+    assert options
+    for option in options:
+        said = refusal(*words, option, "first", f"{option}=second")
+        assert said == f"{option}: only one {option[2:]} is supported, got 2: first and second; give the option once"
+
+
+def test_every_command_with_an_ensemble_takes_one() -> None:
+    assert {words for words, option in SINGLE if option == "--ensemble"} == {
+        *(("replay",), ("info",), ("synthesize",)),
+        *(("experiment", name) for name in ("accuracy", "paper", "missions", "planning", "dives")),
+    }
+
+
+def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(log, tmp_path) -> None:
+    said = refusal("replay", "log.mcap", "-o", "a.mcap", "--ensemble", "e.nc", "--out", "b.mcap")
+    assert "--out: only one out is supported, got 2: a.mcap and b.mcap" in said
+    again = ["--remap", "/a=/b", "--remap", "/c=/d", "--overwrite", "--overwrite"]
+    done = CliRunner().invoke(app, ["convert", str(log), "-o", str(tmp_path / "o.mcap"), *again])
+    assert done.exit_code == 0, done.exception
