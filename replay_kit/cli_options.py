@@ -70,7 +70,14 @@ ClockOption = Annotated[Literal["log", "publish", "header"] | None, typer.Option
 RegionOption = Annotated[str | None, typer.Option("--region", metavar="W,S,E,N", help="Part of the ensemble used [degrees].")]
 LevelsOption = Annotated[str | None, typer.Option("--levels", metavar="Z1,Z2,...", help="Levels used [m]; the nearest are taken.")]
 LevelStepOption = Annotated[int | None, typer.Option("--level-step", min=1, help="Every n-th level is used.")]
-LeadOption = Annotated[float | None, typer.Option("--lead", help="Forecast period, in the file's unit; the nearest is taken.")]
+LeadOption = Annotated[
+    float | None,
+    typer.Option(
+        "--lead",
+        help="Forecast period in the file's unit; the nearest is taken. Default: all dated leads where the current changes in time, else "
+        "the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date.",
+    ),
+]
 ModesOption = Annotated[str | None, typer.Option("--modes", metavar="N|all", help="Basis flows a level; fewer when fewer exist.")]
 NoiseOption = Annotated[float, typer.Option("--noise", min=0.0, help="Standard deviation of a bin's component [m/s].")]
 
