@@ -20,7 +20,7 @@ def waypoint_text(waypoints: Waypoints, path: Path) -> str:
     Raises:
         PlanError: The name tells none.
     """
-    return _FORMS[check_form(path)](waypoints)
+    return FORMS[check_form(path)](waypoints)
 
 
 def check_form(path: Path) -> str:
@@ -30,8 +30,8 @@ def check_form(path: Path) -> str:
         PlanError: It tells none.
     """
     form = path.suffix.lower() or f".{path.name.lower()}"
-    if form not in _FORMS:
-        raise PlanError(f"{path}: expected a name of waypoints that ends in one of {', '.join(_FORMS)}")
+    if form not in FORMS:
+        raise PlanError(f"{path}: expected a name of waypoints that ends in one of {', '.join(FORMS)}")
     return form
 
 
@@ -136,7 +136,8 @@ def _minutes(degrees: float) -> str:
     return f"{'-' if degrees < 0.0 and units else ''}{whole}{rest / 1e4:07.4f}"
 
 
-_FORMS: dict[str, Callable[[Waypoints], str]] = {
+#: How waypoints are written, by the ending of the file's name.
+FORMS: dict[str, Callable[[Waypoints], str]] = {
     ".csv": _csv,
     ".geojson": _geojson,
     ".json": _json,

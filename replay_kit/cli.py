@@ -26,10 +26,12 @@ from replay_kit.cli_options import (
     LevelsOption,
     LevelStepOption,
     ModesOption,
+    OnceCommand,
     OverwriteOption,
     RegionOption,
     RemapOption,
     console_beside,
+    ends_in,
     forecast_part,
     part_named,
     place,
@@ -114,7 +116,7 @@ def _root(
     """What was the water doing, and where should the vehicle go next?"""
 
 
-@app.command()
+@app.command(cls=OnceCommand)
 def replay(
     logs: Annotated[
         list[Path],
@@ -125,7 +127,7 @@ def replay(
     ensemble: Annotated[
         Path, typer.Option("--ensemble", metavar="FILE", help="Ensemble forecast: CF NetCDF or Zarr with a member dimension.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap", help="Result, for any MCAP viewer.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap", callback=ends_in(".mcap"), help="Result, for any MCAP viewer.")],
     config: ConfigOption = None,
     goal: Annotated[str | None, typer.Option("--goal", metavar="LON,LAT,DEPTH", help="Where to go next [degrees, degrees, m].")] = None,
     planner: Annotated[
@@ -149,9 +151,12 @@ def replay(
     start: Annotated[str | None, typer.Option("--start", help="First time used, ISO 8601 UTC.")] = None,
     end: Annotated[str | None, typer.Option("--end", help="Last time used, ISO 8601 UTC.")] = None,
     netcdf: Annotated[
-        Path | None, typer.Option("--netcdf", metavar="GRID.nc", help="Estimate and standard error on the grid, CF NetCDF.")
+        Path | None,
+        typer.Option("--netcdf", metavar="GRID.nc", callback=ends_in(".nc"), help="Estimate and standard error on the grid, CF NetCDF."),
     ] = None,
-    save_estimate: Annotated[Path | None, typer.Option("--save-estimate", metavar="FLOW.nc", help="The estimate without loss.")] = None,
+    save_estimate: Annotated[
+        Path | None, typer.Option("--save-estimate", metavar="FLOW.nc", callback=ends_in(".nc"), help="The estimate without loss.")
+    ] = None,
     truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="Known truth to score against.")] = None,
     truth_radius: Annotated[
         float | None, typer.Option("--truth-radius", metavar="KM", help="Score only this near to the profiles [km].")
@@ -202,7 +207,7 @@ def replay(
     raise typer.Exit(summary.exit_code)
 
 
-@app.command()
+@app.command(cls=OnceCommand)
 def verify(
     result: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="A result of replay.")],
     inputs: Annotated[
@@ -221,7 +226,7 @@ def verify(
     raise typer.Exit(0 if verdict.same else 5)
 
 
-@app.command()
+@app.command(cls=OnceCommand)
 def convert(
     inputs: Annotated[
         list[Path],
@@ -230,7 +235,12 @@ def convert(
             help="Logs: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP); several are merged by time.",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap|OUT.tlog", help="One log; its ending chooses the format.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="OUT.mcap|OUT.tlog", callback=ends_in(".mcap", ".tlog"), help="One log; its ending chooses the format."
+        ),
+    ],
     remap: RemapOption = None,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
@@ -246,4 +256,4 @@ def convert(
 
 
 for command in (info, qc, fit, twin, synthesize, plan):
-    app.command()(command)
+    app.command(cls=OnceCommand)(command)

@@ -16,10 +16,12 @@ from replay_kit.cli_options import (
     LevelStepOption,
     ModesOption,
     NoiseOption,
+    OnceCommand,
     OverwriteOption,
     RegionOption,
     bar,
     console_beside,
+    ends_in,
     forecast_part,
     numbers,
     write_json,
@@ -38,11 +40,11 @@ from replay_kit.types import Ensemble
 experiment = typer.Typer(
     help="Studies: how well the estimator does, and against what.", no_args_is_help=True, rich_markup_mode=None, add_completion=False
 )
-experiment.command()(dives)
-experiment.command()(planning)
+experiment.command(cls=OnceCommand)(dives)
+experiment.command(cls=OnceCommand)(planning)
 
 
-@experiment.command()
+@experiment.command(cls=OnceCommand)
 def accuracy(
     ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
     truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="The truth to tell.")] = None,
@@ -73,10 +75,12 @@ def accuracy(
     write_json(json_file, to_json(result))
 
 
-@experiment.command()
+@experiment.command(cls=OnceCommand)
 def paper(
     ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, figures and report; made if absent.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", callback=ends_in(), help="Folder for tables, figures and report; made if absent.")
+    ],
     truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="The truth to tell.")] = None,
     leave_out: Annotated[str | None, typer.Option("--leave-out", metavar="K|all|most-distant", help="Members withheld as truths.")] = None,
     lead: LeadOption = None,
@@ -112,7 +116,7 @@ def paper(
     write_json(json_file, paper_json(tables))
 
 
-@experiment.command()
+@experiment.command(cls=OnceCommand)
 def missions(
     ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
     leave_out: Annotated[str, typer.Option("--leave-out", metavar="K,K,...|all", help="Members withheld as truths, in turn.")],
@@ -130,7 +134,9 @@ def missions(
     dives: Annotated[int, typer.Option("--dives", min=1, help="Dives of the missions that have mean currents alone.")] = 30,
     noise: NoiseOption = 0.09,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Missions for each truth.")] = 1,
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for CSV and JSON; made if absent.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", callback=ends_in(), help="Folder for CSV and JSON; made if absent.")
+    ] = None,
     config: ConfigOption = None,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,

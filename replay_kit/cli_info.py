@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from replay_kit.cli_options import ClockOption, ConfigOption, JsonOption, OverwriteOption, console_beside, write_json, write_text
+from replay_kit.cli_options import ClockOption, ConfigOption, JsonOption, OverwriteOption, console_beside, ends_in, write_json, write_text
 from replay_kit.config import load_config
 from replay_kit.errors import ConfigError
 from replay_kit.import_check import check_logs, import_check_json, print_import_check
@@ -24,7 +24,12 @@ def info(
     clock: ClockOption = None,
     suggest: Annotated[
         Path | None,
-        typer.Option("--suggest", metavar="FILE.toml", help="Write a first mapping of the topics that no known kind covers; - prints it."),
+        typer.Option(
+            "--suggest",
+            metavar="FILE.toml",
+            callback=ends_in(".toml", stream=True),
+            help="Write a first mapping of the topics that no known kind covers; - prints it.",
+        ),
     ] = None,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,

@@ -17,6 +17,7 @@ from replay_kit.cli_options import (
     RegionOption,
     bar,
     console_beside,
+    ends_in,
     forecast_part,
     write_json,
 )
@@ -29,7 +30,7 @@ from replay_kit.twin import EPOCH, Faults, Options, make_twin, write_ensemble
 
 def fit(
     ensemble: Annotated[Path, typer.Argument(metavar="ENSEMBLE", help="Ensemble forecast.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="TOML", help="Settings for --config.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="TOML", callback=ends_in(".toml"), help="Settings for --config.")],
     left_out: Annotated[int, typer.Option("--left-out", min=1, help="Members left out in turn.")] = 12,
     lead: LeadOption = None,
     region: RegionOption = None,
@@ -52,7 +53,12 @@ def fit(
 
 def twin(
     truth: Annotated[str, typer.Option("--truth", metavar="FILE[#member]", help="The truth the vehicle moves in.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="X.mcap|X.tlog", help="The log; its ending chooses the format.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="X.mcap|X.tlog", callback=ends_in(".mcap", ".tlog"), help="The log; its ending chooses the format."
+        ),
+    ],
     vehicle: Annotated[
         Literal["vessel", "glider"], typer.Option("--vehicle", help="Survey at random positions, or a sawtooth glider.")
     ] = "vessel",
@@ -86,8 +92,8 @@ def twin(
 
 
 def synthesize(
-    ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Where the members go.")],
-    truth: Annotated[Path, typer.Option("--truth", metavar="T.nc", help="Where one more, withheld, goes.")],
+    ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", callback=ends_in(".nc"), help="Where the members go.")],
+    truth: Annotated[Path, typer.Option("--truth", metavar="T.nc", callback=ends_in(".nc"), help="Where one more, withheld, goes.")],
     members: Annotated[int, typer.Option("--members", min=2, help="Members.")] = 40,
     seed: Annotated[int, typer.Option("--seed", help="The same seed gives the same bytes.")] = 0,
     overwrite: OverwriteOption = False,

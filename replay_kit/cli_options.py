@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from typer.core import TyperCommand
 
 from replay_kit.errors import ConfigError, ReplayKitError
 from replay_kit.inspect import iso
@@ -18,7 +19,49 @@ from replay_kit.job import is_stream
 from replay_kit.logs.atomic import atomic_file
 from replay_kit.types import Place
 
-JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - is standard output.")]
+# Endings of folders' names that are those of files, which a command that writes a folder would not make.
+_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml")
+
+
+def ends_in(*endings: str, stream: bool = False) -> Callable[[typer.CallbackParam, Path | None], Path | None]:
+    """Return the callback of an output option that refuses a name whose ending does not fit what is written, before all work.
+
+    A name without an ending fits where there is one format; where the ending chooses the format, it must be there. Upper case is the
+    same as lower case. Without endings the output is a folder, and the ending of a file is refused.
+
+    Args:
+        endings: Possible endings in lower case, with their dots; a bare name such as ``targets`` has the ending ``.targets``.
+        stream: Whether the output can be a pipe, a device, or ``-``, standard output. Others are written beside their name first and
+            then renamed, which would replace a device by a file.
+
+    Raises:
+        ConfigError: By the callback.
+    """
+    kind = f"the name of a file that ends in {'one of ' if len(endings) > 1 else ''}{', '.join(endings)}"
+
+    def check(param: typer.CallbackParam, path: Path | None) -> Path | None:
+        if path is None or (endings and stream and (str(path) == "-" or is_stream(path))):
+            return path
+        ending, option = path.suffix.lower(), param.opts[0]
+        if not endings:
+            if ending in _FILE_ENDINGS:
+                raise ConfigError(
+                    f"{option}: expected the name of a folder, got '{path}' with the ending {path.suffix}; leave the ending out"
+                )
+        elif str(path) == "-" or is_stream(path):
+            raise ConfigError(f"{option}: expected {kind}, got the stream '{path}'; this output cannot be written to a stream")
+        elif not (ending in endings or f".{path.name.lower()}" in endings or (not ending and len(endings) == 1)):
+            got = f"the ending {path.suffix}" if ending else "no ending"
+            raise ConfigError(f"{option}: expected {kind}, got '{path}' with {got}; choose another name")
+        return path
+
+    return check
+
+
+JsonOption = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", callback=ends_in(".json", stream=True), help="Write the answer as JSON; - is standard output."),
+]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist. An input is never replaced.")]
 IncludeInputsOption = Annotated[bool, typer.Option("--include-inputs", help="Copy the logs' messages into the result, untouched.")]
 RemapOption = Annotated[list[str] | None, typer.Option("--remap", metavar="OLD=NEW", help="Call a topic by another name; may be repeated.")]
@@ -27,7 +70,14 @@ ClockOption = Annotated[Literal["log", "publish", "header"] | None, typer.Option
 RegionOption = Annotated[str | None, typer.Option("--region", metavar="W,S,E,N", help="Part of the ensemble used [degrees].")]
 LevelsOption = Annotated[str | None, typer.Option("--levels", metavar="Z1,Z2,...", help="Levels used [m]; the nearest are taken.")]
 LevelStepOption = Annotated[int | None, typer.Option("--level-step", min=1, help="Every n-th level is used.")]
-LeadOption = Annotated[float | None, typer.Option("--lead", help="Forecast period, in the file's unit; the nearest is taken.")]
+LeadOption = Annotated[
+    float | None,
+    typer.Option(
+        "--lead",
+        help="Forecast period in the file's unit; the nearest is taken. Default: all dated leads where the current changes in time, else "
+        "the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date.",
+    ),
+]
 ModesOption = Annotated[str | None, typer.Option("--modes", metavar="N|all", help="Basis flows a level; fewer when fewer exist.")]
 NoiseOption = Annotated[float, typer.Option("--noise", min=0.0, help="Standard deviation of a bin's component [m/s].")]
 
@@ -36,6 +86,32 @@ class InterruptedRunError(ReplayKitError):
     """Ctrl-C, with what was left behind in words."""
 
     exit_code = 130
+
+
+class OnceCommand(TyperCommand):
+    """A command that refuses an option with one value which is given several times; otherwise the last one would win in silence."""
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:
+        """Return the arguments left over, as the base class does.
+
+        Raises:
+            ConfigError: An option with one value is given several times.
+        """
+        parser = self.make_parser(ctx)
+        single = {}
+        for param in self.get_params(ctx):
+            if param.param_type_name == "option" and param.nargs == 1 and not (param.multiple or param.is_flag or param.count):
+                single[param.name] = max(param.opts, key=len)
+                # collects the values that the usual action would overwrite
+                parser.add_option(obj=param, opts=param.opts, dest=param.name, action="append", nargs=1)
+        given, _, _ = parser.parse_args(args=list(args))
+        for name, option in single.items():
+            values = given.get(name, [])
+            if len(values) > 1:
+                raise ConfigError(
+                    f"{option}: only one {option[2:]} is supported, got {len(values)}: {' and '.join(values)}; give the option once"
+                )
+        return super().parse_args(ctx, args)
 
 
 def numbers(text: str | None, option: str, count: int | None = None) -> tuple[float, ...] | None:

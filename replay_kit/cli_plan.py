@@ -22,14 +22,27 @@ from planners import (
 )
 from planners.mission_flights import fly_mission, surfacing_ellipses
 from planners.mission_output import legs_table, to_csv, to_geojson, to_json
-from planners.waypoint_output import check_form, waypoint_json, waypoint_text
+from planners.waypoint_output import waypoint_json, waypoint_text
 from planners.waypoints import Waypoints
 from replay_kit.cli_options import ConfigOption, JsonOption, OverwriteOption, console_beside, place, write_json, write_text
-from replay_kit.cli_plan_inputs import goal_of, objective_of, pair_of, read_areas, read_bathymetry, read_flow
+from replay_kit.cli_plan_inputs import (
+    CsvOption,
+    GeojsonOption,
+    MissionOption,
+    NoGoOption,
+    WaypointsOption,
+    WaypointToleranceOption,
+    goal_of,
+    objective_of,
+    pair_of,
+    read_areas,
+    read_bathymetry,
+    read_flow,
+)
 from replay_kit.cli_planners import MissionPlanner, config_of, write_plan
 from replay_kit.config import load_config
 from replay_kit.config_planner import PlannerConfig
-from replay_kit.errors import ConfigError, PlanError
+from replay_kit.errors import ConfigError
 from replay_kit.flow import FlowEstimate
 from replay_kit.geodesy import to_local
 from replay_kit.job import check_paths
@@ -49,9 +62,9 @@ def plan(
     ],
     start: Annotated[str, typer.Option("--start", metavar="LON,LAT,DEPTH", help="Where it begins [degrees, degrees, m].")],
     goal: Annotated[list[str], typer.Option("--goal", metavar="LON,LAT,DEPTH", help="Where to go; may be repeated, in order.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="PLAN.mcap", help="Predicted track and legs, for any viewer.")] = None,
-    geojson: Annotated[Path | None, typer.Option("--geojson", metavar="FILE", help="Track, surfacings and goals; - prints them.")] = None,
-    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="One line a leg; - prints them.")] = None,
+    out: MissionOption = None,
+    geojson: GeojsonOption = None,
+    csv: CsvOption = None,
     config: ConfigOption = None,
     depth: Annotated[float | None, typer.Option("--depth", help="Of the dives [m]; 500 by default.")] = None,
     dives: Annotated[int | None, typer.Option("--dives", min=1, help="Between surfacings; 1 by default.")] = None,
@@ -74,17 +87,10 @@ def plan(
     ] = None,
     angles: Annotated[str | None, typer.Option("--angles", metavar="MIN,MAX", help="Glide angles [degrees]; 15,35 by default.")] = None,
     flight_model: Annotated[bool, typer.Option("--flight-model", help="Speed from glide angle and buoyancy, not constant.")] = False,
-    no_go: Annotated[
-        Path | None,
-        typer.Option("--no-go", metavar="GEOJSON", help="Polygons not to enter; a property surface_only lets dives pass below."),
-    ] = None,
+    no_go: NoGoOption = None,
     bathymetry: Annotated[Path | None, typer.Option("--bathymetry", metavar="FILE.nc", help="Depth of the bottom on a grid.")] = None,
-    waypoints: Annotated[
-        Path | None, typer.Option("--waypoints", metavar="FILE", help="Few places to head for: .csv .geojson .json .ma .targets.")
-    ] = None,
-    waypoint_tolerance: Annotated[
-        float | None, typer.Option("--waypoint-tolerance", min=0.0, help="Off the way without a waypoint [m]; the plan's by default.")
-    ] = None,
+    waypoints: WaypointsOption = None,
+    waypoint_tolerance: WaypointToleranceOption = None,
     spline: Annotated[
         int, typer.Option("--spline", min=0, help="Optimise in a B-spline of so many points a kernel length; 0: in the flow itself.")
     ] = 0,
@@ -167,19 +173,14 @@ class Kind:
         """Refuse options that do not go together.
 
         Raises:
-            ConfigError: They do not, or the name of the file of waypoints tells no form.
+            ConfigError: They do not.
         """
         if self.mooring is not None and self.line_weight is not None:
             raise ConfigError("--mooring and --line: a mission is one or the other")
         if (self.mooring is not None or self.line_weight is not None) and (n_goals > 1 or risk is not None):
             raise ConfigError("--mooring and --line: expected one --goal and no --risk")
-        if waypoints is not None:
-            try:
-                check_form(waypoints)
-            except PlanError as error:
-                raise ConfigError(f"--waypoints: {error}") from error
-            if self.mooring is not None:
-                raise ConfigError("--waypoints: a mooring has none on its way; give the glider the mooring's place")
+        if waypoints is not None and self.mooring is not None:
+            raise ConfigError("--waypoints: a mooring has none on its way; give the glider the mooring's place")
 
     def plan(self, flow: FlowEstimate | list[FlowEstimate], begin: Place, goals: tuple[Place, ...], how: dict[str, Any]) -> MissionPlan:
         """Return the mission of this kind."""

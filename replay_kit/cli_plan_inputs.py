@@ -1,21 +1,48 @@
-"""What the command that plans reads: estimates, areas, depths of the bottom, and options that are more than one number."""
+"""What the command that plans reads: estimates, areas, depths of the bottom, options that are more than one number, and where it writes."""
 
 import json
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
+import typer
 import xarray as xr
 
 from planners import Bathymetry, NoGo, Weights
 from planners.mission_values import Objective
-from replay_kit.cli_options import place
+from planners.waypoint_output import FORMS
+from replay_kit.cli_options import ends_in, place
 from replay_kit.errors import ConfigError, ForecastError, PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.flow_netcdf import load
 from replay_kit.results import read_estimate
 from replay_kit.types import Place
+
+MissionOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="PLAN.mcap", callback=ends_in(".mcap"), help="Predicted track and legs, for any viewer."),
+]
+GeojsonOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--geojson", metavar="FILE", callback=ends_in(".geojson", ".json", stream=True), help="Track, surfacings and goals; - prints them."
+    ),
+]
+CsvOption = Annotated[
+    Path | None, typer.Option("--csv", metavar="FILE", callback=ends_in(".csv", stream=True), help="One line a leg; - prints them.")
+]
+WaypointsOption = Annotated[
+    Path | None,
+    typer.Option("--waypoints", metavar="FILE", callback=ends_in(*FORMS), help="Few places to head for: .csv .geojson .json .ma .targets."),
+]
+WaypointToleranceOption = Annotated[
+    float | None, typer.Option("--waypoint-tolerance", min=0.0, help="Off the way without a waypoint [m]; the plan's by default.")
+]
+NoGoOption = Annotated[
+    Path | None,
+    typer.Option("--no-go", metavar="GEOJSON", help="Polygons not to enter; a property surface_only lets dives pass below."),
+]
 
 _DEPTH_NAMES = (
     "sea_floor_depth_below_sea_surface",

@@ -20,6 +20,7 @@ from replay_kit.cli_options import (
     RegionOption,
     bar,
     console_beside,
+    ends_in,
     forecast_part,
     write_json,
 )
@@ -47,7 +48,9 @@ CALLS = on_planning.Calls(
 
 def planning(
     ensemble: Annotated[Path, typer.Option("--ensemble", metavar="E.nc", help="Ensemble forecast.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for report, tables and pictures; made if absent.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", callback=ends_in(), help="Folder for report, tables and pictures; made if absent.")
+    ],
     leave_out: Annotated[
         str | None, typer.Option("--leave-out", metavar="K,K,...|all", help="Members withheld as truths; 20 evenly spread by default.")
     ] = None,

@@ -134,8 +134,16 @@ class ForecastConfig(_Section):
     region: tuple[float, float, float, float] | None = Field(default=None, description="west, south, east, north [degrees]")
     levels: tuple[_Depth, ...] | None = Field(default=None, description="m; the nearest levels are taken")
     level_step: int = Field(default=1, ge=1, description="every n-th level is used")
-    lead: float | None = Field(default=None, description="forecast period in the file's unit; the last by default")
-    time: _Time | None = Field(default=None, description="ISO 8601 UTC; the nearest time is taken, the first by default")
+    lead: float | None = Field(
+        default=None,
+        description="forecast period in the file's unit; the nearest is taken. Default: all dated leads where the estimate goes through "
+        "time, else the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date",
+    )
+    time: _Time | None = Field(
+        default=None,
+        description="ISO 8601 UTC; the nearest time is taken. Default: all times where the estimate goes through time, else the time "
+        "nearest to the log's first message; the first time without a log",
+    )
     reference_time: _Time | None = Field(default=None, description="ISO 8601 UTC, for a file of leads that has none")
     place: bool = Field(default=False, description="move the ensemble's centre to the mean fix of the log")
 

@@ -87,7 +87,7 @@ def convert(
         raise ConfigError("convert: expected at least one log, got none")
     check_paths(inputs, [out], overwrite)
     logs = [RawLog(path, number, config) for number, path in enumerate(inputs)]
-    if out.suffix == ".tlog":
+    if out.suffix.lower() == ".tlog":
         return _to_tlog(logs, out, config, on_message)
     headers = [header_of(path) for path in inputs]
     profiles = {header.profile for header in headers if header is not None}

@@ -38,6 +38,7 @@ def ocean(tmp_path_factory) -> Path:
     make_twin(truth, "vessel", 20, 0.05, 1, folder / "survey.mcap")
     (folder / "run.toml").write_text("[output]\ninterval = 1.0\n")
     (folder / "store.zarr").mkdir()
+    (folder / "folder.mcap").mkdir()
     (folder / "there.json").write_text("precious")
     return folder
 
@@ -49,29 +50,29 @@ REFUSED = [
     ([*REPLAY, "-o", "survey.mcap", "--overwrite"], "an input is never overwritten"),
     ([*REPLAY, "-o", "o.mcap", "--netcdf", "ensemble.nc", "--overwrite"], "an input is never overwritten"),
     ([*REPLAY, "-o", "o.mcap", "--truth", "truth.nc#3", "--save-estimate", "truth.nc", "--overwrite"], "an input is never overwritten"),
-    ([*REPLAY, "-o", "o.mcap", "--config", "run.toml", "--json", "run.toml", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--config", "there.json", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
     (["replay", "survey.mcap", "--ensemble", "store.zarr", "-o", "store.zarr/o.mcap", "--overwrite"], "an input is never overwritten"),
     ([*REPLAY, "-o", "o.mcap", "--json", "there.json"], "--overwrite"),
-    ([*REPLAY, "-o", "o.nc", "--netcdf", "./o.nc"], "two outputs"),
+    ([*REPLAY, "-o", "o.mcap", "--save-estimate", "o.nc", "--netcdf", "./o.nc"], "two outputs"),
     ([*REPLAY, "-o", "absent/o.mcap"], "there is no folder absent"),
-    ([*REPLAY, "-o", "store.zarr", "--overwrite"], "is a folder"),
+    ([*REPLAY, "-o", "folder.mcap", "--overwrite"], "is a folder"),
     ([*REPLAY, "-o", "o.mcap", "--truth-radius", "0"], "--truth-radius"),
     ([*REPLAY, "-o", "o.mcap", "--truth-radius", "nan"], "--truth-radius"),
     ([*REPLAY, "-o", "o.mcap", "--goal", "nan,0,0"], "--goal"),
     ([*REPLAY, "-o", "o.mcap", "--start", "yesterday"], "'logs.start': 'yesterday' is no time"),
     ([*REPLAY, "-o", "o.mcap", "--modes", "some"], "estimator.modes"),
-    (["info", "survey.mcap", "--json", "survey.mcap", "--overwrite"], "an input is never overwritten"),
+    (["info", "there.json", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
     (["info", "survey.mcap", "--json", "there.json"], "--overwrite"),
-    (["info", "survey.mcap", "--suggest", "there.json"], "--overwrite"),
+    (["info", "survey.mcap", "--suggest", "run.toml"], "--overwrite"),
     (["info", "survey.mcap", "--suggest", "run.toml", "--config", "run.toml", "--overwrite"], "an input is never overwritten"),
     (["info", "survey.mcap", "--suggest", "-", "--json", "-"], "only one of them"),
-    (["convert", "survey.mcap", "-o", "o.mcap", "--json", "survey.mcap", "--overwrite"], "an input is never overwritten"),
-    (["convert", "survey.mcap", "-o", "o.mcap", "--json", "o.mcap"], "two outputs"),
-    (["twin", "--truth", "truth.nc", "-o", "truth.nc", "--overwrite"], "an input is never overwritten"),
+    (["convert", "there.json", "-o", "o.mcap", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
+    (["info", "survey.mcap", "--suggest", "o", "--json", "./o"], "two outputs"),
+    (["twin", "--truth", "survey.mcap", "-o", "survey.mcap", "--overwrite"], "an input is never overwritten"),
     (["synthesize", "--ensemble", "e.nc", "--truth", "e.nc"], "two outputs"),
-    (["synthesize", "--ensemble", "e.nc", "--truth", "there.json"], "--overwrite"),
+    (["synthesize", "--ensemble", "e.nc", "--truth", "truth.nc"], "--overwrite"),
     (
-        ["experiment", "accuracy", "--ensemble", "ensemble.nc", "--leave-out", "0", "--json", "ensemble.nc", "--overwrite"],
+        ["experiment", "accuracy", "--ensemble", "there.json", "--leave-out", "0", "--json", "there.json", "--overwrite"],
         "an input is",
     ),
     (["experiment", "accuracy", "--ensemble", "ensemble.nc", "--leave-out", "0", "--json", "there.json"], "--overwrite"),

@@ -1,3 +1,4 @@
+import json
 from collections import Counter
 from io import StringIO
 from pathlib import Path
@@ -84,6 +85,19 @@ def test_losses_are_reported(tmp_path: Path, logs: list[Path]) -> None:
     summary = convert([tmp_path / "cut.tlog"], tmp_path / "out.mcap", False, LogConfig())
     assert summary.losses
     assert {path for path, _ in summary.losses} == {str(tmp_path / "cut.tlog")}
+
+
+def test_the_command_ends_with_4_where_bytes_were_lost_and_with_0_where_none_were(tmp_path: Path, logs: list[Path]) -> None:
+    data = logs[1].read_bytes()
+    (tmp_path / "sound.tlog").write_bytes(data)
+    (tmp_path / "cut.tlog").write_bytes(data[:5000] + b"\x00" * 50 + data[5000:])
+    for name, code in (("sound", 0), ("cut", 4)):
+        out, answer = tmp_path / f"{name}.mcap", tmp_path / f"{name}.json"
+        done = CliRunner().invoke(app, ["convert", str(tmp_path / f"{name}.tlog"), "-o", str(out), "--json", str(answer)])
+        assert done.exit_code == code, done.exception
+        # what could be read is written all the same
+        assert out.exists()
+        assert ("LOST" in done.stdout) == bool(json.loads(answer.read_text())["losses"]) == (code == 4)
 
 
 def test_an_input_is_never_overwritten(tmp_path: Path, logs: list[Path]) -> None:

@@ -23,7 +23,7 @@ def choose_time(ds: xr.Dataset, config: ForecastConfig, near_ns: int | None, whe
     Args:
         ds: With any of a lead and a time dimension.
         config: ``lead``, ``time`` and ``reference_time`` decide where they are given.
-        near_ns: Else the nearest time to this is taken [ns, UTC]; without it the last lead, the first time.
+        near_ns: Else the time nearest to this is taken [ns, UTC]; without it, or where leads have no date, the last lead, the first time.
         where: The file, for messages.
 
     Raises:

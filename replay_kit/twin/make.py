@@ -91,7 +91,7 @@ def make_twin(
         ConfigError: A bad argument, or the output exists.
         ForecastError: The truth cannot be sampled along the track.
     """
-    writer = _WRITERS.get(out.suffix)
+    writer = _WRITERS.get(out.suffix.lower())
     if writer is None:
         raise ConfigError(f"{out}: a twin's log is .mcap or .tlog, got '{out.suffix}'; choose one of these endings")
     if vehicle not in get_args(Vehicle):
@@ -130,7 +130,7 @@ def _check(options: Options, vehicle: Vehicle, out: Path) -> None:
         raise ConfigError(f"twin: expected an interval of {STEP_S} s times a whole number, got {options.interval_s:g}")
     if vehicle != "glider" and (options.dac_only or options.interval_s != Options().interval_s):
         raise ConfigError(f"twin: mean currents alone and an interval between pings are a glider's, got vehicle '{vehicle}'")
-    if out.suffix == ".tlog" and (options.dac_only or options.faults.platform_std is not None):
+    if out.suffix.lower() == ".tlog" and (options.dac_only or options.faults.platform_std is not None):
         raise ConfigError(f"{out}: a telemetry log holds neither mean currents nor a platform's velocity; choose .mcap")
 
 

@@ -1,9 +1,13 @@
 """Whole replays: the memory that a large log takes, and the share of each stage in a day of pings at 1 Hz."""
 
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.config import RunConfig, load_config
 from replay_kit.forecast import read_truth
@@ -12,7 +16,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap_log_writer import write_mcap_log
 from replay_kit.replay import replay
 from replay_kit.twin import make_twin, write_ensemble
-from replay_kit.types import Message
+from replay_kit.types import Message, Reason
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import alone, seconds
 from tests.places import ROOT
@@ -68,9 +72,18 @@ def _replayed(log: Path, ensemble: Path, folder: Path, settings: dict[str, Any])
 
     def work() -> dict[str, Any]:
         took, (summary, _) = seconds(lambda: replay(ReplayJob((log,), ensemble, folder / "out.mcap", overwrite=True), config))
-        return {"seconds": took, "profiles": summary.profiles_used, "stages": dict(summary.seconds)}
+        read = sum(topic.read for topic in summary.messages)
+        return {"seconds": took, "profiles": summary.profiles_used, "read": read, "stages": dict(summary.seconds)}
 
     return alone(work)
+
+
+def decisions(result: Path) -> Counter[str]:
+    """Return how many profiles of a result ended with each decision; those that came twice or too late are ``repeated``."""
+    repeated = int(Reason.DUPLICATE | Reason.OUT_OF_ORDER)
+    with result.open("rb") as file:
+        said = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics="/flow/innovation")
+        return Counter("repeated" if any(bits & repeated for bits in one.reasons) else one.decision for *_, one in said)
 
 
 def stages_row(folder: Path, tiny: bool) -> Row:
@@ -83,8 +96,18 @@ def stages_row(folder: Path, tiny: bool) -> Row:
     make_twin(read_truth(str(truth), RunConfig().forecast), "vessel", pings, 0.09, 0, folder / "slow.mcap", True)
     log = folder / "fast.mcap"
     write_mcap_log(log, _hurried(folder / "slow.mcap", pings))
+    return whole_row(log, ensemble, folder, pings, modes)
+
+
+def whole_row(log: Path, ensemble: Path, folder: Path, pings: int, modes: int) -> Row:
+    """The row of one log's replay: every message is read, and every ping is judged by the estimator.
+
+    A ping that the gate rejects was judged as one that is used; how many there were is a figure of its own, and no difference.
+    """
     reading_s, count = seconds(lambda: sum(1 for _ in open_log(log).messages()))
     ours = _replayed(log, ensemble, folder, {"estimator": {"modes": modes}})
+    found = decisions(folder / "out.mcap")
+    judged = found["accepted"] + found["softened"] + found["rejected"]
     stages = {f"share_{name}": took / ours["seconds"] for name, took in ours["stages"].items()}
     return row(
         f"whole replay of {pings} pings at 1 Hz, {modes} modes asked a level; {count} messages read alone in {reading_s:.2f} s",
@@ -92,8 +115,10 @@ def stages_row(folder: Path, tiny: bool) -> Row:
         "none",
         None,
         None,
-        {"messages_differ": float(ours["profiles"] != pings)},
+        {"messages_differ": float(abs(ours["read"] - count)), "messages_not_judged": float(abs(pings - judged))},
         **stages,
+        profiles_used=ours["profiles"],
+        profiles_gated=found["rejected"],
         peak_mb=ours["peak_mb"],
     )
 

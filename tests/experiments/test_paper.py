@@ -364,7 +364,7 @@ def refused(ocean, *arguments):
         (["-o", "file", "--leave-out", "0"], "is a file"),
         (["-o", "absent/new", "--leave-out", "0"], "there is no folder"),
         (["-o", "new", "--leave-out", "0", "--modes", "none"], "modes"),
-        (["-o", "new", "--leave-out", "0", "--json", "ensemble.nc", "--overwrite"], "an input is never overwritten"),
+        (["-o", "new", "--truth", "t.json", "--json", "t.json", "--overwrite"], "an input is never overwritten"),
     ],
 )
 def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):

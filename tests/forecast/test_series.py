@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config import ForecastConfig
+from replay_kit.choose import read_forecasts
+from replay_kit.cli_options import LeadOption
+from replay_kit.config import ForecastConfig, load_config
 from replay_kit.errors import ForecastError
 from replay_kit.forecast import read_ensemble, read_series
 from tests import synthetic
@@ -41,6 +43,51 @@ def test_each_lead_is_the_ensemble_that_would_be_read_alone(tmp_path):
 def test_a_chosen_lead_or_leads_without_a_date_leave_one(tmp_path, config):
     path = with_leads(tmp_path / "e.nc", reference="2020-01-01T00:00:00" if config.lead else "")
     assert len(read_series(path, config)) == 1
+
+
+STATIC = {"time": {"scale": "static"}}
+PAPER = {"estimator": {"preset": "paper"}}
+LETKF = {"estimator": {"name": "letkf"}}
+
+
+@pytest.mark.parametrize(
+    ("settings", "reference", "log_starts", "leads"),
+    [
+        ({}, "2020-01-01", 2.2, [0.0, 2.0, 5.0]),
+        ({}, "2020-01-01", None, [0.0, 2.0, 5.0]),
+        ({"forecast": {"lead": 1.9}}, "2020-01-01", 4.9, [2.0]),
+        *((kept, "2020-01-01", 2.2, [2.0]) for kept in (STATIC, PAPER, LETKF)),
+        *((kept, "2020-01-01", -3.0, [0.0]) for kept in (STATIC, PAPER, LETKF)),
+        *((kept, "2020-01-01", None, [5.0]) for kept in (STATIC, PAPER, LETKF)),
+        *((kept, "", 2.2, [5.0]) for kept in ({}, STATIC, PAPER, LETKF)),
+        ({"forecast": {"reference_time": "2020-01-01"}, **STATIC}, "", 2.2, [2.0]),
+    ],
+)
+def test_which_leads_a_run_uses_when_none_is_chosen(tmp_path, settings, reference, log_starts, leads):
+    path = with_leads(tmp_path / "e.nc", reference=reference)
+    near_ns = None if log_starts is None else int(np.datetime64("2020-01-01", "ns").astype(np.int64) + log_starts * DAY)
+    found = read_forecasts(path, load_config(None, settings), near_ns, None)
+    # each lead's current is stronger than the one before by half of the first
+    strengths = [np.abs(part.velocity).max() / np.abs(synthetic.ensemble().velocity).max() for part in found.series]
+    np.testing.assert_allclose(strengths, [1.0 + 0.5 * [0.0, 2.0, 5.0].index(lead) for lead in leads], rtol=1e-6)
+
+
+def test_a_command_without_a_log_uses_the_last_lead(tmp_path):
+    path = with_leads(tmp_path / "e.nc")
+    np.testing.assert_array_equal(read_ensemble(path, ForecastConfig()).velocity, read_ensemble(path, ForecastConfig(lead=5.0)).velocity)
+
+
+def test_the_help_says_each_of_these_cases():
+    option = next(part for part in LeadOption.__metadata__ if hasattr(part, "help")).help
+    for said in (option, ForecastConfig.model_fields["lead"].description):
+        assert "the nearest is taken" in said
+        assert "all dated leads" in said
+        assert "the dated lead nearest to the log's first message" in said
+        assert "the last lead without a log, or where leads have no date" in said
+    said = ForecastConfig.model_fields["time"].description
+    assert "all times" in said
+    assert "nearest to the log's first message" in said
+    assert "the first time without a log" in said
 
 
 def test_a_log_far_from_the_forecast_is_said(tmp_path):
