@@ -94,9 +94,9 @@ def _pytest(copy: Path, tests: list[str], limit: float, server: ForkServerContex
     if process.exitcode == NO_TESTS_FAILED:
         return False, f"passes {len(tests)} tests"
     output = (copy.parent / "output.txt").read_text(encoding="utf-8", errors="replace")
-    if process.exitcode == NO_SUCH_TEST and "ERROR collecting" not in output:
-        return False, "its tests cannot be selected: " + output.strip().rpartition("\n")[2]
     failures = [line for line in output.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+    if process.exitcode == NO_SUCH_TEST and not failures:
+        return False, "its tests cannot be selected: " + output.strip().rpartition("\n")[2]
     return True, failures[0] if failures else f"pytest ends with exit code {process.exitcode}"
 
 
@@ -108,6 +108,7 @@ def _fails_first(copy: Path, tests: list[str]) -> None:
     sys.path.insert(0, str(copy))
     os.environ["PYTHONPATH"] = str(copy)
     os.chdir(copy)
+    sys.dont_write_bytecode = False  # the next mutant's run finds in the copy what this one compiles
     output = os.open(copy.parent / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
