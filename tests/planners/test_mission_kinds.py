@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from planners import MissionPlan, MissionSettings, NoGo, plan_line, plan_mission, plan_mooring
-from planners.guide import along_line, near_place
+from planners.guide import Guide, along_line, near_place
+from planners.mission_program import MissionShape
+from planners.mission_solve import _guide_places, _weights
+from planners.mission_task import MissionTask, mission_task
+from planners.mission_values import Weights
+from planners.vehicle import Glider
 from replay_kit.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
 from tests.reference.guide import distance_from_line, distance_from_place
@@ -27,6 +32,36 @@ def test_distances_from_a_place_and_a_line_are_those_point_by_point():
     assert place_.farthest_and_rms(time, path, np.array([1, 3])) == pytest.approx((300.0, 300.0 / np.sqrt(2.0)))
     few = replace(place_, surfacings_only=True)
     assert few.farthest_and_rms(time, path, np.array([1, 2, 3])) == pytest.approx((300.0, 300.0 * np.sqrt(2.0 / 3.0)))
+
+
+def _task(guide: Guide | None, weights: Weights) -> MissionTask:
+    flow = still_flow()
+    ask = (flow, (place(flow, 0.0, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),)), Glider(hotel=2.0))
+    return replace(mission_task(*ask, replace(SETTINGS, surface_time=900.0, margin=100.0, objective=weights), ((), None), 0), guide=guide)
+
+
+def test_of_the_weights_the_largest_is_one():
+    # two watts are 7.2 kJ in an hour
+    assert _weights(_task(None, Weights(time=0.1, energy=0.05))) == (pytest.approx(1.0), None, 0.0)
+    assert _weights(_task(None, Weights(time=0.1, closest=0.4))) == pytest.approx((0.25, 1.0, 0.0))
+    assert _weights(_task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))) == (0.4, None, 1.0)
+
+
+@pytest.mark.parametrize("surfacings_only", [False, True])
+def test_a_place_near_a_guide_counts_for_as_long_as_the_glider_takes_to_it(surfacings_only: bool):
+    # two legs of two equal steps, one down and one up, and a drift of a quarter of an hour between the legs
+    task = _task(replace(near_place(np.zeros(2), 1e3, HOURS, surfacings_only), weight=3.0), Weights(time=1.0))
+    shape = MissionShape(2, 2, (2,), (0, 0), 0, True, (0,), True)
+    angles, depths = np.array([0.3, 0.5]), [np.array([0.0, 300.0, 0.0])] * 2
+    cost, limits = _guide_places(task, angles, shape, depths, 2.0)
+    down = 300.0 / (0.3 * np.sin(angles)) / HOURS
+    if surfacings_only:
+        np.testing.assert_allclose(cost, 2.0 * np.array([[0.0, 0.0, 2.0 * down[0] + 0.25], [0.0, 0.0, 2.0 * down[1]]]))
+        assert np.all(limits[:, -1] == 900.0)
+        assert np.all(limits[:, :-1] >= 1e6)  # a thousand kilometres are no limit
+    else:
+        np.testing.assert_allclose(cost, 2.0 * np.array([[down[0], down[0], 0.25], [down[1], down[1], 0.0]]))
+        assert np.all(limits == 900.0)
 
 
 def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_way():

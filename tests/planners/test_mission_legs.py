@@ -1,6 +1,10 @@
 """Legs of a mission: which of them count as flown, and where the glider is at the surface within one."""
 
+import numpy as np
+
 from planners import MissionSettings, NoGo, plan_mission
+from planners.mission_task import mission_task
+from planners.vehicle import Glider
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 
 
@@ -24,3 +28,16 @@ def test_between_the_dives_of_a_leg_the_glider_comes_up_clear_of_areas_that_forb
     assert (free.status, past.status) == ("reached", "reached")
     # passed under, not gone round
     assert past.duration < 1.1 * free.duration
+
+
+def test_a_goal_below_the_surface_is_met_on_the_way_down_or_up_and_the_last_one_at_the_end():
+    flow = still_flow()
+    goals = (place(flow, 2e3, 0.0, 0.0), place(flow, 4e3, 0.0, 120.0), place(flow, 6e3, 0.0, 200.0))
+    task = mission_task(flow, (place(flow, 0.0, 0.0, 0.0), goals), Glider(), MissionSettings(depth=300.0), ((), None), 0)
+    depths = task.depths(task.turns(3))[1]
+    for share, upward in ((0.3, False), (0.7, True)):
+        at_surface, below, last = task.goal_steps((1, 2, 3), 3, np.array([1.0, share, 1.0]))
+        assert at_surface == last == 0
+        assert depths[below] == 120.0
+        # the dive turns at half of its way
+        assert (below > np.argmax(depths)) == upward

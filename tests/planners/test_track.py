@@ -67,8 +67,9 @@ def test_a_track_ends_where_it_first_leaves_even_if_it_comes_back() -> None:
     assert until < 210.7
 
 
-def test_sides_keep_every_grid_point_inside() -> None:
-    grid = still_flow(shape=(12, 30)).grid
+@pytest.mark.parametrize("shape", [(12, 30), (2, 30), (12, 2)])
+def test_sides_keep_every_grid_point_inside(shape: tuple[int, int]) -> None:
+    grid = still_flow(shape=shape).grid
     points = np.column_stack([grid.east.ravel(), grid.north.ravel()]) / 1e3
     for normal_east, normal_north, tangent_east, tangent_north, *fit in region_of(grid).sides():
         along = points @ [tangent_east, tangent_north]
