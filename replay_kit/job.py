@@ -11,7 +11,7 @@ from replay_kit.config import LogConfig, RunConfig
 from replay_kit.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.flow import FlowEstimate
 from replay_kit.forecast import read_truth
-from replay_kit.logs import open_log
+from replay_kit.logs import merge, open_log
 from replay_kit.logs.copying import RawLog
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.planned import Surfacing
@@ -168,25 +168,44 @@ def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None
 
 
 def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
-    """Return the mean position, when the ensemble is to be placed there, and the time of the first message [ns, UTC].
+    """Return the mean position, when the ensemble is to be placed there, and the first time used [ns, UTC], of the chosen time span.
+
+    Messages of topics that come once are read although they are older than the span, as in a replay, but their positions do not count.
 
     Raises:
         LogError: A log cannot be opened.
-        MeasurementError: The ensemble is to be placed at the log, and the log holds no position.
+        MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
     """
-    positions, first_ns = [], None
-    state = initial_state(config.logs.system)
-    for reader in open_readers(logs, config):
-        for message in reader.messages():
-            first_ns = message.time_ns if first_ns is None else min(first_ns, message.time_ns)
-            if not config.forecast.place:
-                break
-            state, events = interpret(state, message, config.measurements)
+    settings = config.logs
+    if config.forecast.place:
+        place_at, first_ns = _mean_place(logs, config)
+    else:
+        place_at, first_ns = None, _first_time(logs, config)
+    if first_ns is not None and settings.start_ns is not None:
+        first_ns = max(first_ns, settings.start_ns)
+    return place_at, first_ns
+
+
+def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
+    firsts = (next(iter(reader.messages()), None) for reader in open_readers(logs, config))
+    return min((message.time_ns for message in firsts if message is not None), default=None)
+
+
+def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
+    """Return the mean of the positions that a replay would use, longitude and latitude, and the time of the first message it would."""
+    settings, first_ns = config.logs, None
+    state, positions = initial_state(settings.system), []
+    for message in merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns):
+        first_ns = message.time_ns if first_ns is None else first_ns
+        state, events = interpret(state, message, config.measurements)
+        if settings.start_ns is None or message.time_ns >= settings.start_ns:
             positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
-    if not config.forecast.place:
-        return None, first_ns
     if not positions:
-        raise MeasurementError("--place-ensemble moves the ensemble to the mean fix, but the logs hold no position; leave the option out")
+        between = f" between {settings.start or 'their start'} and {settings.end or 'their end'}" if settings.start or settings.end else ""
+        raise MeasurementError(
+            f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; "
+            + ("widen --start and --end, or leave the option out" if between else "leave the option out")
+        )
     longitude, latitude = np.array(positions).T
     turns = np.exp(1j * np.deg2rad(longitude))
     return (float(np.rad2deg(np.angle(turns.mean()))), float(latitude.mean())), first_ns

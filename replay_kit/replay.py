@@ -65,8 +65,6 @@ def _replay(
 ) -> tuple[ReplaySummary, FlowEstimate]:
     clock, tally = Stopwatch(), Tally()
     place_at, near_ns = look_ahead(job.logs, config)
-    if near_ns is not None and config.logs.start_ns is not None:
-        near_ns = max(near_ns, config.logs.start_ns)
     readers = open_readers(job.logs, config)
     with clock.stage("forecast"):
         forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)

@@ -11,6 +11,7 @@ from replay_kit.estimator.evolving.build import layout
 from replay_kit.estimator.evolving.extras import EARTH_ROTATION, biases, oscillations
 from replay_kit.geodesy import rotate_to_geographic, to_geographic
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
+from tests.estimator.test_paths import dive
 from tests.reference import evolving as slow
 
 LEVELS_END = 220.0
@@ -46,6 +47,28 @@ def test_what_a_row_sees_at_another_time_is_what_the_turned_state_shows_now():
     for seconds in (-7200.0, 0.0, 3600.0):
         later = estimator.layout.turned(state, seconds)
         assert swinging.at(rows, seconds) @ state[part] == pytest.approx(rows @ later[part], rel=1e-10)
+
+
+@pytest.mark.parametrize("latitude_sign", [1.0, -1.0])
+def test_a_mean_along_a_path_sees_an_oscillation_at_each_point_s_own_time(latitude_sign):
+    """The state is of the path's end, and the oscillation went before it: by hand, with the complex exponential."""
+    estimator = build_evolving(forecasts(1), CONFIG, TimeConfig(oscillators=("inertial",), oscillator_scale=1e18))
+    swinging = estimator.model.oscillations
+    swinging = replace(swinging, omega=latitude_sign * np.abs(swinging.omega))
+    model = replace(estimator.model, oscillations=swinging)
+    path = dive()
+    assert path.path_time_ns[0] < path.path_time_ns[-1] == path.time_ns
+    east, north = np.random.default_rng(1).standard_normal((2, swinging.knots.size))
+    state = np.zeros(estimator.layout.size)
+    state[estimator.layout.parts["oscillations"]] = np.concatenate([east, north])
+    seen = model.path(path)
+    expected = np.zeros(2)
+    for depth, weight, time_ns in zip(path.depth, path.weight, path.path_time_ns, strict=True):
+        # clockwise for a positive omega
+        z = swinging.root @ (east + 1j * north) * np.exp(-1j * swinging.omega[0] * (time_ns - path.time_ns) / 1e9)
+        at = np.interp(depth, swinging.knots, z.real) + 1j * np.interp(depth, swinging.knots, z.imag)
+        expected += weight * np.array([at.real, at.imag])
+    np.testing.assert_allclose(seen.design @ state * seen.noise.std[0], expected, rtol=1e-9)
 
 
 def oscillating_profiles(n, omega, amplitude=0.3, hours=2.0, tidal=False):
