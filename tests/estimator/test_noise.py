@@ -8,9 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replay_kit.config import EstimatorConfig
+from replay_kit.config_time import TimeConfig
 from replay_kit.config_trust import TrustConfig
 from replay_kit.estimator import build_estimator
+from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.noise import bin_noise
+from replay_kit.geodesy import rotate_to_geographic
 from replay_kit.types import Flag, Reason
 from tests import synthetic
 from tests.reference import estimator as slow
@@ -118,3 +121,45 @@ def test_bins_that_are_no_measurement_are_left_out(wrong):
     flags[2] = Flag.MISSING
     expected, _ = estimator.step(estimator.initial(), replace(observation, flags=flags))
     np.testing.assert_array_equal(state.mean, expected.mean)
+
+
+@pytest.mark.parametrize("evolving", [False, True])
+@pytest.mark.parametrize("n", [2, 3, 9])
+def test_a_platform_of_unknown_velocity_takes_one_degree_of_freedom_of_each_component(n, evolving):
+    config = EstimatorConfig(modes=8)
+    estimator = build_evolving([SMALL], config, TimeConfig(scale="static"), TrustConfig()) if evolving else build_estimator(SMALL, config)
+    (observation,) = synthetic.random_profiles(SMALL.grid, 1, seed=3, speed=0.05)
+    flags = np.where(np.arange(11) < n, Flag.GOOD, Flag.MISSING).astype(np.int8)
+    absolute = replace(observation, flags=flags)
+    for profile, dof in (
+        (absolute, 2 * n),
+        (replace(absolute, common_std=0.3), 2 * n),
+        (relative_to_a_moving_platform(absolute, 0.0), 2 * n - 2),
+    ):
+        _, said = estimator.step(estimator.initial(), profile)
+        assert said.dof == dof
+
+
+def test_the_innovation_of_relative_profiles_is_chi_square_with_those_degrees_of_freedom():
+    """Drawn from the estimate's own Gaussian, with a platform as fast as it likes, NIS has the mean and the variance of its dof."""
+    estimator = build_estimator(SMALL, EstimatorConfig(modes=8))
+    observation = synthetic.profile(SMALL.grid, 0.0, 0.0, DEPTH, np.zeros((9, 2)))
+    used = np.arange(9)
+    rows, zero = estimator.rows(observation, used)
+    rng, n = np.random.default_rng(11), 300
+    representation = np.interp(observation.depth, SMALL.grid.levels, estimator.representation_std)
+    std = np.hypot(observation.error_std, representation)
+    bins = rows.noise.unwhiten @ rows.q @ rows.r
+    factor = np.linalg.cholesky(estimator.prior.dense() + 1e-14 * np.eye(estimator.prior.mean.size))
+    found = []
+    for _ in range(n):
+        weights = (estimator.prior.mean + factor @ rng.standard_normal(estimator.prior.mean.size)).reshape(bins.shape[1], -1)
+        local = bins @ weights @ rows.basis.T - zero + std[:, None] * rng.standard_normal((used.size, 2)) + rng.normal(0.0, 3.0, 2)
+        turned = np.column_stack(rotate_to_geographic(SMALL.grid.projection, observation.longitude, observation.latitude, *local.T))
+        drawn = replace(observation, velocity=turned, common_std=np.inf, reference="platform")
+        _, said = estimator.step(estimator.initial(), drawn)
+        found.append(said.nis)
+    dof = 2 * (used.size - 1)
+    # four standard errors of the mean; two degrees of freedom more or less are six off
+    assert np.mean(found) == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof / n))
+    assert np.var(found) == pytest.approx(2.0 * dof, rel=0.4)

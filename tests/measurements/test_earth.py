@@ -86,6 +86,18 @@ def test_a_declination_turns_a_velocity_once():
     assert earth_referenced(absolute, CONFIG) is absolute
 
 
+@pytest.mark.parametrize("orientation", ["down", "up"])
+@pytest.mark.parametrize(("convention", "forward"), [("teledyne", [0.0, 1.0, 0.0]), ("nortek", [1.0, 0.0, 0.0])])
+@pytest.mark.parametrize("declination", [20.0, -20.0])
+def test_a_declination_east_turns_a_magnetic_heading_clockwise(convention, forward, orientation, declination):
+    """What flows forward along an instrument of magnetic heading 30 flows towards 30 plus the declination, whoever made it."""
+    raw = _raw("instrument", convention, orientation=orientation, heading=30.0, pitch=0.0, roll=0.0, bottom_track=None)
+    raw |= {"velocity": [forward] * 3, "beam_unit_vectors": None, "declination_applied": False, "magnetic_declination": declination}
+    bearing = np.deg2rad(30.0 + declination)
+    expected = np.tile([np.sin(bearing), np.cos(bearing)], (3, 1))
+    np.testing.assert_allclose(_horizontal(earth_referenced(raw, CONFIG)), expected, atol=1e-12)
+
+
 def test_the_configured_declination_is_for_pings_that_state_none():
     unknown = _raw("ship", declination_applied=False, magnetic_declination=None, heading=25.0)
     with pytest.raises(MeasurementError, match="declination unknown"):
