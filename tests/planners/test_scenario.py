@@ -8,11 +8,12 @@ from scipy.stats import norm
 
 from planners import MissionSettings, Pilot, fly_scenarios, plan_mission, plan_scenarios
 from planners.feedback import aim, fly_corrected
-from planners.flight import currents_of, currents_of_samples, fly_legs
+from planners.flight import Flight, currents_of, currents_of_samples, fly_legs
+from planners.mission import attempts_of
 from planners.mission_check import check, clearances
 from planners.mission_flights import legs_of_plan
 from planners.mission_task import mission_task
-from planners.scenario import chances_of, few_enough, points_at
+from planners.scenario import _cut_anew, chances_of, few_enough, most_enough, points_at
 from planners.spread import Spread, tolerance_factor
 from planners.vehicle import Glider
 from replay_kit.errors import PlanError
@@ -121,3 +122,93 @@ def test_a_certain_current_needs_no_margin_and_no_samples_are_refused():
         plan_scenarios(FLOW, [], START, GOAL)
     with pytest.raises(PlanError, match="sample 1"):
         plan_scenarios(FLOW, [eddying_flow(1)], START, GOAL)
+
+
+def test_as_many_may_trespass_as_are_few_enough():
+    for count, allowed in ((20, 0.1), (20, 0.3), (200, 0.1), (5, 0.5)):
+        most = most_enough(count, allowed)
+        assert few_enough(most, count, allowed)
+        assert not few_enough(most + 1, count, allowed)
+    assert (most_enough(20, 0.1), most_enough(20, 0.0)) == (0, 0)
+
+
+def test_none_is_few_enough_also_of_so_few_samples_that_they_prove_nothing():
+    # nine times of ten one sample of this kind does not trespass
+    assert few_enough(0, 1, 0.1)
+    assert not few_enough(1, 1, 0.1)
+
+
+def test_chances_count_every_goal_and_the_last_goal_s_misses():
+    settings = MissionSettings(depth=390.0, tolerance=100.0)
+    task = mission_task(FLOW, (START, (place(FLOW, -3e3, -3e3, 0.0), GOAL)), Glider(), settings, ((AREA,), None), 0)
+    # five flights of two points after the start: off the first goal and off the last one by so much, all south of the area
+    off_first, off_last = np.array([0.0, 100.0, 101.0, 0.0, 0.0]), np.array([10.0, 20.0, 30.0, 40.0, 500.0])
+    places = np.zeros((5, 3, 2))
+    places[:, 0] = task.start[:2] + np.array([-2e4, -2e4])
+    places[:, 1] = task.goals[0, :2] - np.column_stack([np.zeros(5), off_first])
+    places[:, 2] = task.goals[1, :2] - np.column_stack([np.zeros(5), off_last])
+    flight = Flight(np.array([0.0, 1e4, 2e4]), np.array([0.0, 0.0, 0.0]), places, np.array([0, 0, 1]), np.array([1, 2]))
+    chances, clear = chances_of(task, flight, np.array([1, 2]))
+    # the third misses the first goal, the fifth the second
+    assert chances.reached == pytest.approx(3.0 / 5.0)
+    assert chances.miss_median == pytest.approx(30.0)
+    assert chances.miss_90_percent == pytest.approx(np.quantile(off_last, 0.9))
+    assert chances.safe == np.mean(clear > 0.0)
+
+
+def test_points_are_those_nearest_in_time():
+    flight = Flight(np.array([0.0, 10.0, 20.0, 30.0]), np.zeros(4), np.zeros((1, 4, 2)), np.zeros(4, dtype=int), np.array([3]))
+    assert points_at(flight, np.array([0.0, 14.0, 16.0, 99.0])).tolist() == [0, 1, 2, 3]
+
+
+def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path():
+    task = mission_task(FLOW, (START, (GOAL,)), Glider(), SETTINGS, ((), None), 0)
+    before = attempts_of(task, None, 0)[0]
+    same, more = (_cut_anew(task, before, n_legs) for n_legs in (5, 6))
+    # five legs of a current that hardly changes last the same: cut in five they are what they were
+    np.testing.assert_allclose(same.guess.places, before.guess.places, atol=150.0)
+    np.testing.assert_allclose(same.guess.headings, before.legs.headings, atol=1e-3)
+    np.testing.assert_allclose(same.guess.angles, before.legs.angles, atol=0.01)
+    lasts = before.flight.time[-1]
+    for k, at in enumerate(more.guess.places, start=1):
+        np.testing.assert_allclose(at, [np.interp(lasts * k / 6, before.flight.time, before.flight.place[0, :, i]) for i in (0, 1)])
+    # six in the time of five are steeper
+    np.testing.assert_allclose([task.leg_time(angle) for angle in more.guess.angles], lasts / 6, rtol=0.02)
+    assert (same.goals.legs, more.goals.legs) == ((5,), (6,))
+
+
+def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg():
+    task = mission_task(FLOW, (START, (GOAL,)), Glider(), SETTINGS, ((), None), 0)
+    before = attempts_of(task, None, 0)[0]
+    # north by west, north by east: the short way round between them
+    turned = replace(before, legs=replace(before.legs, headings=np.array([6.2, 0.1, 0.2, 0.3, 0.4])))
+    np.testing.assert_allclose(np.sin(_cut_anew(task, turned, 5).guess.headings), np.sin([6.2, 0.1, 0.2, 0.3, 0.4]), atol=0.05)
+
+
+def test_margins_are_the_mean_deviation_towards_a_half_plane_and_so_many_standard_deviations():
+    # two places of the flights, four of the half-planes: between the flights' it is interpolated, before the first it is the first
+    east = np.array([[10.0, 30.0], [20.0, 50.0], [60.0, 10.0]])
+    deviations = np.stack([east, np.zeros_like(east)], axis=2)
+    normals = np.tile([1.0, 0.0], (4, 1, 1))
+    factor = tolerance_factor(3, 0.8)
+    at = np.column_stack([east[:, 0], east[:, 0], 0.5 * (east[:, 0] + east[:, 1]), east[:, 1]])
+    expected = at.mean(axis=0) + factor * at.std(axis=0, ddof=1) + 7.0
+    np.testing.assert_allclose(Spread(deviations, 0.8, 7.0).margins(normals)[:, 0], expected)
+    # what leads away from a half-plane needs no margin, but does not make up for what was added
+    away = Spread(-100.0 * np.ones((3, 2, 2)), 0.8, 7.0)
+    np.testing.assert_allclose(away.margins(normals), 7.0)
+    assert np.all(Spread(deviations, 0.8, 7.0).margins(-normals)[[0, 3]] >= 7.0)
+
+
+def test_one_sample_has_no_spread_and_two_have_little_to_tell():
+    one = Spread(np.full((1, 2, 2), 12.0), 0.9, 1.0)
+    np.testing.assert_allclose(one.margins(np.tile([0.0, 1.0], (2, 1, 1))), 13.0)
+    assert tolerance_factor(1, 0.9) == pytest.approx(norm.ppf(0.9))
+    # so many standard deviations above the mean of a sample, 99 in 100 are above the quantile of all
+    rng = np.random.default_rng(9)
+    for count in (2, 5, 20):
+        drawn = rng.standard_normal((40_000, count))
+        held = drawn.mean(axis=1) + tolerance_factor(count, 0.9) * drawn.std(axis=1, ddof=1) >= norm.ppf(0.9)
+        assert np.mean(held) == pytest.approx(0.99, abs=0.002)
+    # all of a normal distribution has no bound
+    assert np.isfinite(tolerance_factor(20, 1.0))

@@ -1,5 +1,7 @@
 """The dense flight: its order, its steps at the levels, closest approach and region."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,3 +78,60 @@ def test_sides_keep_every_grid_point_inside(shape: tuple[int, int]) -> None:
         beyond = points @ [normal_east, normal_north] - np.polynomial.polynomial.polyval(along, fit)
         assert beyond.max() <= 1e-9
         assert beyond.max() > -1e-2
+
+
+def test_a_track_that_begins_where_it_may_not_be_is_allowed_for_no_time() -> None:
+    track = Track(np.array([0.0, 10.0]), np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]] * 2))
+    assert track.allowed_until(lambda at: at[:, 0] > 5.0) == 0.0
+    assert track.allowed_until(lambda at: at[:, 0] > -1.0) == 10.0
+
+
+def test_steps_left_over_go_where_most_was_rounded_off() -> None:
+    # a quarter and three quarters of the way: of five steps one each, 0.75 and 2.25 more, and the one left over to the 0.75
+    np.testing.assert_allclose(fractions_of_duration(0.0, 100.0, np.array([25.0]), 5), [0.0, 0.125, 0.25, 0.5, 0.75, 1.0])
+    np.testing.assert_allclose(fractions_of_duration(100.0, 0.0, np.array([25.0]), 5), [0.0, 0.25, 0.5, 0.75, 0.875, 1.0])
+
+
+def test_a_track_between_its_points_is_the_cubic_of_places_and_velocities() -> None:
+    time = np.array([0.0, 1.0, 4.0])
+    cubic = np.column_stack([time**3, 2.0 * time**2 - time, 5.0 - time])
+    slope = np.column_stack([3.0 * time**2, 4.0 * time - 1.0, -np.ones(3)])
+    at = np.array([0.0, 0.3, 1.0, 2.5, 4.0])
+    np.testing.assert_allclose(Track(time, cubic, slope).at(at), np.column_stack([at**3, 2.0 * at**2 - at, 5.0 - at]), atol=1e-12)
+
+
+def test_regions_end_at_the_surface_and_the_deepest_level_to_a_millimetre() -> None:
+    region = region_of(still_flow().grid)
+    depths = np.array([-0.002, -0.0005, 0.0, 399.0, 400.0005, 400.002])
+    points = np.column_stack([np.zeros((6, 2)), depths])
+    assert region.inside(points).tolist() == [False, True, True, True, True, False]
+    assert region.allowed(points).tolist() == region.inside(points).tolist()
+    # outside of the outline no depth is inside
+    assert not region.inside(points + np.array([1e6, 0.0, 0.0])).any()
+
+
+def test_a_level_holds_from_its_depth_to_the_next_and_so_does_its_land() -> None:
+    grid = still_flow().grid
+    levels = region_of(grid).level_at(np.array([-1.0, 4.9, 5.0, 39.9, 40.0, 110.0, 399.9, 400.0, 999.0]))
+    assert levels.tolist() == [0, 0, 0, 0, 1, 2, 3, 4, 4]
+    # one column has land from 110 m down
+    wet, row, column = grid.wet.copy(), 3, 4
+    wet[2:, row, column] = False
+    region = region_of(replace(grid, wet=wet))
+    here, beside = ((grid.east[row, at], grid.north[row, at]) for at in (column, column + 1))
+    assert region.wet(np.array([[*here, 109.9], [*here, 110.0], [*here, 400.0], [*beside, 400.0]])).tolist() == [True, False, False, True]
+    by_level = region.wet_by_level(np.array([here, beside]))
+    assert by_level.tolist() == [[True, True], [True, True], [False, True], [False, True], [False, True]]
+
+
+def test_the_sides_of_a_grid_of_two_by_two_are_its_edges_and_point_outwards() -> None:
+    grid = still_flow(shape=(2, 2)).grid
+    middle = np.array([grid.east.mean(), grid.north.mean()]) / 1e3
+    corners = np.column_stack([grid.east.ravel(), grid.north.ravel()]) / 1e3
+    sides = region_of(grid).sides()
+    for normal_east, normal_north, tangent_east, tangent_north, *fit in sides:
+        beyond = corners @ [normal_east, normal_north] - np.polynomial.polynomial.polyval(corners @ [tangent_east, tangent_north], fit)
+        assert np.sum(np.abs(beyond) < 1e-9) >= 2
+        assert middle @ [normal_east, normal_north] < np.polynomial.polynomial.polyval(middle @ [tangent_east, tangent_north], fit)
+    # south, east, north, west
+    np.testing.assert_allclose(sides[:, :2], [[0.0, -1.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], atol=0.01)

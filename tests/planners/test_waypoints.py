@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planners import MissionSettings, plan_mission, plan_mooring
+from planners import MissionSettings, plan_mission, plan_mooring, waypoints
 from planners.waypoint_output import _minutes, waypoint_json, waypoint_text
-from planners.waypoints import heading_for, kept_surfacings, waypoints_of
+from planners.waypoints import _distance_to_legs, _reckoned, heading_for, kept_surfacings, waypoints_of
 from replay_kit.errors import PlanError
 from replay_kit.geodesy import to_local
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
@@ -116,3 +116,76 @@ def test_a_mooring_and_a_mission_without_legs_have_no_waypoints():
         waypoints_of(flow, plan_mooring(flow, here, here, 2e3, 6e3, settings=SETTINGS))
     with pytest.raises(PlanError, match="without legs"):
         waypoints_of(flow, replace(PLAN, headings_deg=np.zeros(0)))
+
+
+def test_a_heading_counts_the_drift_at_the_surface_on_the_way_and_the_current_ahead_in_the_last_dive():
+    angle = np.deg2rad(20.0)
+    speed, under = 0.3 * np.cos(angle), 2.0 * 300.0 / 0.3 / np.sin(angle)
+    # through water only the time under it counts: the mean speed is less by the share of the drift
+    heading, share = heading_for(PLAN, np.array([5e4, 0.0]), angle, np.array([0.0, -0.1]))
+    assert heading == pytest.approx(np.pi / 2 - np.arcsin(0.1 * (under + 600.0) / (speed * under)))
+    assert share == 1.0
+    # the last dive surfaces at the waypoint: no drift after it, and a current ahead shortens it
+    way = 0.5 * (speed + 0.05) * under
+    assert heading_for(PLAN, np.array([0.0, way]), angle, np.array([0.0, 0.05])) == pytest.approx((0.0, 0.5))
+    twice = replace(PLAN, settings=replace(PLAN.settings, yos=2))
+    assert heading_for(twice, np.array([0.0, way]), angle, np.array([0.0, 0.05])) == pytest.approx((0.0, 0.25))
+    # never shallower than a tenth; against a current that is too strong, with all of a dive
+    assert heading_for(PLAN, np.array([0.0, 1.0]), angle, np.zeros(2)) == pytest.approx((0.0, 0.1))
+    assert heading_for(PLAN, np.array([0.0, 500.0]), angle, np.array([0.0, -0.5])) == pytest.approx((0.0, 1.0))
+    # a current across that is faster than the glider is met head-on, on either side
+    for across, bearing in ((0.5, -np.pi / 2), (-0.5, np.pi / 2)):
+        assert heading_for(PLAN, np.array([0.0, 5e4]), angle, np.array([across, 0.0]))[0] == pytest.approx(bearing)
+
+
+def test_the_current_reckoned_of_a_leg_is_its_drift_beside_the_way_through_water():
+    angle, heading, lasts = np.deg2rad(20.0), 0.8, 5000.0
+    through = 0.3 * np.cos(angle) * (lasts - 600.0) * np.array([np.sin(heading), np.cos(heading)])
+    current = np.array([0.07, -0.02])
+    np.testing.assert_allclose(_reckoned(PLAN, through + current * lasts, lasts, heading, angle), current, atol=1e-12)
+    # a leg shorter than its drift went nowhere through water
+    np.testing.assert_allclose(_reckoned(PLAN, 300.0 * current, 300.0, heading, angle), current, atol=1e-12)
+
+
+def test_a_goal_below_the_surface_keeps_both_ends_of_its_leg():
+    deep = replace(PLAN, goals=(replace(PLAN.goals[0], depth=120.0), PLAN.goals[1]))
+    passed = PLAN.goal_legs[0]
+    assert set(kept_surfacings(deep, PLACES, 1e5)) == {passed - 1, passed, PLAN.goal_legs[1]}
+    assert set(kept_surfacings(PLAN, PLACES, 1e5)) == set(PLAN.goal_legs)
+
+
+def test_the_distance_to_legs_is_to_the_nearest_and_no_farther_than_their_ends():
+    corners = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [100.0, 50.0]])
+    points = np.array([[50.0, 7.0], [-3.0, -4.0], [90.0, 40.0], [103.0, 54.0]])
+    np.testing.assert_allclose(_distance_to_legs(points, corners), [7.0, 5.0, 10.0, 5.0])
+
+
+def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_not_waited_for():
+    flow = still_flow()
+    here, there = place(flow, 0.0, 0.0, 60.0), place(flow, 0.0, 3e3, 0.0)
+    plan = plan_mission(flow, here, there, settings=replace(SETTINGS, legs=2))
+    few = waypoints_of(flow, plan)
+    assert few.times.size == 1
+    # 540 m of depth in the first dive and, after a drift, what is left of the way in the second, at the mean glide angle
+    angle = np.mean(np.deg2rad(plan.glide_angles_deg))
+    first = 540.0 / 0.3 / np.sin(angle)
+    second = (3e3 - 0.3 * np.cos(angle) * first) / (0.3 * np.cos(angle))
+    assert few.surfacings.shape == (2, 2)
+    assert few.times[0] == pytest.approx(first + 600.0 + second, rel=1e-3)
+    assert few.delay == pytest.approx(few.times[0] - plan.duration, abs=1e-6)
+    assert few.off_end < 5.0
+
+
+@pytest.mark.parametrize(("seed", "tolerances"), [(3, 1.0), (5, 2.0)])
+def test_the_radius_that_ends_within_the_tolerance_and_then_the_one_that_loses_least_time_is_chosen(monkeypatch, seed, tolerances):
+    flow, tolerance = replace(FLOW, latent=FLOW.latent + eddying_flow(seed, speed=0.08).latent), PLAN.settings.tolerance
+    chosen, alone = waypoints_of(flow, PLAN), {}
+    for radii in (1.0, 2.0, 8.0):
+        monkeypatch.setattr(waypoints, "_RADII", np.array([radii]))
+        alone[radii] = waypoints_of(flow, PLAN)
+    assert chosen.radius == tolerances * tolerance
+    assert chosen.off_end <= tolerance
+    # the widest one would be quickest, but ends too far away; of those that end near enough the chosen one is
+    assert alone[8.0].off_end > tolerance
+    assert alone[8.0].delay < chosen.delay
+    assert chosen.delay == min(one.delay for one in alone.values() if one.off_end <= tolerance)
