@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
+from scipy.special import bdtr
 
 from planners.feedback import Pilot, fly_corrected
 from planners.flight import Currents, Flight, Legs, currents_of_samples, fly_legs
@@ -151,7 +151,7 @@ def fly_scenarios(
 
 def few_enough(trespassing: int, count: int, allowed: float) -> bool:
     """Return whether so few of some samples trespass that hardly more than the allowed share of all does; none is always few enough."""
-    return trespassing == 0 or float(binom.cdf(trespassing, count, allowed)) <= _BY_CHANCE
+    return trespassing == 0 or float(bdtr(trespassing, count, allowed)) <= _BY_CHANCE
 
 
 def most_enough(count: int, allowed: float) -> int:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import nct, norm
+from scipy.special import nctdtrit, ndtri
 
 from replay_kit.types import Array
 
@@ -53,5 +53,5 @@ def tolerance_factor(count: int, share: float) -> float:
     """
     share = min(share, _MOST)
     if count < 2:
-        return float(norm.ppf(share))
-    return float(nct.ppf(_SURE, count - 1, norm.ppf(share) * np.sqrt(count)) / np.sqrt(count))
+        return float(ndtri(share))
+    return float(nctdtrit(count - 1, ndtri(share) * np.sqrt(count), _SURE) / np.sqrt(count))

@@ -1,4 +1,7 @@
-"""The command line as a process: exit codes, what it says, and the paths it refuses before it reads anything."""
+"""The command line: exit codes, what it says, and the paths it refuses before it reads anything.
+
+A process is started only where it matters that there is one: pipes, signals, the interpreter's end.
+"""
 
 import json
 import os
@@ -9,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replay_kit import cli_make
 from replay_kit.config import RunConfig
 from replay_kit.errors import ConfigError
 from replay_kit.forecast import read_truth
@@ -18,13 +22,14 @@ from replay_kit.logs.mcap_log_writer import write_mcap_log
 from replay_kit.twin import make_twin
 from replay_kit.types import Message
 from tests import synthetic
+from tests.command import run_command
 from tests.places import ROOT
 
 COMMAND = [sys.executable, "-c", "from replay_kit.cli import main; main()"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "160"}
 
 
-def cli(folder, *arguments):
+def process(folder, *arguments):
     return subprocess.run([*COMMAND, *arguments], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False)
 
 
@@ -77,44 +82,30 @@ REFUSED = [
     ),
     (["experiment", "accuracy", "--ensemble", "ensemble.nc", "--leave-out", "0", "--json", "there.json"], "--overwrite"),
 ]
-# one process for all of them, as its start takes longer than they do
-ALL = """
-import contextlib, io, json, sys
-from replay_kit.cli import main
-for arguments in json.load(sys.stdin):
-    sys.argv[1:], said = arguments, io.StringIO()
-    with contextlib.redirect_stderr(said):
-        try:
-            main()
-        except SystemExit as end:
-            print(json.dumps([end.code, said.getvalue()]))
-"""
 
 
 @pytest.fixture(scope="module")
 def refusals(ocean):
     """Return what each case of REFUSED ended with, and the folder's files and their times before and after."""
     before = {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
-    given = json.dumps([arguments for arguments, _ in REFUSED])
-    done = subprocess.run([sys.executable, "-c", ALL], input=given, cwd=ocean, env=ENVIRONMENT, capture_output=True, text=True, check=True)
-    return [json.loads(line) for line in done.stdout.splitlines()], before, {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
+    answers = [run_command(ocean, arguments) for arguments, _ in REFUSED]
+    return answers, before, {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
 
 
 @pytest.mark.parametrize("k", range(len(REFUSED)), ids=[" ".join(arguments) for arguments, _ in REFUSED])
 def test_wrong_paths_and_options_are_refused_with_exit_2(refusals, k):
-    code, said = refusals[0][k]
-    assert code == 2
-    assert REFUSED[k][1] in said
+    answer = refusals[0][k]
+    assert answer.returncode == 2
+    assert REFUSED[k][1] in answer.stderr
 
 
 def test_a_refusal_touches_no_file(refusals):
-    answers, before, after = refusals
-    assert len(answers) == len(REFUSED)
+    _, before, after = refusals
     assert before == after
 
 
 def test_a_refused_path_is_exit_2_of_the_process_and_no_traceback(ocean):
-    done = cli(ocean, *REFUSED[0][0])
+    done = process(ocean, *REFUSED[0][0])
     assert done.returncode == 2
     assert done.stderr.startswith("replay-kit: survey.mcap: is an input of this run")
 
@@ -140,15 +131,15 @@ def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
         (["info", "absent.mcap"], 3, "no such file"),
         ([], 2, ""),
     ):
-        done = cli(tmp_path, *arguments)
+        done = run_command(tmp_path, arguments)
         assert done.returncode == code, done.stderr
         assert said in done.stderr
         assert "Traceback" not in done.stderr
-    assert cli(tmp_path, "--version").stdout.startswith("replay-kit ")
+    assert run_command(tmp_path, ["--version"]).stdout.startswith("replay-kit ")
 
 
 def test_help_keeps_units(tmp_path):
-    twin, replay = cli(tmp_path, "twin", "--help"), cli(tmp_path, "replay", "--help")
+    twin, replay = run_command(tmp_path, ["twin", "--help"]), run_command(tmp_path, ["replay", "--help"])
     assert twin.returncode == replay.returncode == 0
     for said in ("[m/s]", "[m]", "[degrees]"):
         assert said in twin.stdout
@@ -156,11 +147,12 @@ def test_help_keeps_units(tmp_path):
         assert said in replay.stdout
 
 
-def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path):
-    code = "import replay_kit.cli as c, replay_kit.cli_make as m\ndef bad(*a, **k): raise OSError(28, 'No space left on device')\n"
-    code += "m.write_ensemble = bad\nc.main()"
-    command = [sys.executable, "-c", code, "synthesize", "--ensemble", "e.nc", "--truth", "t.nc"]
-    done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path, monkeypatch):
+    def bad(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(cli_make, "write_ensemble", bad)
+    done = run_command(tmp_path, ["synthesize", "--ensemble", "e.nc", "--truth", "t.nc"])
     assert done.returncode == 1
     assert done.stderr == "replay-kit: [Errno 28] No space left on device\n"
 
@@ -168,11 +160,11 @@ def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path):
 def test_json_replaces_whole_files_only_when_asked_and_goes_to_pipes(ocean, tmp_path):
     log, answer = str(ocean / "survey.mcap"), tmp_path / "i.json"
     answer.write_text("old")
-    assert cli(tmp_path, "info", log, "--json", "i.json", "--overwrite").returncode == 0
+    assert run_command(tmp_path, ["info", log, "--json", "i.json", "--overwrite"]).returncode == 0
     assert json.loads(answer.read_text())["logs"][0]["profiles"] == 20
     assert [path.name for path in tmp_path.iterdir()] == ["i.json"]
-    assert json.loads(cli(tmp_path, "info", log, "--json", "-").stdout)["logs"][0]["profiles"] == 20
-    piped = cli(tmp_path, "info", log, "--json", "/dev/stderr")
+    assert json.loads(run_command(tmp_path, ["info", log, "--json", "-"]).stdout)["logs"][0]["profiles"] == 20
+    piped = process(tmp_path, "info", log, "--json", "/dev/stderr")
     assert json.loads(piped.stderr)["logs"][0]["profiles"] == 20
 
 
@@ -198,12 +190,12 @@ def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
     assert not (tmp_path / "out.mcap").exists()
 
 
-def test_ctrl_c_elsewhere_names_no_part(tmp_path):
-    code = "import signal, os, replay_kit.cli as c, replay_kit.cli_make as m\n"
-    code += "def stop(*a, **k): os.kill(os.getpid(), signal.SIGINT)\nm.write_ensemble = stop\n"
-    code += "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
-    command = [sys.executable, "-c", code, "synthesize", "--ensemble", "e.nc", "--truth", "t.nc"]
-    done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+def test_ctrl_c_elsewhere_names_no_part(tmp_path, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli_make, "write_ensemble", stop)
+    done = run_command(tmp_path, ["synthesize", "--ensemble", "e.nc", "--truth", "t.nc"])
     assert (done.returncode, done.stderr) == (130, "replay-kit: interrupted\n")
 
 

@@ -1,4 +1,7 @@
-"""Every code block of every README runs; the set-up lines are run by .ci/run."""
+"""Every code block of every README runs; the set-up lines are run by .ci/run.
+
+The commands of a shell block that share no file make chains, each a test of its own, so that the workers divide a long block.
+"""
 
 import os
 import re
@@ -10,14 +13,16 @@ from pathlib import Path
 import pytest
 
 from replay_kit.config import RunConfig, load_config
+from tests.command import run_command
 from tests.places import ROOT
 
 READMES = [path for path in sorted(ROOT.rglob("README.md")) if not any(part.startswith(".") for part in path.relative_to(ROOT).parts)]
 BLOCKS = [
-    pytest.param(path, language, code, id=f"{path.relative_to(ROOT)}-{k}")
+    (path, f"{path.relative_to(ROOT)}-{k}", language, code)
     for path in READMES
     for k, (language, code) in enumerate(re.findall(r"^```(\w*)\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE))
 ]
+SAMPLES = ("ensemble.nc", "truth.nc", "glider.mcap", "glider.tlog", "survey.mcap")
 
 
 def set_up_lines() -> list[str]:
@@ -32,36 +37,90 @@ def set_up_lines() -> list[str]:
     return lines
 
 
-def test_the_set_up_blocks_are_the_lines_that_ci_runs():
-    blocks = [code for path, _, code in (block.values for block in BLOCKS) if path == ROOT / "README.md" and "pip install" in code]
-    assert blocks == set_up_lines()
+def commands(code: str) -> list[list[str]]:
+    """Return the words of each command of a shell block."""
+    plain = re.fullmatch(r"[\w\s./,=:-]*", code.replace("\\\n", " "))
+    assert plain, "a shell block of a README holds commands of words that need no quotes, and nothing else of the shell"
+    found = [line.split() for line in code.replace("\\\n", " ").splitlines() if line.strip()]
+    assert all(words[0] == "replay-kit" for words in found), "a shell block of a README holds commands of replay-kit"
+    return found
 
 
-@pytest.mark.parametrize(("path", "language", "code"), BLOCKS)
-def test_code_blocks(path, language, code, tmp_path):
-    assert language in ("sh", "python", "json", "text", "toml"), f"{path}: say what language a block is in"
-    if language == "toml":
-        (tmp_path / "run.toml").write_text(code, encoding="utf-8")
-        assert load_config(tmp_path / "run.toml") != RunConfig()
-    if language not in ("sh", "python"):
-        return
-    if "pip install" in code:
-        assert code in set_up_lines(), f"{path}: this set-up line is not one that .ci/run takes out and runs"
-        return
+def names(words: list[str]) -> set[str]:
+    """Return the words of a command that may name a file it reads or makes; the samples are there for all."""
+    values = [word.split("=", 1)[-1] for word in words[2:] if "=" in word or not word.startswith("-")]
+    return {value.split("/")[0] for value in values if re.search("[a-z]", value)} - {"sample_logs"}
+
+
+def chains(code: str) -> list[list[list[str]]]:
+    """Return the commands of a shell block, those that may share a file together and in their order."""
+    found: list[list[list[str]]] = []
+    for words in commands(code):
+        shared = [chain for chain in found if any(names(words) & names(other) for other in chain)]
+        found = [chain for chain in found if chain not in shared]
+        found.append([*(earlier for chain in shared for earlier in chain), words])
+    return found
+
+
+SHELL = [(path, name, code) for path, name, language, code in BLOCKS if language == "sh" and "pip install" not in code]
+CHAINS = [
+    # all samples made again take half a minute
+    pytest.param(path, chain, id=f"{name}-{k}", marks=[pytest.mark.full] if path.parent.name == "sample_logs" else [])
+    for path, name, code in SHELL
+    for k, chain in enumerate(chains(code))
+]
+SCRIPTS = [pytest.param(path, code, id=name) for path, name, language, code in BLOCKS if language == "python"]
+SETTINGS = [pytest.param(code, id=name) for _, name, language, code in BLOCKS if language == "toml"]
+
+
+def with_samples(path: Path, folder: Path) -> None:
+    """Put the samples beside what a README is about, unless it makes them."""
     if path.parent == ROOT:
-        (tmp_path / "sample_logs").symlink_to(ROOT / "sample_logs")
-    environment = {
-        **os.environ,
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": str(ROOT),
-        "MPLBACKEND": "agg",
-    }
-    command = ["bash", "-euo", "pipefail", "-c", code] if language == "sh" else [sys.executable, "-W", "error", "-c", code]
+        (folder / "sample_logs").symlink_to(ROOT / "sample_logs")
+
+
+def test_every_block_says_its_language():
+    for _, name, language, _ in BLOCKS:
+        assert language in ("sh", "python", "json", "text", "toml"), f"{name}: say what language a block is in"
+
+
+def test_the_set_up_blocks_are_the_lines_that_ci_runs():
+    assert [code for path, _, _, code in BLOCKS if path == ROOT / "README.md" and "pip install" in code] == set_up_lines()
+    assert not any("pip install" in code for path, _, language, code in BLOCKS if path != ROOT / "README.md" and language == "sh")
+
+
+def test_a_block_s_chains_hold_all_its_commands():
+    for _, name, code in SHELL:
+        assert sorted(words for chain in chains(code) for words in chain) == sorted(commands(code)), name
+    made = "replay-kit convert sample_logs/a.tlog -o b.mcap\nreplay-kit info sample_logs/a.tlog --json=c.json\nreplay-kit info b.mcap\n"
+    assert [[words[1] for words in chain] for chain in chains(made)] == [["info"], ["convert", "info"]]
+
+
+@pytest.mark.parametrize(("path", "chain"), CHAINS)
+def test_shell_blocks(path, chain, tmp_path, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    with_samples(path, tmp_path)
+    for words in chain:
+        done = run_command(tmp_path, words[1:])
+        assert done.returncode == 0, f"{' '.join(words)}\n{done.stderr}"
+    if path.parent.name == "sample_logs":
+        for name in SAMPLES:
+            assert (tmp_path / name).read_bytes() == (path.parent / name).read_bytes(), f"{name} came out otherwise"
+
+
+@pytest.mark.parametrize(("path", "code"), SCRIPTS)
+def test_python_blocks(path, code, tmp_path):
+    with_samples(path, tmp_path)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
+    command = [sys.executable, "-W", "error", "-c", code]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    if path.parent.name == "sample_logs":
-        for name in ("ensemble.nc", "truth.nc", "glider.mcap", "glider.tlog", "survey.mcap"):
-            assert (tmp_path / name).read_bytes() == (path.parent / name).read_bytes(), f"{name} came out otherwise"
+
+
+@pytest.mark.parametrize("code", SETTINGS)
+def test_settings_blocks(code, tmp_path):
+    (tmp_path / "run.toml").write_text(code, encoding="utf-8")
+    assert load_config(tmp_path / "run.toml") != RunConfig()
 
 
 def test_samples_are_small():

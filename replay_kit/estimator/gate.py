@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from replay_kit.config_trust import TrustConfig
 from replay_kit.types import Array, Decision
@@ -101,7 +101,7 @@ def softened_variance(prior: Array, error: float, innovation: Array, factor: flo
 @lru_cache(maxsize=1024)
 def limit(probability: float, dof: int) -> float:
     """Return the value that a chi-square variable exceeds with a probability."""
-    return float(chi2.isf(probability, dof))
+    return float(chdtri(dof, probability))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5netcdf
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 from scipy.io import netcdf_file
@@ -30,6 +30,8 @@ _FASTEST_SOUND = 2000.0  # m/s; more than this is stated in tenths
 
 # A file holds a thousand variables of the vehicle's engineering; these are read.
 _WANTED = ("log_gps_", "log_dive", "ad2cp_", "ctd_time", "ctd_depth", "latitude", "longitude", "depth_avg_curr_", "magnetic_variation")
+_ATTRIBUTES = ("units", "_FillValue", "missing_value")
+_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"  # what NetCDF names a dataset that holds a dimension's length alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +40,7 @@ class Stored:
 
     Attributes:
         values: Of any shape and type.
-        attributes: By name.
+        attributes: By name; those of ``_ATTRIBUTES`` that there are, and maybe more.
     """
 
     values: NDArray[Any]
@@ -147,12 +149,22 @@ def open_dive(path: Path) -> DiveFile:
 
 
 def _read_hdf5(path: Path) -> DiveFile:
-    # not through xarray, which takes seconds to look at the thousand variables
-    with h5netcdf.File(path, "r") as file:
-        names = [name for name in file.variables if name.startswith(_WANTED)]
-        variables = {name: Stored(np.asarray(file.variables[name][...]), dict(file.variables[name].attrs)) for name in names}
+    # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
+    with h5py.File(path, "r") as file:
+        stored = {name: file[name] for name in file if name.startswith(_WANTED)}
+        variables = {
+            name: Stored(np.asarray(variable[...]), {key: _plain(variable.attrs[key]) for key in _ATTRIBUTES if key in variable.attrs})
+            for name, variable in stored.items()
+            if isinstance(variable, h5py.Dataset) and not str(_plain(variable.attrs.get("NAME", ""))).startswith(_NO_VARIABLE)
+        }
         number = file.attrs.get("dive_number")
-    return DiveFile(path, variables, None if number is None else int(number))
+    return DiveFile(path, variables, None if number is None else int(_plain(number)))
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute of HDF5 as NetCDF means it: an array of one is that one, and bytes are text."""
+    value = np.ravel(value)[0] if np.size(value) == 1 else value
+    return value.decode() if isinstance(value, bytes) else value
 
 
 def _read_classic(path: Path) -> DiveFile:

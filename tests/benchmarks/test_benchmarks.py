@@ -2,7 +2,9 @@
 
 import json
 
-from tests.benchmarks.__main__ import main
+import pytest
+
+from tests.benchmarks.__main__ import BENCHMARKS, main
 
 # Of the mean and of the covariance, relative; metres by which a glide is worse than a search; share of the time by which a path is slower.
 ALLOWED = {
@@ -23,18 +25,28 @@ ALLOWED = {
 }
 
 
-def test_every_benchmark_runs_and_its_answers_are_right(tmp_path, capsys):
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_every_benchmark_runs_and_its_answers_are_right(name, tmp_path, capsys):
     file = tmp_path / "benchmarks.json"
-    main(["--tiny", "--json", str(file)])
+    main([name, "--tiny", "--json", str(file)])
     result = json.loads(file.read_text())
     assert "asked" in capsys.readouterr().out
     assert {"rows", "machine", "versions", "limits", "scaling"} <= set(result)
+    assert result["rows"]
+    assert not result["scaling"]
     for row in result["rows"]:
         assert {"name", "ours_s", "peer", "peer_s", "ratio", "asked", "error", "peak_mb"} <= set(row)
         for name, value in row["error"].items():
             allowed = ALLOWED.get(name.split("_")[0])
             assert allowed is None or value < allowed, (row["name"], name, value)
     assert {row["form"] for row in result["rows"] if "form" in row} <= {"Dual", "Span"}
+
+
+def test_the_scaling_is_measured_and_drawn(tmp_path):
+    file = tmp_path / "benchmarks.json"
+    main(["scaling", "--tiny", "--json", str(file)])
+    result = json.loads(file.read_text())
+    assert not result["rows"]
     assert len(result["scaling"]) == 4
     assert (tmp_path / "benchmarks.png").exists()
     assert (tmp_path / "benchmarks.svg").exists()

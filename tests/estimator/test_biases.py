@@ -149,13 +149,14 @@ def test_the_stretch_is_the_slope_of_the_measure_of_what_is_logged():
 def test_a_sound_log_gives_no_scale_error_on_the_average():
     """The regressor is made of what was measured: without the stretch it would find an error in its own noise."""
     estimator = build_evolving([OTHERS], CONFIG, TimeConfig(scale="static", biases=("scale",)))
+    static = build_estimator(OTHERS, CONFIG)
     places = list(mission(0.0, 0.0, 40))
     z = []
     for seed in range(16):
         # a truth that the prior itself draws
         rng = np.random.default_rng(seed)
         weights = estimator.model.sea.weights(rng.standard_normal(estimator.model.sea.size), 0)
-        truth = build_estimator(OTHERS, CONFIG).flow_of(weights.ravel(), np.empty((0, 0)), None)
+        truth = static.flow_of(weights.ravel(), np.empty((0, 0)), None)
         log = []
         for place in places:
             east, north = to_local(ENSEMBLE.grid.projection, place.longitude, place.latitude)

@@ -11,6 +11,7 @@ from replay_kit.config import MeasurementConfig
 from replay_kit.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.seaglider import SeagliderReader
+from replay_kit.logs.seaglider_file import open_dive
 from replay_kit.measurements import observations
 from replay_kit.types import Message
 from tests.places import DATA
@@ -96,6 +97,29 @@ def _write_classic(path: Path, variables: dict[str, Any]) -> Path:
             for key, value in attributes.items():
                 setattr(variable, key, value)
     return path
+
+
+def _assert_as_h5netcdf_reads(path: Path) -> None:
+    dive = open_dive(path)
+    with h5netcdf.File(path, "r") as file:
+        assert dive.dive_number == int(file.attrs["dive_number"])
+        for name, stored in dive.variables.items():
+            np.testing.assert_array_equal(stored.values, file.variables[name][...], strict=True)
+            # h5netcdf leaves text of a fixed length as bytes
+            texts = {key: value.decode() if isinstance(value, bytes) else value for key, value in file.variables[name].attrs.items()}
+            wanted = {key: value for key, value in texts.items() if key in ("units", "_FillValue", "missing_value")}
+            np.testing.assert_equal(dict(stored.attributes), wanted)
+        prefixes = ("log_gps_", "ad2cp_", "ctd_time", "ctd_depth", "latitude", "depth_avg_curr_")
+        assert {name for name in file.variables if name.startswith(prefixes)} <= set(dive.variables)
+
+
+def test_variables_are_those_that_h5netcdf_reads(tmp_path: Path) -> None:
+    _assert_as_h5netcdf_reads(_write_hdf5(tmp_path / "p0010007.nc", _small_dive()))
+
+
+@real
+def test_variables_of_a_real_dive_are_those_that_h5netcdf_reads() -> None:
+    _assert_as_h5netcdf_reads(WITH_ADCP[0])
 
 
 @pytest.mark.parametrize("write", [_write_hdf5, _write_classic])

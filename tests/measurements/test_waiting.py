@@ -9,7 +9,7 @@ from replay_kit.measurements import Skipped, Used, finish, initial_state, interp
 from replay_kit.types import Message, Observation
 from tests.measurements.messages import CONFIG, fix, only, ping, run
 
-MANY = 5000
+MANY = 1500
 
 
 def test_many_pings_expire_at_once():

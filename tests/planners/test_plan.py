@@ -72,7 +72,9 @@ def test_the_paper_s_integration_errs_in_the_first_order_and_what_is_told_is_flo
     assert 0.7 < -np.polyfit(np.log(steps), np.log(off), 1)[0] < 1.4
 
 
-@pytest.mark.parametrize(("seed", "longest"), [(1, 1.2e5), (3, 1.2e5), (7, 3e4)])
+@pytest.mark.parametrize(
+    ("seed", "longest"), [(1, 1.2e5), pytest.param(3, 1.2e5, marks=pytest.mark.full), pytest.param(7, 3e4, marks=pytest.mark.full)]
+)
 def test_as_close_as_an_exhaustive_search(seed: int, longest: float) -> None:
     flow = eddying_flow(seed, "gaussian" if seed == 1 else "hat", speed=0.25)
     rng = np.random.default_rng(seed)

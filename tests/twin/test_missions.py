@@ -96,7 +96,7 @@ def test_a_dive_goes_no_deeper_than_the_truth() -> None:
 
 
 def test_a_long_mission_turns_and_stays_inside() -> None:
-    made = _fly(_uniform, 900)
+    made = _fly(_uniform, 700)
     assert np.isfinite(build_field(make_truth(_uniform)).velocity(made.pings.east, made.pings.north, made.pings.depth)).all()
     assert np.unique(np.round(made.pings.heading_deg, -1)).size > 3
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.seen import Seen
@@ -132,7 +132,7 @@ def surfacing(expected: Expected, dive: Dive, projection: Projection) -> Surfaci
     off = -seconds * expected.error[0]
     east, north = to_local(projection, end.longitude, end.latitude)
     longitude, latitude = to_geographic(projection, float(east) + off[0], float(north) + off[1])
-    limit = float(chi2.ppf(_ELLIPSE, 2))
+    limit = float(chdtri(2, 1.0 - _ELLIPSE))
     axes = seconds * np.sqrt(limit * np.linalg.eigvalsh(expected.cov)[::-1])
     return Surfacing(
         (float(longitude), float(latitude)),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
@@ -50,8 +50,8 @@ class Followed(Generic[Seen]):
             asked: Whether the band is asked for.
         """
         nis, dof = (np.array([getattr(said, name) for said in self.said]) for name in ("nis", "dof"))
-        low, high = (float(chi2.ppf(end, dof.sum()) / dof.sum()) for end in _BAND) if asked else (np.nan, np.nan)
-        inside = (nis >= chi2.ppf(_BAND[0], dof)) & (nis <= chi2.ppf(_BAND[1], dof))
+        low, high = (float(chdtri(dof.sum(), 1.0 - end) / dof.sum()) for end in _BAND) if asked else (np.nan, np.nan)
+        inside = (nis >= chdtri(dof, 1.0 - _BAND[0])) & (nis <= chdtri(dof, 1.0 - _BAND[1]))
         return [
             Figure(study, method, "NIS per degree of freedom", float(nis.sum()), float(dof.sum()), low, high),
             Figure(study, method, "measurements inside their 95 % band", float(inside.sum()), float(inside.size)),
