@@ -73,6 +73,14 @@ def test_an_area_is_gone_round_by_the_shortest_way():
     assert taut <= found.duration < taut + len(corners) * np.pi / 2.0 * 200.0
 
 
+def test_a_way_round_an_area_goes_down_as_steadily_as_the_straight_one():
+    flow = still_flow()
+    ask = (flow, np.array([-9e3, 0.0, 20.0]), np.array([9e3, 0.0, 220.0]))
+    found = _path(*ask, no_go=(_area(flow, -2e3, -8e3, 2e3, 2e3),), settings=AuvSettings(free_depth=False))
+    assert found.status == "reached"
+    np.testing.assert_allclose(found.track[:, 2], 20.0 + 200.0 * found.track_time / found.duration, atol=20.0)
+
+
 @pytest.mark.parametrize("backward", [False, True])
 def test_a_crossing_between_two_points_of_a_track_is_seen_in_its_first_and_its_last_part(backward: bool):
     flow = still_flow()
