@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -48,6 +49,33 @@ def given(takes_paths):
         handle(run, event)
     work_off(run)
     return run
+
+
+class Published:
+    """A result that notes when grids and digests are written."""
+
+    def __init__(self):
+        self.grids_ns, self.digests_ns = [], []
+
+    def innovation(self, innovation):
+        pass
+
+    def grids(self, now_ns, flow, depths):
+        self.grids_ns.append(now_ns)
+
+    def digest(self, now_ns):
+        self.digests_ns.append(now_ns)
+
+
+def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_after_the_last_ones():
+    config = RunConfig(output={"interval": 60.0, "depths": (10.0,)})
+    published, estimator = Published(), Recorder(False)
+    estimator.flow = lambda state: SimpleNamespace(levels=GRID.levels)
+    run = Run(estimator, published, None, ReplayJob((Path("a"),), Path("b")), config, GRID.levels, Stopwatch(), Tally(), (), ())
+    for seconds in range(0, 250, 25):
+        handle(run, replace(PROFILE, time_ns=seconds * 10**9))
+    work_off(run)
+    assert published.grids_ns == published.digests_ns == [seconds * 10**9 for seconds in (0, 75, 150, 225)]
 
 
 def test_an_estimator_that_takes_paths_is_given_them_in_order():

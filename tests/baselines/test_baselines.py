@@ -9,7 +9,7 @@ from replay_kit.baselines.letkf import build_letkf
 from replay_kit.config import EstimatorConfig
 from replay_kit.errors import ConfigError
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.modes import ensemble_slices
+from replay_kit.estimator.modes import cell_size, ensemble_slices
 from replay_kit.estimator.prior import gaspari_cohn
 from replay_kit.geodesy import rotate_to_local, to_local
 from tests import synthetic
@@ -186,6 +186,16 @@ def test_gp_finds_the_length_that_made_the_fields():
     few = synthetic.ensemble(n_members=2, shape=(7, 8), levels=np.array([5.0, 90.0])).grid
     ensemble = type(SMALL)(few, fields, None, "drawn")
     assert fit_length(ensemble, second_moments(ensemble_slices(ensemble))) == pytest.approx(length, rel=0.06)
+
+
+@pytest.mark.parametrize(("rough", "cells"), [(1.0, 0.7), (0.0, 12.0)])
+def test_gp_takes_noise_for_the_shortest_length_tried_and_a_uniform_current_for_the_longest(rough, cells):
+    grid = synthetic.ensemble(n_members=2, shape=(7, 8), levels=np.array([5.0])).grid
+    rng = np.random.default_rng(3)
+    fields = rough * rng.standard_normal((60, 2, 1, 7, 8)) + (1.0 - rough) * rng.standard_normal((60, 2, 1, 1, 1))
+    ensemble = type(SMALL)(grid, fields, None, "drawn")
+    cell = np.sqrt(np.prod(cell_size(grid)))
+    assert fit_length(ensemble, second_moments(ensemble_slices(ensemble))) == pytest.approx(cells * cell, rel=0.03)
 
 
 @pytest.mark.parametrize("preset", ["default", "paper"])

@@ -151,6 +151,12 @@ def test_options_that_the_file_has_no_use_for_are_refused(tmp_path):
             read_ensemble(path, config)
 
 
+def test_the_first_level_may_be_the_surface(tmp_path):
+    levels = np.array([0.0, 60.0, 150.0])
+    synthetic.dataset(levels=levels).to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
+    np.testing.assert_array_equal(read_ensemble(tmp_path / "e.nc", ForecastConfig()).grid.levels, levels)
+
+
 def test_every_n_th_level(tmp_path):
     path = write(synthetic.dataset(), tmp_path / "e.nc")
     np.testing.assert_array_equal(read_ensemble(path, ForecastConfig(level_step=2)).grid.levels, synthetic.LEVELS[::2])

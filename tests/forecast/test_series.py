@@ -94,7 +94,9 @@ def test_a_log_far_from_the_forecast_is_said(tmp_path):
     path = with_leads(tmp_path / "e.nc")
     start = read_series(path, ForecastConfig())[0].time_ns
     assert not any("outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + DAY)[0].notes)
+    assert not any("outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + 6 * DAY)[0].notes)
     assert any("3.0 days outside" in note for note in read_series(path, ForecastConfig(), near_ns=start + 8 * DAY)[0].notes)
+    assert any("2.0 days outside" in note for note in read_series(path, ForecastConfig(), near_ns=start - 2 * DAY)[0].notes)
 
 
 def test_the_same_time_twice_and_land_that_changes_are_refused(tmp_path):

@@ -36,6 +36,7 @@ def events(config, payload):
         ({"nav": {"lat_rad": math.radians(-40.5), "lng_rad": math.radians(152.25)}}, 152.25, -40.5),
         ({"lat": math.radians(-40.5), "lon": math.radians(152.25)}, 152.25, -40.5),
         ({"Latitude_deg": -40.5, "Longitude_deg": 207.75}, 207.75, -40.5),
+        ({"lat": 90.0, "lon": 360.0}, 360.0, 90.0),
     ],
 )
 def test_positions(tmp_path, payload, longitude, latitude):
@@ -89,7 +90,8 @@ CELLS = [{"east": 120, "north": -50, "depth": 10.0}, {"east": -32768, "north": 7
             {},
         ),
         (
-            {"velocity_data": [100, 200, 0, 300, 400, 0], "number_of_cells": 2, "cell_size": 2.0, "blanking": 0.5},
+            # three beams are a number as well that divides the list
+            {"velocity_data": [100, 200, 0, 300, 400, 0], "beams": 3, "number_of_cells": 2, "cell_size": 2.0, "blanking": 0.5},
             [[0.1, 0.2], [0.3, 0.4]],
             [1.5, 3.5],
             {"first_cell": "1.5"},

@@ -60,6 +60,7 @@ def _judge(chosen: list[Mutant], copies: list[Path], recorded: list[Recording], 
 
     def judge(mutant: Mutant, tests: list[str]) -> Verdict:
         if not tests:
+            print("S", end="", flush=True)
             return Verdict(False, "no test executes it", 0.0)
         taken = within_budget(tests, lasting, budget)
         copy = free.get()

@@ -14,9 +14,9 @@ LEFT_OUT = frozenset(
         *("benchmarks", "experiments", "logs", "studies", "twin"),
     }
 )
-# Tests that take long, start other processes or judge no line of their own.
+# Tests that start other processes, need data from elsewhere or judge no line of their own.
 TESTS_LEFT_OUT = (
-    *("tests/benchmarks", "tests/experiments", "tests/fuzz", "tests/mutations", "tests/studies", "tests/validation"),
+    *("tests/benchmarks", "tests/fuzz", "tests/mutations", "tests/validation"),
     *("tests/test_architecture.py", "tests/test_readme.py"),
 )
 

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from planners import Auv, AuvPlan, AuvSettings, plan_path
+from planners.auv import _crossed
+from planners.hazards import no_go_ring, region_rings
+from planners.region import region_of
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
 from replay_kit.types import Array
@@ -68,6 +71,26 @@ def test_an_area_is_gone_round_by_the_shortest_way():
     assert found.status == "reached"
     # a metre takes a second; at each corner at most a quarter of a circle of the margin, 50 m and twice doubled, is more
     assert taut <= found.duration < taut + len(corners) * np.pi / 2.0 * 200.0
+
+
+def test_a_way_round_an_area_goes_down_as_steadily_as_the_straight_one():
+    flow = still_flow()
+    ask = (flow, np.array([-9e3, 0.0, 20.0]), np.array([9e3, 0.0, 220.0]))
+    found = _path(*ask, no_go=(_area(flow, -2e3, -8e3, 2e3, 2e3),), settings=AuvSettings(free_depth=False))
+    assert found.status == "reached"
+    np.testing.assert_allclose(found.track[:, 2], 20.0 + 200.0 * found.track_time / found.duration, atol=20.0)
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_a_crossing_between_two_points_of_a_track_is_seen_in_its_first_and_its_last_part(backward: bool):
+    flow = still_flow()
+    region, area = region_of(flow.grid), _area(flow, -2e3, -8e3, 2e3, 3e3)
+    rings = (*region_rings(region, 20.0), no_go_ring(flow.grid.projection, area.polygon, area.name))
+    # six kilometres between the points, of which the area takes four
+    track = np.array([[-9e3, 0.0, 20.0], [-3e3, 0.0, 20.0], [3e3, 0.0, 20.0]])
+    past = track + np.array([0.0, 4e3, 0.0])
+    assert _crossed(region, rings, track[::-1] if backward else track) == "range"
+    assert _crossed(region, rings, past[::-1] if backward else past) is None
 
 
 def test_what_it_may_not_cross_and_what_it_cannot_reach_is_said():

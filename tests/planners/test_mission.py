@@ -234,7 +234,9 @@ def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
     assert f"misses the goal by {few.closest_approach[0]:.1f} m" in few.message
     strong = plan_mission(uniform_flow(-0.4, 0.0), start, goal, settings=SETTINGS)
     assert strong.status == "unreachable"
+    # at 15 degrees it makes 0.29 m/s of the current's 0.4
     assert "current" in strong.message
+    assert "it makes good 0.1" in strong.message
 
 
 def test_what_is_far_out_of_reach_is_told_from_what_may_be_and_takes_few_iterations():

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from planners import MissionPlan, MissionSettings, NoGo, plan_line, plan_mission, plan_mooring
 from planners.guide import Guide, along_line, near_place
 from planners.mission_program import MissionShape
-from planners.mission_solve import _guide_places, _weights
+from planners.mission_solve import _guide_places, _weights, worth
 from planners.mission_task import MissionTask, mission_task
 from planners.mission_values import Weights
 from planners.vehicle import Glider
@@ -45,6 +46,16 @@ def test_of_the_weights_the_largest_is_one():
     assert _weights(_task(None, Weights(time=0.1, energy=0.05))) == (pytest.approx(1.0), None, 0.0)
     assert _weights(_task(None, Weights(time=0.1, closest=0.4))) == pytest.approx((0.25, 1.0, 0.0))
     assert _weights(_task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))) == (0.4, None, 1.0)
+
+
+def test_being_off_a_guide_costs_by_the_hour_and_the_squared_kilometre():
+    task = _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
+    legs = SimpleNamespace(headings=np.zeros(2))
+    attempt = SimpleNamespace(legs=legs, flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])), miss=np.zeros(1), finding=None)
+    # three hours at two, and three times five a squared kilometre
+    assert worth(task, SimpleNamespace(**vars(attempt), away=(800.0, 200.0))) == pytest.approx((False, 0.0, 6.0 + 15.0 * 0.04))
+    # 400 m beyond the width
+    assert worth(task, SimpleNamespace(**vars(attempt), away=(1400.0, 1000.0))) == pytest.approx((True, 400.0, 21.0))
 
 
 @pytest.mark.parametrize("surfacings_only", [False, True])

@@ -1,9 +1,12 @@
 """Legs of a mission: which of them count as flown, and where the glider is at the surface within one."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from planners import MissionSettings, NoGo, plan_mission
-from planners.mission_task import mission_task
+from planners.flight import currents_of
+from planners.mission_task import mission_task, time_on_clock
 from planners.vehicle import Glider
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 
@@ -41,3 +44,12 @@ def test_a_goal_below_the_surface_is_met_on_the_way_down_or_up_and_the_last_one_
         assert depths[below] == 120.0
         # the dive turns at half of its way
         assert (below > np.argmax(depths)) == upward
+
+
+def test_the_clock_of_a_flow_that_changes_begins_with_its_first_estimate():
+    first = replace(still_flow(), time_ns=7 * 10**9)
+    both = currents_of([first, replace(first, time_ns=20 * 10**9)])
+    assert time_on_clock(both, 12 * 10**9) == 5.0
+    # before the first estimate
+    assert time_on_clock(both, 4 * 10**9) == -3.0
+    assert time_on_clock(both, 0) == time_on_clock(currents_of(first), 12 * 10**9) == 0.0

@@ -40,9 +40,10 @@ def test_what_is_left_out_is_within_the_tolerance_and_goals_are_kept():
     assert counts[0] > counts[1] >= counts[2] == 2
 
 
-def test_in_a_uniform_current_one_waypoint_loses_nothing():
+@pytest.mark.parametrize("depth", [0.0, 120.0])
+def test_in_a_uniform_current_one_waypoint_loses_nothing(depth: float):
     flow = uniform_flow(0.1, 0.05)
-    plan = plan_mission(flow, place(flow, -6e3, -3e3, 0.0), place(flow, 6e3, 3e3, 0.0), settings=SETTINGS)
+    plan = plan_mission(flow, place(flow, -6e3, -3e3, depth), place(flow, 6e3, 3e3, 0.0), settings=SETTINGS)
     one = waypoints_of(flow, plan)
     assert one.times.size == 1
     assert one.off_end < 20.0
@@ -74,6 +75,8 @@ def test_a_heading_is_held_off_against_the_current_and_a_near_waypoint_ends_a_di
     assert share == 1.0
     lasts = 600.0 / 0.3 / np.sin(angle)
     assert heading_for(plan, np.array([0.0, 0.4 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.4))
+    # no dive is shallower than a tenth of the depth
+    assert heading_for(plan, np.array([0.0, 0.02 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.1))
 
 
 def test_files_hold_the_waypoints():
