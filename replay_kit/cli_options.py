@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperOption
 
 from replay_kit.errors import ConfigError, ReplayKitError
 from replay_kit.inspect import iso
@@ -91,7 +91,8 @@ class InterruptedRunError(ReplayKitError):
 class OnceCommand(TyperCommand):
     """A command that refuses an option with one value which is given several times; otherwise the last one would win in silence."""
 
-    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:
+    # Any: the class of the context that the base class names is private
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Return the arguments left over, as the base class does.
 
         Raises:
@@ -100,7 +101,7 @@ class OnceCommand(TyperCommand):
         parser = self.make_parser(ctx)
         single = {}
         for param in self.get_params(ctx):
-            if param.param_type_name == "option" and param.nargs == 1 and not (param.multiple or param.is_flag or param.count):
+            if isinstance(param, TyperOption) and param.nargs == 1 and not (param.multiple or param.is_flag or param.count):
                 single[param.name] = max(param.opts, key=len)
                 # collects the values that the usual action would overwrite
                 parser.add_option(obj=param, opts=param.opts, dest=param.name, action="append", nargs=1)
