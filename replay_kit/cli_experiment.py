@@ -23,14 +23,16 @@ from replay_kit.cli_options import (
     console_beside,
     ends_in,
     forecast_part,
+    keep_json,
     numbers,
     write_json,
 )
 from replay_kit.cli_planning import planning
 from replay_kit.config import ForecastConfig, load_config
-from replay_kit.errors import ConfigError
+from replay_kit.errors import ConfigError, EstimatorError
 from replay_kit.experiments import missions as on_missions
-from replay_kit.experiments.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
+from replay_kit.experiments.accuracy import METHODS, AccuracyJob, run_accuracy
+from replay_kit.experiments.accuracy_text import print_accuracy, to_json
 from replay_kit.experiments.paper import FILES, PaperJob, check_folder, print_paper, run_paper, write_paper
 from replay_kit.experiments.paper import to_json as paper_json
 from replay_kit.forecast import read_ensemble, read_series, read_truth
@@ -70,9 +72,11 @@ def accuracy(
     job = AccuracyJob(leave_out, counts, noise, seeds, tuple(methods.split(",")))
     members, withheld = _read(ensemble, truth, settings.forecast)
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
-        result = run_accuracy(members, withheld, settings.estimator, job, advance)
+        result = run_accuracy(members, withheld, settings.estimator, job, advance, lambda partial: keep_json(json_file, to_json(partial)))
     print_accuracy(result, console_beside(json_file))
     write_json(json_file, to_json(result))
+    if all(row.failed for row in result.rows):
+        raise EstimatorError(f"experiment accuracy: every method failed, the first with {result.rows[0].failed}")
 
 
 @experiment.command(cls=OnceCommand)

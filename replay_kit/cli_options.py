@@ -227,6 +227,12 @@ def write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(answer, indent=1, allow_nan=False) + "\n")
 
 
+def keep_json(path: Path | None, answer: Mapping[str, Any]) -> None:
+    """Write what there is of an answer that grows, for a run that may be killed; a pipe and standard output get the whole one only."""
+    if path is not None and str(path) != "-" and not is_stream(path):
+        write_json(path, answer)
+
+
 def write_text(path: Path | None, text: str) -> None:
     """Write an answer: a file appears whole or not at all, a pipe or device is written as it is, ``-`` is standard output."""
     if path is None:

@@ -27,6 +27,7 @@ from replay_kit.cli_options import (
 from replay_kit.cli_planners import MissionPlanner, legs_planner
 from replay_kit.config import load_config
 from replay_kit.config_planner import PlannerConfig
+from replay_kit.errors import EstimatorError
 from replay_kit.experiments import planning as on_planning
 from replay_kit.experiments.paper import check_folder
 from replay_kit.forecast import read_ensemble, read_truth
@@ -88,12 +89,18 @@ def planning(
     job.check(on_planning.STUDIES)
     members = read_ensemble(ensemble, settings.forecast)
     withheld = None if truth is None else read_truth(truth, settings.forecast)
-    # made before the work, so that a folder that cannot be made is said at once
-    out.mkdir(exist_ok=True)
+
+    def keep(partial: on_planning.PlanningResult) -> None:
+        # made before the first study, so that a folder that cannot be made is said at once
+        out.mkdir(exist_ok=True)
+        if partial.told:
+            on_planning.write_planning(out, partial)
+
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
-        result = on_planning.run_planning(members, withheld, settings.estimator, job, CALLS, advance)
-        on_planning.write_planning(out, result)
+        result = on_planning.run_planning(members, withheld, settings.estimator, job, CALLS, advance, keep)
     console = console_beside(json_file)
     on_planning.print_planning(result, console)
     console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
     write_json(json_file, on_planning.to_json(result))
+    if all(told.failed for told in result.told):
+        raise EstimatorError(f"experiment planning: every study failed, the first with {result.told[0].failed}")

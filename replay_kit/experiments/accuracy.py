@@ -8,14 +8,10 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
-from replay_kit import __version__
 from replay_kit.baselines import BASELINES, build_baseline
 from replay_kit.config import EstimatorConfig
 from replay_kit.config_trust import TrustConfig
@@ -23,6 +19,7 @@ from replay_kit.errors import ConfigError
 from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.estimator.modes import LENGTH_IN_CELLS, cell_size
 from replay_kit.experiments.bound import bound
+from replay_kit.experiments.failures import EXPECTED_FAILURES, reason_of
 from replay_kit.experiments.pings import random_observations
 from replay_kit.experiments.scores import Score, score
 from replay_kit.experiments.truths import Case, cases
@@ -33,6 +30,8 @@ from replay_kit.types import Ensemble, Observation
 # ``paper_cells`` is the paper's estimator with its length in cells rather than in kilometres, for grids coarser than its own.
 METHODS = ("default", "paper", "paper_cells", *(name for name in BASELINES if name != "depth_average"))
 Progress = Callable[[int, int, str], None]
+#: Figures of a row that are one number each.
+FIGURES = ("rel_error", "rmse", "bound", "nis_per_dof", "coverage50", "coverage90", "crps")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +69,7 @@ class AccuracyRow:
         coverage90: Share of components inside their 90 % interval.
         crps: Mean continuous ranked probability score of a component [m/s].
         truth: Position of the member that was the truth, or ``mean`` over all, when all were left out in turn; None otherwise.
+        failed: Why there are no figures; empty when there are.
     """
 
     method: str
@@ -83,6 +83,7 @@ class AccuracyRow:
     coverage90: float
     crps: float
     truth: int | str | None = None
+    failed: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +96,7 @@ class AccuracyResult:
         truth: Its file, or the member left out, or ``all``.
         modes: Basis flows a level asked for; None for all that exist.
         noise: [m/s].
+        unfinished: Whether more rows were to follow when this was kept.
     """
 
     rows: tuple[AccuracyRow, ...]
@@ -102,10 +104,16 @@ class AccuracyResult:
     truth: str
     modes: int | None
     noise: float
+    unfinished: bool = False
 
 
 def run_accuracy(
-    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: AccuracyJob, progress: Progress | None = None
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: AccuracyJob,
+    progress: Progress | None = None,
+    keep: Callable[[AccuracyResult], None] = lambda result: None,
 ) -> AccuracyResult:
     """Return how well each method tells a truth.
 
@@ -115,6 +123,9 @@ def run_accuracy(
         config: Of the default estimator; the other methods take what applies to them.
         job: What to compare.
         progress: Called with profiles done, profiles in all, and what is being run.
+        keep: Called with the result so far, after each method.
+
+    A method that fails for a reason of ``EXPECTED_FAILURES`` has rows that say why; the others go on.
 
     Raises:
         ConfigError: An option is wrong.
@@ -132,14 +143,19 @@ def run_accuracy(
         if progress is not None:
             progress(done, total, what)
 
+    named = "all" if job.leave_out == "all" else each[0].truth.source
     rows: list[AccuracyRow] = []
+
+    def result(unfinished: bool) -> AccuracyResult:
+        return AccuracyResult(tuple(rows), ensemble.source, named, config.modes, job.noise, unfinished)
+
     for case in each:
-        of_case = _run_case(case, config, job, advance)
-        rows += [replace(row, truth=case.member) for row in of_case] if job.leave_out == "all" else of_case
+        for of_method in _run_case(case, config, job, advance):
+            rows += [replace(row, truth=case.member) for row in of_method] if job.leave_out == "all" else of_method
+            keep(result(True))
     if job.leave_out == "all":
         rows += _means(rows, job)
-    named = "all" if job.leave_out == "all" else each[0].truth.source
-    return AccuracyResult(tuple(rows), ensemble.source, named, config.modes, job.noise)
+    return result(False)
 
 
 def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Estimator[Any]:
@@ -158,37 +174,6 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
     return build_baseline(name, ensemble, config)
 
 
-def to_json(result: AccuracyResult) -> dict[str, Any]:
-    """Return the JSON object of ``--json``; undefined figures are null."""
-    return {
-        "results": [_row_json(row) for row in result.rows],
-        "ensemble": result.ensemble,
-        "truth": result.truth,
-        "modes": result.modes,
-        "noise": result.noise,
-        "versions": {"replay-kit": __version__, "numpy": version("numpy"), "scipy": version("scipy")},
-    }
-
-
-def print_accuracy(result: AccuracyResult, console: Console) -> None:
-    """Print the rows as a table."""
-    table = Table("truth", "method", "pings", "rel. error", "RMSE", "bound", "NIS/dof", "cov. 50", "cov. 90", "CRPS")
-    for row in result.rows:
-        figures = (row.rel_error, row.rmse, row.bound, row.nis_per_dof, row.coverage50, row.coverage90, row.crps)
-        truth = result.truth if row.truth is None else str(row.truth)
-        table.add_row(truth, row.method, str(row.pings), *(f"{value:.3f}" if math.isfinite(value) else "-" for value in figures))
-    console.print(table)
-
-
-def _row_json(row: AccuracyRow) -> dict[str, Any]:
-    values = {name: getattr(row, name) for name in AccuracyRow.__dataclass_fields__}
-    answer = {name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in values.items()}
-    answer["rel_error_by_seed"] = list(row.rel_error_by_seed)
-    if row.truth is None:
-        del answer["truth"]
-    return answer
-
-
 def _check(job: AccuracyJob) -> None:
     unknown = [name for name in job.methods if name not in METHODS]
     if unknown or not job.methods:
@@ -199,19 +184,48 @@ def _check(job: AccuracyJob) -> None:
         raise ConfigError(f"accuracy: expected seeds >= 1 and noise >= 0, got seeds {job.seeds} and noise {job.noise}")
 
 
-def _run_case(case: Case, config: EstimatorConfig, job: AccuracyJob, advance: Callable[[str], None]) -> list[AccuracyRow]:
+def _run_case(case: Case, config: EstimatorConfig, job: AccuracyJob, advance: Callable[[str], None]) -> Iterator[list[AccuracyRow]]:
+    """Yield the rows of each method."""
     field, at = build_field(case.truth), scored_points(case.ensemble.grid, case.truth)
     profiles = [random_observations(field, job.pings[-1], job.noise, seed) for seed in range(job.seeds)]
-    rows = []
     for method in job.methods:
+        yield _run_method(method, case, config, job, at, profiles, advance)
+
+
+def _run_method(
+    method: str,
+    case: Case,
+    config: EstimatorConfig,
+    job: AccuracyJob,
+    at: ScoredPoints,
+    profiles: Sequence[Sequence[Observation]],
+    advance: Callable[[str], None],
+) -> list[AccuracyRow]:
+    """Return one row a number of pings; where a seed failed before it, one that says why."""
+    least, failed = math.nan, ""
+    by_seed: list[list[tuple[Score, float]]] = [[] for _ in profiles]
+    try:
         estimator = build_method(method, case.ensemble, config)
         least = bound(estimator, at)
-        by_seed = []
-        for seed, of_seed in enumerate(profiles):
-            advance_this = partial(advance, f"{case.truth.source} {method} seed {seed}")
-            by_seed.append(list(_run_seed(estimator, of_seed, job.pings, at, advance_this)))
-        rows += [_row(method, n, least, [of_seed[k] for of_seed in by_seed]) for k, n in enumerate(job.pings)]
-    return rows
+    except EXPECTED_FAILURES as error:
+        return [_failed_row(method, n, reason_of(error)) for n in job.pings]
+    for seed, (of_seed, scores) in enumerate(zip(profiles, by_seed, strict=True)):
+        try:
+            # one by one, so that what was scored before a failure is kept
+            for each in _run_seed(estimator, of_seed, job.pings, at, partial(advance, f"{case.truth.source} {method} seed {seed}")):
+                scores.append(each)
+        except EXPECTED_FAILURES as error:
+            failed = failed or f"seed {seed}: {reason_of(error)}"
+    whole = min(len(scores) for scores in by_seed)
+    return [
+        _row(method, n, least, [scores[k] for scores in by_seed]) if k < whole else _failed_row(method, n, failed)
+        for k, n in enumerate(job.pings)
+    ]
+
+
+def _failed_row(method: str, pings: int, failed: str, truth: str | None = None) -> AccuracyRow:
+    nothing = math.nan
+    return AccuracyRow(method, pings, nothing, (), nothing, nothing, nothing, nothing, nothing, nothing, truth, failed)
 
 
 def _run_seed(
@@ -255,8 +269,13 @@ def _means(rows: Sequence[AccuracyRow], job: AccuracyJob) -> list[AccuracyRow]:
     for method in job.methods:
         for pings in job.pings:
             alike = [row for row in rows if row.method == method and row.pings == pings]
-            names = ("rel_error", "rmse", "bound", "nis_per_dof", "coverage50", "coverage90", "crps")
-            figures = {name: float(np.mean([getattr(row, name) for row in alike])) for name in names}
+            lost = [row for row in alike if row.failed]
+            if lost:
+                # a mean over the truths that are left would be no match for the other methods' means
+                failed = f"failed on {len(lost)} of {len(alike)} truths, first on member {lost[0].truth}: {lost[0].failed}"
+                out.append(_failed_row(method, pings, failed, "mean"))
+                continue
+            figures = {name: float(np.mean([getattr(row, name) for row in alike])) for name in FIGURES}
             by_seed = tuple(float(value) for value in np.mean([row.rel_error_by_seed for row in alike], axis=0))
-            out.append(AccuracyRow(method=method, pings=pings, rel_error_by_seed=by_seed, truth="mean", **figures))
+            out.append(AccuracyRow(method=method, pings=pings, rel_error_by_seed=by_seed, truth="mean", failed="", **figures))
     return out

@@ -5,10 +5,12 @@ by the number of members it would be 4.67.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from planners.mission_flights import surfacing_ellipses
 from planners.spread import Spread, tolerance_factor
 from replay_kit.baselines.etkf import build_etkf
 from replay_kit.baselines.letkf import build_letkf
@@ -72,3 +74,12 @@ def test_the_margin_of_a_plan_for_samples():
     deviations[:, 0, 0] = TIMES
     margin = Spread(deviations, 0.9, 0.5).margins(np.array([[[1.0, 0.0]]]))
     assert margin == pytest.approx(3.0 + tolerance_factor(3, 0.9) * np.sqrt(VARIANCE) + 0.5)
+
+
+def test_the_ellipse_of_a_surfacing():
+    """Three flights that surface 1, 2 and 6 km east, and as far north, of a place: 90 % of a normal sample lies within 2.146 deviations."""
+    place = 1e3 * np.stack([TIMES, TIMES], axis=1)[:, None]
+    flights = SimpleNamespace(place=place, time=np.array([0.0]), projection=MEMBERS.grid.projection)
+    ((_, _, major, minor, _),) = surfacing_ellipses(flights, SimpleNamespace(surfacing_times=np.array([0.0])))
+    assert major == pytest.approx(np.sqrt(-2.0 * np.log(0.1)) * 1e3 * np.sqrt(2.0 * VARIANCE))
+    assert minor == pytest.approx(0.0, abs=1e-2)

@@ -5,11 +5,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from replay_kit.config import EstimatorConfig
+from replay_kit.experiments.failures import EXPECTED_FAILURES, reason_of
 from replay_kit.experiments.planning.calls import Calls
 from replay_kit.experiments.planning.job import PlanningJob
 from replay_kit.experiments.planning.studies import STUDIES
 from replay_kit.experiments.planning.told import Told
-from replay_kit.experiments.planning.world import build_world
+from replay_kit.experiments.planning.world import World, build_world
 from replay_kit.types import Ensemble
 
 Progress = Callable[[int, int, str], None]
@@ -17,10 +18,10 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningResult:
-    """What all studies have to say.
+    """What studies have to say.
 
     Attributes:
-        told: Study by study.
+        told: Study by study; those of the job that are missing were not done when this was kept.
         ensemble: Its file.
         truths: Their files, or the members left out in turn.
         n_members: Of the ensemble.
@@ -47,6 +48,7 @@ def run_planning(
     job: PlanningJob,
     calls: Calls,
     progress: Progress | None = None,
+    keep: Callable[[PlanningResult], None] = lambda result: None,
 ) -> PlanningResult:
     """Return the studies asked for, on a truth or on each member left out in turn.
 
@@ -57,10 +59,12 @@ def run_planning(
         job: What to study.
         calls: The planner.
         progress: Called with steps done, steps in all, and what is being run.
+        keep: Called with the result so far: without a study once the options are known to be right, then after each study.
+
+    A study that fails for a reason of ``EXPECTED_FAILURES`` says why in its place; the others go on.
 
     Raises:
         ConfigError: An option is wrong.
-        ForecastError: The region is too small, or has too little water.
     """
     job.check(STUDIES)
     total, done = sum(STUDIES[name].steps(job) for name in job.studies), 0
@@ -72,11 +76,25 @@ def run_planning(
         done += steps
 
     world = build_world(ensemble, truth, config, job, calls, say)
-    told, seconds = [], {}
-    for name in job.studies:
-        began = time.perf_counter()
-        told.append(STUDIES[name].run(world))
-        seconds[name] = time.perf_counter() - began
+    told: list[Told] = []
+    seconds: dict[str, float] = {}
     truths = tuple(withheld.case.truth.source for withheld in world.truths)
     levels = tuple(float(level) for level in ensemble.grid.levels)
-    return PlanningResult(tuple(told), ensemble.source, truths, ensemble.n_members, levels, job, config.modes, seconds)
+
+    def result() -> PlanningResult:
+        return PlanningResult(tuple(told), ensemble.source, truths, ensemble.n_members, levels, job, config.modes, dict(seconds))
+
+    keep(result())
+    for name in job.studies:
+        began = time.perf_counter()
+        told.append(_told(name, world))
+        seconds[name] = time.perf_counter() - began
+        keep(result())
+    return result()
+
+
+def _told(name: str, world: World) -> Told:
+    try:
+        return STUDIES[name].run(world)
+    except EXPECTED_FAILURES as error:
+        return Told(name, name.capitalize(), (), words=(f"The study failed: {reason_of(error)}",), failed=reason_of(error))

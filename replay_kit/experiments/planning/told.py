@@ -83,6 +83,7 @@ class Told:
         asked: Its figures beside what is asked of them.
         words: What the tables show, a paragraph each.
         pictures: To be drawn.
+        failed: Why the study has no outcome; empty when it has.
     """
 
     study: str
@@ -91,3 +92,4 @@ class Told:
     asked: tuple[Asked, ...] = ()
     words: tuple[str, ...] = ()
     pictures: tuple[Picture, ...] = ()
+    failed: str = ""

@@ -44,7 +44,8 @@ def to_json(result: PlanningResult) -> dict[str, Any]:
 def _told_json(told: Told, seconds: float) -> dict[str, Any]:
     asked = [{**{name: _plain(value) for name, value in asdict(one).items()}, "met": one.met} for one in told.asked]
     tables = {table.name: [dict(zip(table.columns, map(_plain, row), strict=True)) for row in table.rows] for table in told.tables}
-    return {"asked": asked, "tables": tables, "words": list(told.words), "seconds": seconds}
+    failed = {"failed": told.failed} if told.failed else {}
+    return {"asked": asked, "tables": tables, "words": list(told.words), "seconds": seconds, **failed}
 
 
 def to_csv(table: Table) -> str:
@@ -65,6 +66,9 @@ def report(result: PlanningResult) -> str:
             parts.append(_markdown("What is asked", _ASKED, [_asked_cells(one) for one in told.asked]))
         parts += told.words
         parts += [f"![{picture.caption}]({picture.name}.png)\n\n*{picture.caption}.*" for picture in told.pictures]
+    done = {told.study for told in result.told}
+    if left := [study for study in result.job.studies if study not in done]:
+        parts.append(f"Not done when this was written: {', '.join(left)}.")
     return "\n\n".join(parts) + "\n"
 
 
@@ -113,7 +117,7 @@ def print_planning(result: PlanningResult, console: Console) -> None:
         if told.asked:
             _print(console, f"{told.study}: what is asked", _ASKED, [_asked_cells(one) for one in told.asked])
         for words in told.words:
-            console.print(words, soft_wrap=True)
+            console.print(words, soft_wrap=True, markup=not told.failed)
 
 
 _ASKED = ("figure", "value", "90 % interval", "asked", "")
