@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from planners import MissionSettings, plan_mission, plan_mooring
 from planners.waypoint_output import _minutes, waypoint_json, waypoint_text
-from planners.waypoints import heading_for, kept_surfacings, waypoints_of
+from planners.waypoints import _reckoned, heading_for, kept_surfacings, waypoints_of
 from replay_kit.errors import PlanError
 from replay_kit.geodesy import to_local
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
@@ -77,6 +77,13 @@ def test_a_heading_is_held_off_against_the_current_and_a_near_waypoint_ends_a_di
     assert heading_for(plan, np.array([0.0, 0.4 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.4))
     # no dive is shallower than a tenth of the depth
     assert heading_for(plan, np.array([0.0, 0.02 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.1))
+
+
+def test_the_current_reckoned_of_a_leg_is_the_one_that_carried_it():
+    angle, heading, lasts, current = 0.4, 1.1, 9000.0, np.array([0.05, -0.12])
+    under = lasts - PLAN.settings.surface_time
+    way = 0.3 * np.cos(angle) * under * np.array([np.sin(heading), np.cos(heading)]) + current * lasts
+    np.testing.assert_allclose(_reckoned(PLAN, way, lasts, heading, angle), current, rtol=1e-12)
 
 
 def test_files_hold_the_waypoints():
