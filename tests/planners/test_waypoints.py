@@ -67,6 +67,12 @@ def test_what_eddies_and_another_flow_cost_is_measured_by_flying():
     assert json.loads(json.dumps(waypoint_json(against), allow_nan=False))["waypoints"][-1]["reached_s"] is None
 
 
+def test_in_a_somewhat_stronger_current_a_wider_radius_is_better():
+    found = waypoints_of(replace(FLOW, latent=1.1 * FLOW.latent), PLAN)
+    assert found.radius == 2.0 * PLAN.settings.tolerance
+    assert np.all(np.isfinite(found.times))
+
+
 def test_a_heading_is_held_off_against_the_current_and_a_near_waypoint_ends_a_dive_early():
     angle, plan = np.deg2rad(20.0), replace(PLAN, settings=replace(PLAN.settings, surface_time=0.0))
     speed = 0.3 * np.cos(angle)
