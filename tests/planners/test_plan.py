@@ -8,7 +8,7 @@ import pytest
 
 from planners import GlideSettings, fly, plan
 from planners.region import region_of
-from planners.seed import find_seeds, tabulate
+from planners.seed import _fans, find_seeds, tabulate
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.errors import PlanError
 from replay_kit.flow import FlowEstimate
@@ -101,6 +101,17 @@ def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside: str) -> None:
     # the fan's headings are four degrees apart
     assert seed.distance < np.deg2rad(2.0) * 11.2e3 + 50.0
     assert seed.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)
+
+
+def test_the_fan_of_steady_rates_has_a_level_glide_and_others_that_use_up_the_water_column() -> None:
+    flow, longest = still_flow(), 1e5
+    begin = np.array([0.0, 0.0, 100.0])
+    rates, durations = _fans(tabulate(flow, region_of(flow.grid)), begin, begin + np.array([1e4, 0.0, 0.0]), 0.3, longest)[1]
+    assert durations[rates == 0.0] == longest
+    assert np.any(rates < 0.0)
+    assert np.any(rates > 0.0)
+    ends = (100.0 + rates * durations)[rates != 0.0]
+    np.testing.assert_allclose(ends, np.where(rates[rates != 0.0] > 0.0, flow.levels[-1], 0.0), atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", [10, 11, 12])

@@ -116,6 +116,7 @@ def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
 
 def test_a_certain_current_needs_no_margin_and_no_samples_are_refused():
     plan, chances = plan_scenarios(FLOW, [FLOW] * 3, START, GOAL, settings=SETTINGS)
+    assert plan.statistics["margin_beside_spread_m"] == 0.0
     assert (plan.statistics["margins_tried"], chances.safe, chances.reached, chances.trespass) == (1, 1.0, 1.0, {})
     assert chances.miss_90_percent < 1.0
     with pytest.raises(PlanError, match="needs some"):

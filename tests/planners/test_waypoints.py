@@ -67,6 +67,12 @@ def test_what_eddies_and_another_flow_cost_is_measured_by_flying():
     assert json.loads(json.dumps(waypoint_json(against), allow_nan=False))["waypoints"][-1]["reached_s"] is None
 
 
+def test_in_a_somewhat_stronger_current_a_wider_radius_is_better():
+    found = waypoints_of(replace(FLOW, latent=1.1 * FLOW.latent), PLAN)
+    assert found.radius == 2.0 * PLAN.settings.tolerance
+    assert np.all(np.isfinite(found.times))
+
+
 def test_a_heading_is_held_off_against_the_current_and_a_near_waypoint_ends_a_dive_early():
     angle, plan = np.deg2rad(20.0), replace(PLAN, settings=replace(PLAN.settings, surface_time=0.0))
     speed = 0.3 * np.cos(angle)
@@ -77,6 +83,13 @@ def test_a_heading_is_held_off_against_the_current_and_a_near_waypoint_ends_a_di
     assert heading_for(plan, np.array([0.0, 0.4 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.4))
     # no dive is shallower than a tenth of the depth
     assert heading_for(plan, np.array([0.0, 0.02 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.1))
+
+
+def test_the_current_reckoned_of_a_leg_is_the_one_that_carried_it():
+    angle, heading, lasts, current = 0.4, 1.1, 9000.0, np.array([0.05, -0.12])
+    under = lasts - PLAN.settings.surface_time
+    way = 0.3 * np.cos(angle) * under * np.array([np.sin(heading), np.cos(heading)]) + current * lasts
+    np.testing.assert_allclose(_reckoned(PLAN, way, lasts, heading, angle), current, rtol=1e-12)
 
 
 def test_files_hold_the_waypoints():

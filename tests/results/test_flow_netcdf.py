@@ -244,9 +244,19 @@ def test_regular_grid_gets_one_dimensional_axes(flow: FlowEstimate) -> None:
     np.testing.assert_array_equal(dataset.longitude.values, longitude[0])
 
 
-@pytest.mark.parametrize("axes", [([5.0], None, None), ([5.0], [62.0], None), ([[5.0]], [62.0], [1.0]), ([], [62.0], [1.0])])
-def test_incomplete_axes_are_refused(flow: FlowEstimate, axes) -> None:
-    with pytest.raises(EstimatorError, match="to_dataset needs"):
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        (([5.0], None, None), "together"),
+        (([5.0], [62.0], None), "together"),
+        (([5.0], None, [1.0]), "together"),
+        ((None, [62.0], [1.0]), "together"),
+        (([[5.0]], [62.0], [1.0]), "one-dimensional"),
+        (([], [62.0], [1.0]), "one-dimensional"),
+    ],
+)
+def test_incomplete_axes_are_refused(flow: FlowEstimate, axes, words: str) -> None:
+    with pytest.raises(EstimatorError, match=words):
         to_dataset(flow, *axes)
 
 

@@ -212,3 +212,16 @@ def test_members_that_begin_from_one_analysis_tell_nothing_there():
         whole.at(whole.initial(), later[-1].time_ns).standard_error(0.0, 0.0, 60.0),
         rtol=0.1,
     )
+
+
+def test_an_estimate_that_is_contradicted_grows_its_covariance_by_two_at_the_most_at_once():
+    trusts = [TrustConfig(gate="off", adapt_errors=False, watch_profiles=4, watch=watch) for watch in (True, False)]
+    watching, blind = (build_evolving(forecasts(), CONFIG, WHOLE, trust) for trust in trusts)
+    grown, other = watching.initial(), blind.initial()
+    for k, observation in enumerate(profiles(4)):
+        strong = replace(observation, velocity=20.0 * observation.velocity)
+        grown, said = watching.step(grown, strong)
+        other, _ = blind.step(other, strong)
+        factor = 2.0 if k == 3 else 1.0
+        assert said.prior_inflation == factor
+        np.testing.assert_allclose(grown.cov, factor * other.cov, rtol=1e-12)
