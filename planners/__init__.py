@@ -6,18 +6,18 @@ samples of an estimate; ``fly_scenarios`` says what comes of a mission, held wha
 makes a list of few places of it; ``plan_path`` makes a free path of a vehicle of bounded speed.
 """
 
-from planners.auv import AuvPlan, plan_path
-from planners.auv_program import Auv, AuvSettings
-from planners.feedback import Pilot
-from planners.mission import plan_mission
-from planners.mission_kinds import plan_line, plan_mooring
-from planners.mission_values import Bathymetry, MissionPlan, MissionSettings, NoGo, Weights
-from planners.scenario import Chances, fly_scenarios, plan_scenarios
-from planners.settings import GlideSettings
-from planners.simulate import fly
-from planners.solve import plan
+from planners.glide.settings import GlideSettings
+from planners.glide.simulate import fly
+from planners.glide.solve import plan
+from planners.mission.feedback import Pilot
+from planners.mission.kinds import plan_line, plan_mooring
+from planners.mission.plan import plan_mission
+from planners.mission.scenario import Chances, fly_scenarios, plan_scenarios
+from planners.mission.values import Bathymetry, MissionPlan, MissionSettings, NoGo, Weights
+from planners.mission.waypoints import Waypoints, waypoints_of
+from planners.path.plan import AuvPlan, plan_path
+from planners.path.program import Auv, AuvSettings
 from planners.vehicle import Glider, SteadyFlight, fit_flight
-from planners.waypoints import Waypoints, waypoints_of
 
 __all__ = [
     "Auv",

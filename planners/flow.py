@@ -16,11 +16,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from replay_kit.errors import PlanError
-from replay_kit.flow import FlowEstimate
-from replay_kit.kernels.depth import DepthFunctions
-from replay_kit.kernels.horizontal import HorizontalKernel
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.depth import DepthFunctions
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import HorizontalKernel
 
 
 def flow_function(

@@ -5,7 +5,7 @@ from typing import Any
 
 import casadi as ca
 
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
 
 MOST_ITERATIONS = 80
 OPTIONS: dict[str, Any] = {

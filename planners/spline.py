@@ -14,10 +14,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from planners.flow import graph_key
-from replay_kit.flow import FlowEstimate
-from replay_kit.kernels.depth import depth_weights
-from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import velocity_kernel
 
 _CUBIC = 3
 # Random places in the box at which the error is measured.

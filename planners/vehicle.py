@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from replay_kit.errors import PlanError
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
 
 GRAVITY = 9.81  # m/s^2
 DENSITY = 1025.0  # kg/m^3, of sea water

@@ -11,7 +11,7 @@ from unittest import mock
 
 import pytest
 
-from replay_kit.cli import main
+from replay_kit.cli.app import main
 
 
 def run_command(folder: Path, arguments: Sequence[str]) -> CompletedProcess[str]:

@@ -1,7 +1,22 @@
-"""What holds for every test: one BLAS thread a worker."""
+"""What holds for every test: one BLAS thread a worker, and a small synthetic flow."""
 
 import os
 
 # Before numpy is imported, which reads them once. The workers divide the cores, so that more threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import pytest
+
+from replay_kit.core.flow.estimate import FlowEstimate
+from tests.synthetic_flow import synthetic_flow
+
+
+@pytest.fixture(scope="session")
+def make_flow():
+    return synthetic_flow
+
+
+@pytest.fixture
+def flow() -> FlowEstimate:
+    return synthetic_flow()

@@ -3,9 +3,10 @@
 import numpy as np
 import xarray as xr
 
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Observation, Source
 from replay_kit.forecast.grid import local_grid, true_to_local
-from replay_kit.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.types import Ensemble, Observation, Source
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 

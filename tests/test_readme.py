@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from replay_kit.config import RunConfig, load_config
+from replay_kit.config.run import RunConfig, load_config
 from tests.command import run_command
 from tests.places import ROOT
 

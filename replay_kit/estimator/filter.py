@@ -7,26 +7,28 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config import EstimatorConfig
-from replay_kit.config_trust import TrustConfig
-from replay_kit.estimator.biases import NAMES, Evidence, unit_columns
-from replay_kit.estimator.dual import initial
-from replay_kit.estimator.fit import choose_settings, members_in
-from replay_kit.estimator.forms import in_cheaper_form, inflated
-from replay_kit.estimator.gate import Watch
-from replay_kit.estimator.kalman import ProfileRows, compress_profile
-from replay_kit.estimator.looked import look_at
-from replay_kit.estimator.modes import Basis, build_basis, correlation_length
-from replay_kit.estimator.noise import bin_noise
-from replay_kit.estimator.paths import PathRows, look_along, path_rows
-from replay_kit.estimator.posterior import Ahead, Look, Posterior, means
-from replay_kit.estimator.prior import Prior, diagonal_prior, hybrid_prior
-from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
-from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import rotate_to_local, to_local
-from replay_kit.kernels.depth import depth_weights
-from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Ensemble, Innovation, Observation, PathMean, Reason
+from replay_kit.config.gating import TrustConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Innovation, Observation, PathMean, Reason
+from replay_kit.estimator.basis.modes import Basis, build_basis, correlation_length
+from replay_kit.estimator.basis.noise import bin_noise
+from replay_kit.estimator.basis.paths import PathRows, look_along, path_rows
+from replay_kit.estimator.prior.fit import choose_settings, members_in
+from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior
+from replay_kit.estimator.update.biases import NAMES, Evidence, unit_columns
+from replay_kit.estimator.update.dual import initial
+from replay_kit.estimator.update.forms import in_cheaper_form, inflated
+from replay_kit.estimator.update.gate import Watch
+from replay_kit.estimator.update.kalman import ProfileRows, compress_profile
+from replay_kit.estimator.update.observation import look_at
+from replay_kit.estimator.update.posterior import Ahead, Look, Posterior, means
+from replay_kit.estimator.update.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
 
 # Observations whose products with the prior covariance are computed together when they are known: one reading of it for all.
 BLOCK = 16

@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Iterator
 from typing import Protocol, TypeVar
 
-from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array, Innovation, Observation
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import Innovation, Observation
 
 State = TypeVar("State")
 

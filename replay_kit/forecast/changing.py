@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from replay_kit.config import ForecastConfig
-from replay_kit.errors import ForecastError
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.grid import Ensemble
 from replay_kit.forecast.names import find_lead, find_time, find_velocity
 from replay_kit.forecast.reader import open_forecast, read_truth
-from replay_kit.types import Ensemble
 
 
 def read_changing_truth(spec: str, config: ForecastConfig, reference_time: str) -> tuple[Ensemble, ...]:

@@ -4,8 +4,8 @@ import gsw
 import numpy as np
 import xarray as xr
 
-from replay_kit.errors import ForecastError
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
 
 # Names of units in any case, symbols as UDUNITS has them: there "M" and "K" begin other units. A foot is the international one.
 _NAMES = {

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.geodesy import rotate_to_local, to_geographic, to_local, unwrap_longitude
-from replay_kit.types import Array, Grid, Projection
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local, unwrap_longitude
+from replay_kit.core.grid import Grid, Projection
 
 
 def centre_longitude(longitude: Array) -> float:

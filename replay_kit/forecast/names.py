@@ -5,7 +5,7 @@ from typing import Literal
 
 import xarray as xr
 
-from replay_kit.errors import ForecastError
+from replay_kit.core.errors import ForecastError
 
 Axes = Literal["true", "grid"]
 

@@ -6,13 +6,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from replay_kit.config import ForecastConfig
-from replay_kit.errors import ForecastError
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.forecast.depths import in_metres
 from replay_kit.forecast.grid import grid_to_local, local_grid, region_slices, true_to_local, wet_mask
 from replay_kit.forecast.names import MEMBER_NAMES, find_coordinate, find_depth, find_member, find_velocity
 from replay_kit.forecast.times import choose_time
-from replay_kit.types import Array, Ensemble, Grid
 
 _SPEED_UNITS = {"m s-1": 1.0, "m/s": 1.0, "meter second-1": 1.0, "m.s-1": 1.0, "meters/second": 1.0, "cm s-1": 0.01, "cm/s": 0.01}
 _HINT = "give the path of a NetCDF file or a Zarr store"

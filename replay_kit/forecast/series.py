@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from replay_kit.config import ForecastConfig
-from replay_kit.errors import ForecastError
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.grid import Ensemble
 from replay_kit.forecast.names import find_lead, find_member, find_time, find_velocity
 from replay_kit.forecast.reader import open_forecast, read_ensemble
 from replay_kit.forecast.times import dated_leads
-from replay_kit.types import Ensemble
 
 _DAY_NS = 86_400 * 10**9
 

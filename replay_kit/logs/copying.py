@@ -9,13 +9,13 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
-from replay_kit.config import LogConfig
-from replay_kit.logs.mcap_reader import McapReader
-from replay_kit.logs.mcap_records import HEAD_SIZE, MAGIC, MAX_SIZE, RECORD_ERRORS, Record, file_records, parse
+from replay_kit.config.run import LogConfig
+from replay_kit.core.message import LogReport
+from replay_kit.logs.decode.to_json import JsonChannels
+from replay_kit.logs.mcap.reader import McapReader
+from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, MAX_SIZE, RECORD_ERRORS, Record, file_records, parse
 from replay_kit.logs.opening import open_kept
 from replay_kit.logs.raw import MAVLINK_FRAMES, RawChannel, RawMessage
-from replay_kit.logs.to_json import JsonChannels
-from replay_kit.types import LogReport
 
 _FRAMES_TOPIC = "mavlink/frames"
 
@@ -67,7 +67,7 @@ class RawLog:
         if isinstance(self._reader, McapReader):
             yield from (message for message in self._reader.raw_messages() if message.channel.encoding == MAVLINK_FRAMES)
         elif self._reader.format == "tlog":
-            from replay_kit.logs.mavlink import entries
+            from replay_kit.logs.mavlink.reader import entries
 
             channel = RawChannel(0, _FRAMES_TOPIC if self._input == 0 else f"{_FRAMES_TOPIC}/{self._input}", MAVLINK_FRAMES, (), None)
             for position, (stamp_us, frame) in enumerate(entries(self.path)):

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.types import LogReport, Loss
+from replay_kit.core.message import LogReport, Loss
 
 
 def loss_words(loss: Loss) -> str:

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from replay_kit.config import LogConfig
-from replay_kit.errors import LogError
-from replay_kit.types import LogReader, LogReport, Message
+from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import LogReader, LogReport, Message
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 _NETCDF_MAGICS = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
@@ -78,30 +78,30 @@ def open_kept(path: Path, input: int = 0, config: LogConfig | None = None, wante
     head = _first_bytes(path)
     # The readers are imported when needed: the libraries of one format take longer to load than a small log of another to read.
     if head.startswith(_MCAP_MAGIC):
-        from replay_kit.logs.mcap_reader import McapReader
+        from replay_kit.logs.mcap.reader import McapReader
 
         return McapReader(path, input, config)
     if head.startswith(_NETCDF_MAGICS):
-        from replay_kit.logs.seaglider import SeagliderReader
+        from replay_kit.logs.glider.seaglider import SeagliderReader
 
         reader: LogReader = SeagliderReader(path, input, config)
         return reader
-    from replay_kit.logs.raw_adcp_records import is_raw_adcp
+    from replay_kit.logs.adcp.records import is_raw_adcp
 
     if is_raw_adcp(head):
-        from replay_kit.logs.raw_adcp import RawAdcpReader
+        from replay_kit.logs.adcp.reader import RawAdcpReader
 
         return RawAdcpReader(path, input, config)
     # a telemetry log may carry pieces of the other, downloaded; it never begins like one
     if not head.startswith(_DATAFLASH_MAGIC):
-        from replay_kit.logs.mavlink import TlogReader, is_tlog
+        from replay_kit.logs.mavlink.reader import TlogReader, is_tlog
 
         if is_tlog(head):
             return TlogReader(path, input, config, wanted)
-    from replay_kit.logs.dataflash_records import is_dataflash
+    from replay_kit.logs.dataflash.records import is_dataflash
 
     if is_dataflash(head):
-        from replay_kit.logs.dataflash import DataflashReader
+        from replay_kit.logs.dataflash.reader import DataflashReader
 
         return DataflashReader(path, input, config, wanted)
     known = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)

@@ -1,15 +1,9 @@
 """Messages to observations: what a log says of the vehicle and of the water."""
 
 from replay_kit.measurements.events import NOT_A_KIND, Event, Skipped, Used
-from replay_kit.measurements.interpret import (
-    MAVLINK_NAMES,
-    finish,
-    initial_state,
-    interpret,
-    observations,
-)
+from replay_kit.measurements.interpret import MAVLINK_NAMES, finish, initial_state, interpret, observations
+from replay_kit.measurements.mapping.suggest import suggestions
 from replay_kit.measurements.state import MeasurementState
-from replay_kit.measurements.suggest import suggestions
 
 __all__ = [
     "MAVLINK_NAMES",

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from replay_kit.measurements.quality_ping import Check
-from replay_kit.types import Observation, PathMean, VehicleState
+from replay_kit.core.observation import Observation, PathMean, VehicleState
+from replay_kit.measurements.quality.ping import Check
 
 # What code that trusts a payload's types raises when they are not what they should be.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)

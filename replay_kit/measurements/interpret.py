@@ -8,24 +8,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from replay_kit.config import MeasurementConfig
-from replay_kit.errors import MeasurementError
-from replay_kit.geodesy import to_geographic
-from replay_kit.measurements import mavlink_ping, mavlink_vehicle, vehicle
-from replay_kit.measurements.adcp import depth_of_pressure
-from replay_kit.measurements.attitude import Orientation, attitude_within, with_attitude
-from replay_kit.measurements.dac import MeanCurrent, passed, stated_mean
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Measurement, VehicleState
+from replay_kit.measurements.current.mean import MeanCurrent, passed, stated_mean
 from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, Used, malformed
-from replay_kit.measurements.ground import GroundVelocity, lacks_motion, sailed, with_bottom_track
 from replay_kit.measurements.kinds import statement
-from replay_kit.measurements.mapped import mapped
-from replay_kit.measurements.motion import Dvl, horizontal, water_track
-from replay_kit.measurements.pings import PING_SCHEMA, dive_of, elsewhere, placed, source_of, take_ping, twice, with_reference
-from replay_kit.measurements.profile_kinds import Ping
+from replay_kit.measurements.mapping.mapped import mapped
+from replay_kit.measurements.ping import mavlink as mavlink_ping
+from replay_kit.measurements.ping.attitude import Orientation, attitude_within, with_attitude
+from replay_kit.measurements.ping.foreign import Ping
+from replay_kit.measurements.ping.ground import GroundVelocity, lacks_motion, sailed, with_bottom_track
+from replay_kit.measurements.ping.payload import depth_of_pressure
+from replay_kit.measurements.ping.pings import PING_SCHEMA, dive_of, elsewhere, placed, source_of, take_ping, twice, with_reference
+from replay_kit.measurements.ping.waiting import ready, split
 from replay_kit.measurements.state import MeasurementState, at_depth
-from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure, checked
-from replay_kit.measurements.waiting import ready, split
-from replay_kit.types import Measurement, Message, Projection, VehicleState
+from replay_kit.measurements.vehicle import mavlink as mavlink_vehicle
+from replay_kit.measurements.vehicle import position as vehicle
+from replay_kit.measurements.vehicle.motion import Dvl, horizontal, water_track
+from replay_kit.measurements.vehicle.position import Depth, Pose, Position, Pressure, checked
 
 # What a MAVLink reader needs to decode for this module.
 MAVLINK_NAMES = mavlink_vehicle.NAMES | {mavlink_ping.SCHEMA}

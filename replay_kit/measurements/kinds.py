@@ -11,12 +11,14 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
-from replay_kit.measurements import imc, motion, profile_kinds, vehicle
-from replay_kit.measurements.attitude import Orientation
-from replay_kit.measurements.dac import MeanCurrent, depth_averaged_current
-from replay_kit.measurements.profile_kinds import Ping
-from replay_kit.measurements.vehicle import Depth, Pose, Position, Pressure
-from replay_kit.types import Message
+from replay_kit.core.message import Message
+from replay_kit.measurements.current.mean import MeanCurrent, depth_averaged_current
+from replay_kit.measurements.ping import foreign as profile_kinds
+from replay_kit.measurements.ping.attitude import Orientation
+from replay_kit.measurements.ping.foreign import Ping
+from replay_kit.measurements.vehicle import imc, motion
+from replay_kit.measurements.vehicle import position as vehicle
+from replay_kit.measurements.vehicle.position import Depth, Pose, Position, Pressure
 
 #: What a message states, or in words why it cannot be used.
 Statement = Position | Depth | Pressure | Pose | Orientation | Ping | MeanCurrent | motion.Dvl | str

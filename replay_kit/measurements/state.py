@@ -3,14 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from replay_kit.config import MeasurementConfig
-from replay_kit.measurements import mavlink_ping, mavlink_vehicle
-from replay_kit.measurements.attitude import Orientation
-from replay_kit.measurements.dac import Dives, sunk
-from replay_kit.measurements.ground import GroundVelocity
-from replay_kit.measurements.vehicle import Pose
-from replay_kit.measurements.waiting import WaitingPing
-from replay_kit.types import Message, VehicleState
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.message import Message
+from replay_kit.core.observation import VehicleState
+from replay_kit.measurements.current.mean import Dives, sunk
+from replay_kit.measurements.ping import mavlink as mavlink_ping
+from replay_kit.measurements.ping.attitude import Orientation
+from replay_kit.measurements.ping.ground import GroundVelocity
+from replay_kit.measurements.ping.waiting import WaitingPing
+from replay_kit.measurements.vehicle import mavlink as mavlink_vehicle
+from replay_kit.measurements.vehicle.position import Pose
 
 
 @dataclass(frozen=True, slots=True)

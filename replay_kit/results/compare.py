@@ -16,7 +16,7 @@ from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from replay_kit.errors import LogError
+from replay_kit.core.errors import LogError
 from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.mcap_writer import CONFIG_NAME
 

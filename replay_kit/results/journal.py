@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 
 import orjson
 
-from replay_kit.errors import ConfigError, LogError
+from replay_kit.core.errors import ConfigError, LogError
 
 _MAGIC = b"replay-kit journal 1\n"
 _ENTRY = struct.Struct("<III")

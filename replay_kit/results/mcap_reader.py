@@ -5,9 +5,9 @@ from pathlib import Path
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from replay_kit.errors import ForecastError
-from replay_kit.flow import FlowEstimate
-from replay_kit.flow_netcdf import load_bytes
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.netcdf import load_bytes
 from replay_kit.results.mcap_writer import ESTIMATE_NAME
 
 

@@ -12,17 +12,20 @@ from typing import Any, Protocol
 import foxglove
 
 from replay_kit import __version__
-from replay_kit.flow import FlowEstimate
-from replay_kit.flow_netcdf import save_bytes
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.netcdf import save_bytes
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Innovation, VehicleState
+from replay_kit.core.plan import Plan
+from replay_kit.core.surfacing import Outcome
 from replay_kit.logs.raw import RawMessage
-from replay_kit.planned import Outcome
 from replay_kit.results import messages
 from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.journal import Journal
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message
-from replay_kit.types import Array, Innovation, Plan, Projection, VehicleState
 
 ESTIMATE_NAME = "estimate.nc"
 CONFIG_NAME = "config.toml"

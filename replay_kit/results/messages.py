@@ -11,11 +11,14 @@ from typing import Any, Literal
 import foxglove.messages as fox
 import numpy as np
 
-from replay_kit.errors import ReplayKitError
-from replay_kit.geodesy import to_geographic, unwrap_longitude
-from replay_kit.planned import Outcome
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.geodesy import to_geographic, unwrap_longitude
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Innovation, VehicleState
+from replay_kit.core.plan import Place, Plan
+from replay_kit.core.surfacing import Outcome
 from replay_kit.results.schemas import encode
-from replay_kit.types import Array, Innovation, Place, Plan, Projection, VehicleState
 
 Level = Literal["debug", "info", "warning", "error"]
 

@@ -8,7 +8,7 @@ from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Message, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
 
-from replay_kit.errors import ReplayKitError
+from replay_kit.core.errors import ReplayKitError
 
 
 def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> None:

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import foxglove.messages as fox
 import numpy as np
 
-from replay_kit.flow import FlowEstimate
-from replay_kit.flow_netcdf import wet_at
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.netcdf import wet_at
+from replay_kit.core.grid import Grid
 from replay_kit.results.messages import FRAME, orientation, pose, stamp
-from replay_kit.types import Array, Grid
 
 # The longest arrow of the first slices is this many arrow spacings long.
 _ARROW_CELLS = 1.5

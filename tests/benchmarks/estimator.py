@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.baselines import build_baseline
-from replay_kit.baselines.letkf import RADIUS_IN_CELLS
-from replay_kit.config import EstimatorConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.observation import Observation
 from replay_kit.estimator import BLOCK, ReducedBasisEstimator, build_estimator, means_of
-from replay_kit.estimator.modes import build_basis, cell_size, ensemble_slices
-from replay_kit.estimator.prior import gaspari_cohn
-from replay_kit.geodesy import to_local
-from replay_kit.kernels.depth import depth_weights
-from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Observation
+from replay_kit.estimator.baselines import build_baseline
+from replay_kit.estimator.baselines.letkf import RADIUS_IN_CELLS
+from replay_kit.estimator.basis.modes import build_basis, cell_size, ensemble_slices
+from replay_kit.estimator.prior.hybrid import gaspari_cohn
 from tests.benchmarks import scene, slow
 from tests.benchmarks.measure import alone, peak_mb, seconds
 

@@ -15,15 +15,15 @@ from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
-from replay_kit.logs.dataflash import DataflashReader
-from replay_kit.logs.dataflash_formats import HEAD
-from replay_kit.logs.dataflash_records import read_records
-from replay_kit.logs.mavlink_frames import read_frames
-from replay_kit.logs.tally import Tally
+from replay_kit.logs.dataflash.formats import HEAD
+from replay_kit.logs.dataflash.reader import DataflashReader
+from replay_kit.logs.dataflash.records import read_records
+from replay_kit.logs.mavlink.frames import read_frames
+from replay_kit.logs.statistics import Tally
 from replay_kit.measurements import MAVLINK_NAMES
 from tests.benchmarks.estimator import Row, row
 from tests.benchmarks.measure import alone, peak_mb, seconds
-from tests.logs.dataflash_samples import dataflash
+from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
 
 START_US = 1_700_000_000_000_000

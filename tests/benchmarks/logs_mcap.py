@@ -12,11 +12,11 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from replay_kit.config import EstimatorConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.observation import Source, VehicleState
 from replay_kit.estimator import build_estimator
 from replay_kit.logs import merge, open_log
 from replay_kit.results import ResultWriter
-from replay_kit.types import Source, VehicleState
 from tests.benchmarks import scene
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds

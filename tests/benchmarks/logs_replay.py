@@ -9,14 +9,15 @@ from typing import Any
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from replay_kit.config import RunConfig, load_config
+from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Reason
 from replay_kit.forecast import read_truth
-from replay_kit.job import ReplayJob
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap_log_writer import write_mcap_log
-from replay_kit.replay import replay
-from replay_kit.twin import make_twin, write_ensemble
-from replay_kit.types import Message, Reason
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins import make_twin, write_ensemble
+from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import alone, seconds
 from tests.places import ROOT

@@ -14,15 +14,15 @@ import numpy as np
 
 from planners import Auv, AuvSettings, GlideSettings, plan, plan_path
 from planners.flow import field_function
-from planners.glider import rk4_step
-from planners.region import region_of
-from planners.track import fly_glide, fractions_of_duration
-from replay_kit.config import RunConfig
-from replay_kit.estimator.modes import embed_member
-from replay_kit.flow import FlowEstimate
+from planners.glide.kinematics import rk4_step
+from planners.glide.track import fly_glide, fractions_of_duration
+from planners.route.region import region_of
+from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.estimator.basis.modes import embed_member
 from replay_kit.forecast import read_ensemble
-from replay_kit.kernels.depth import depth_weights
-from replay_kit.types import Array
 from tests.benchmarks import planners_mission, planners_scenario
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds

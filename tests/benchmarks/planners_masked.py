@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from planners import MissionPlan, MissionSettings, NoGo, plan_mission
-from planners.hazards import no_go_ring
-from planners.region import region_of
-from replay_kit.errors import PlanError
-from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array
+from planners.route.hazards import no_go_ring
+from planners.route.region import region_of
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
 from tests.planners.flow_samples import eddying_flow, place

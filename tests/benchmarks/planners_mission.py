@@ -13,11 +13,11 @@ import numpy as np
 
 from planners import Glider
 from planners.flow import field_function
-from planners.leg import leg_depths, leg_function, stage_latent, steps_needed
-from planners.mission_program import HOUR, KM, MissionData, MissionGuess, MissionShape, _programs, solve_mission
+from planners.mission.leg import leg_depths, leg_function, stage_latent, steps_needed
+from planners.mission.program import HOUR, KM, MissionData, MissionGuess, MissionShape, _programs, solve_mission
 from planners.solver import OPTIONS
-from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
 

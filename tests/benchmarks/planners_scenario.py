@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from planners import Glider, MissionPlan, MissionSettings, NoGo, Pilot, fly_scenarios, plan_mission, plan_scenarios
-from planners.flight import Legs, currents_of, fly_legs
-from planners.leg import leg_depths, steps_needed
-from replay_kit.config import RunConfig
+from planners.mission.flight import Legs, currents_of, fly_legs
+from planners.mission.leg import leg_depths, steps_needed
+from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.plan import Place
 from replay_kit.estimator import build_estimator
-from replay_kit.experiments.pings import random_observations
-from replay_kit.experiments.truths import leave_out
-from replay_kit.flow import FlowEstimate
 from replay_kit.forecast import read_ensemble
-from replay_kit.twin.field import build_field
-from replay_kit.types import Array, Place
+from replay_kit.studies.pings import random_observations
+from replay_kit.studies.truths import leave_out
+from replay_kit.studies.twins.field import build_field
 from tests.benchmarks.estimator import row
 from tests.planners.flow_samples import eddying_flow, place
 

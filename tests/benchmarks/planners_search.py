@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from planners.region import Region
-from planners.track import fly_glide, fractions_of_duration
-from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array
+from planners.glide.track import fly_glide, fractions_of_duration
+from planners.route.region import Region
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
 
 # Spacing of the table in kernel lengths: linear interpolation is then good to 1e-4 m/s.
 _SPACING = 1.0 / 30.0

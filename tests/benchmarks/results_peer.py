@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from mcap.writer import Writer
 
-from replay_kit.flow import FlowEstimate
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.results.slices import FIELDS, Slice, arrow_scale, depth_slice
-from replay_kit.types import Array, Innovation, VehicleState
 
 _SECOND = 1_000_000_000
 

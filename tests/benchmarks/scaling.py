@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from replay_kit.config import EstimatorConfig
+from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import BLOCK, build_estimator, means_of
-from replay_kit.estimator.modes import build_basis
+from replay_kit.estimator.basis.modes import build_basis
 from tests.benchmarks import scene
 from tests.benchmarks.measure import alone, peak_mb, seconds
 

@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Observation
 from replay_kit.forecast.grid import local_grid, true_to_local
-from replay_kit.geodesy import to_geographic, to_local
-from replay_kit.twin.adcp import AdcpSettings, measure
-from replay_kit.twin.ensemble import CENTRE, Eddies, Jet, velocity
-from replay_kit.twin.field import build_field
-from replay_kit.twin.glider import mission
-from replay_kit.twin.vehicle import EPOCH_NS, Pings
-from replay_kit.types import Ensemble, Observation
+from replay_kit.studies.twins.adcp import AdcpSettings, measure
+from replay_kit.studies.twins.ensemble import CENTRE, Eddies, Jet, velocity
+from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.glider import mission
+from replay_kit.studies.twins.vehicle import EPOCH_NS, Pings
 from tests import synthetic
 
 LEVELS = np.array([5.0, 50.0, 100.0, 200.0, 300.0, 400.0, 550.0, 750.0])

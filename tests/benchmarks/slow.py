@@ -6,9 +6,9 @@ import numpy as np
 import scipy.linalg
 from filterpy.kalman import KalmanFilter
 
-from replay_kit.geodesy import to_local
-from replay_kit.kernels.depth import depth_weights
-from replay_kit.kernels.horizontal import velocity_kernel
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.geodesy import to_local
 
 with warnings.catch_warnings():
     # DAPPER leaves its configuration file to the garbage collector

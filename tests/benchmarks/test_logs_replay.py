@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from replay_kit.config import RunConfig
+from replay_kit.config.run import RunConfig
 from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap_log_writer import write_mcap_log
-from replay_kit.twin import make_twin
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins import make_twin
 from tests import synthetic
 from tests.benchmarks.logs_replay import decisions, whole_row
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config import EstimatorConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.kalman import dependence_inflation
-from replay_kit.estimator.modes import ensemble_slices
-from replay_kit.geodesy import rotate_to_local, to_local
-from replay_kit.kernels.depth import depth_weights
-from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Flag, Reason
+from replay_kit.estimator.basis.modes import ensemble_slices
+from replay_kit.estimator.update.kalman import dependence_inflation
 from tests import synthetic
 from tests.reference import estimator as slow
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config import EstimatorConfig, ForecastConfig
-from replay_kit.errors import ForecastError
+from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.estimator import build_estimator
-from replay_kit.flow_netcdf import write_grid
 from replay_kit.forecast import read_ensemble, read_series, read_truth
 from replay_kit.forecast.reader import open_forecast
 from tests import synthetic

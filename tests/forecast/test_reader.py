@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config import ForecastConfig
-from replay_kit.errors import ForecastError
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.forecast.grid import centre_longitude, region_slices
-from replay_kit.geodesy import rotate_to_geographic
 from tests import synthetic
 
 PLAIN = ForecastConfig()

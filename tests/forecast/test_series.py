@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.choose import read_forecasts
-from replay_kit.cli_options import LeadOption
-from replay_kit.config import ForecastConfig, load_config
-from replay_kit.errors import ForecastError
+from replay_kit.cli.options import LeadOption
+from replay_kit.config.run import ForecastConfig, load_config
+from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble, read_series
+from replay_kit.workflows.replay.build import read_forecasts
 from tests import synthetic
 
 DAY = 86_400 * 10**9

@@ -19,9 +19,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from replay_kit.errors import LogError
-from replay_kit.logs.mcap_reader import McapReader
-from replay_kit.types import LogReport
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import LogReport
+from replay_kit.logs.mcap.reader import McapReader
 from tests.places import ROOT
 
 #: Topic, log time, publish time, sequence, payload.

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.logs.dataflash import DataflashReader
-from replay_kit.logs.dataflash_records import read_records
-from replay_kit.logs.mavlink import TlogReader, entries
-from replay_kit.logs.tally import Tally
-from replay_kit.types import LogReport
+from replay_kit.core.message import LogReport
+from replay_kit.logs.dataflash.reader import DataflashReader
+from replay_kit.logs.dataflash.records import read_records
+from replay_kit.logs.mavlink.reader import TlogReader, entries
+from replay_kit.logs.statistics import Tally
 from tests.fuzz.damage import ROOT, places
 
 #: Start, end, and the frame without its stamp, or the record.

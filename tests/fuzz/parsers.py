@@ -5,12 +5,12 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from replay_kit.errors import LogError
-from replay_kit.logs.dataflash import DataflashReader
-from replay_kit.logs.decode import decode_json
-from replay_kit.logs.mavlink import TlogReader
-from replay_kit.logs.mcap_reader import McapReader
-from replay_kit.logs.ros2idl import ros2msg_from_idl
+from replay_kit.core.errors import LogError
+from replay_kit.logs.dataflash.reader import DataflashReader
+from replay_kit.logs.decode.decoders import decode_json
+from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
+from replay_kit.logs.mavlink.reader import TlogReader
+from replay_kit.logs.mcap.reader import McapReader
 
 CORPUS = Path(__file__).parent / "corpus"
 

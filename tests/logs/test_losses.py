@@ -7,11 +7,11 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 
+from replay_kit.core.message import Loss
 from replay_kit.logs import open_log
 from replay_kit.logs.losses import loss_json, loss_words, unchecked_words
-from replay_kit.types import Loss
 from tests.logs.log_samples import SECOND, json_mcap
-from tests.logs.test_broken_mcap import numbers, read, record_offsets
+from tests.logs.mcap.test_broken_mcap import numbers, read, record_offsets
 from tests.places import SAMPLES
 
 TIMES = [k * SECOND for k in range(1, 41)]

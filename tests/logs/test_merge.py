@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import merge
-from replay_kit.types import LogReport, Message
 
 SECOND = 1_000_000_000
 quick = settings(max_examples=200, deadline=None, derandomize=True)

@@ -7,8 +7,8 @@ import orjson
 from mcap.writer import Writer
 from mcap_ros2.writer import Writer as Ros2Writer
 
+from replay_kit.core.message import Message
 from replay_kit.logs import open_log
-from replay_kit.types import Message
 
 
 def read_mcap(folder: Path, data: bytes) -> list[Message]:

@@ -2,9 +2,9 @@
 
 import math
 
-from replay_kit.config import MeasurementConfig
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.message import Message
 from replay_kit.measurements import finish, initial_state, interpret
-from replay_kit.types import Message
 
 CONFIG = MeasurementConfig()
 SECOND = 10**9

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from replay_kit.core.message import Message
 from replay_kit.measurements import initial_state, interpret
-from replay_kit.measurements.attitude import Attitude, Orientation, attitude_of, with_attitude
-from replay_kit.measurements.earth import earth_referenced
-from replay_kit.types import Message
+from replay_kit.measurements.ping.attitude import Attitude, Orientation, attitude_of, with_attitude
+from replay_kit.measurements.ping.earth import earth_referenced
 from tests.measurements.foreign import pose
 from tests.measurements.messages import CONFIG, fix, ping
 

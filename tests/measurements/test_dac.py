@@ -5,11 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.config import MeasurementConfig
-from replay_kit.geodesy import to_geographic, to_local
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.message import Message
+from replay_kit.core.observation import PathMean, Source, VehicleState
 from replay_kit.measurements import Skipped, Used
-from replay_kit.measurements.path import begin, extend, path_mean
-from replay_kit.types import Message, PathMean, Projection, Source, VehicleState
+from replay_kit.measurements.current.path import begin, extend, path_mean
 from tests.measurements.messages import CONFIG, SECOND, fix, only, run
 from tests.reference import path as slow
 

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replay_kit.config import MeasurementConfig
-from replay_kit.errors import MeasurementError
-from replay_kit.measurements import Skipped, Used, frames
-from replay_kit.measurements.earth import added_velocity, earth_referenced
-from replay_kit.types import Observation, Reason
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.observation import Observation, Reason
+from replay_kit.measurements import Skipped, Used
+from replay_kit.measurements.ping import frames
+from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from tests.measurements.messages import CONFIG, fix, only, ping, run
 from tests.reference import frames as slow
 

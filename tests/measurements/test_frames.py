@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.measurements import frames
+from replay_kit.measurements.ping import frames
 from tests.reference import frames as slow
 
 ANGLE = st.floats(-180.0, 360.0)

@@ -6,8 +6,9 @@ import gsw
 import numpy as np
 import pytest
 
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements import Skipped, Used, initial_state, interpret, observations
-from replay_kit.types import Flag, Message, Observation, PathMean, Reason, VehicleState
 from tests.measurements.messages import CONFIG, SECOND, fix, mavlink_frames, only, ping, position_int, run
 
 

@@ -6,11 +6,12 @@ import struct
 import numpy as np
 import pytest
 
-from replay_kit.config import MeasurementConfig
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Flag, Observation, VehicleState
 from replay_kit.measurements import Skipped
 from replay_kit.measurements.kinds import canonical, statement
-from replay_kit.measurements.motion import Dvl
-from replay_kit.types import Flag, Message, Observation, VehicleState
+from replay_kit.measurements.vehicle.motion import Dvl
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap

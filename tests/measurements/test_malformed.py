@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from replay_kit.config import MeasurementConfig
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Flag, Observation, Reason, VehicleState
 from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, observations
-from replay_kit.types import Flag, Message, Observation, Reason, VehicleState
 from tests.measurements.foreign import NUCLEUS, ds_adcp, imc, pose
 from tests.measurements.messages import fix, mavlink_frames, only, ping, position_int, run
 

@@ -7,15 +7,16 @@ import pytest
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.config import MeasurementConfig, RunConfig, load_config
-from replay_kit.errors import ConfigError, MeasurementError
-from replay_kit.job import open_readers
+from replay_kit.config.run import MeasurementConfig, RunConfig, load_config
+from replay_kit.core.errors import ConfigError, MeasurementError
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import Skipped, Used, initial_state, interpret
-from replay_kit.measurements.mapped import look_up, mapped
-from replay_kit.measurements.vehicle import Depth, Position, Pressure
-from replay_kit.provenance import run_settings_toml
-from replay_kit.types import Message, Observation, VehicleState
-from tests.logs.dataflash_samples import dataflash
+from replay_kit.measurements.mapping.mapped import look_up, mapped
+from replay_kit.measurements.vehicle.position import Depth, Position, Pressure
+from replay_kit.workflows.replay.job import open_readers
+from replay_kit.workflows.replay.provenance import run_settings_toml
+from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.messages import fix, only, run
 

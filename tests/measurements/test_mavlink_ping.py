@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from replay_kit.core.message import Message
 from replay_kit.logs import open_log
-from replay_kit.logs.tlog_writer import MAX_CELLS, write_tlog
-from replay_kit.measurements import mavlink_ping
-from replay_kit.types import Message
+from replay_kit.logs.mavlink.writer import MAX_CELLS, write_tlog
+from replay_kit.measurements.ping import mavlink as mavlink_ping
 
 # NaN is "unknown", as null is; infinities are no velocities
 NUMBER = st.one_of(st.none(), st.floats(-1e6, 1e6, allow_nan=False))

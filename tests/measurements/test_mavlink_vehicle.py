@@ -5,12 +5,13 @@ from typing import Any
 
 import pytest
 
-from replay_kit.config import MeasurementConfig
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.message import Message
+from replay_kit.core.observation import VehicleState
 from replay_kit.logs import merge, open_log
-from replay_kit.logs.mcap_log_writer import write_mcap_log
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, initial_state, interpret, observations
-from replay_kit.types import Message, VehicleState
-from tests.logs.dataflash_samples import dataflash
+from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.measurements.messages import ping
 
 SECOND = 1_000_000_000

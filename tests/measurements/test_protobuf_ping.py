@@ -10,10 +10,10 @@ from google.protobuf import descriptor_pb2, message_factory, timestamp_pb2
 from google.protobuf.descriptor_pool import DescriptorPool
 
 import replay_kit.measurements
-from replay_kit.config import LogConfig
+from replay_kit.config.run import LogConfig
+from replay_kit.core.observation import Flag, Observation
 from replay_kit.logs import open_log
-from replay_kit.logs.json_schemas import JSON_SCHEMAS
-from replay_kit.types import Flag, Observation
+from replay_kit.logs.decode.json_schemas import JSON_SCHEMAS
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements.messages import fix, only, ping, run
 

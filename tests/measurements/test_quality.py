@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.measurements import quality
-from replay_kit.types import Flag, Reason
+from replay_kit.core.observation import Flag, Reason
+from replay_kit.measurements.quality import tests as quality
 from tests.reference import quality as slow
 
 NUMBERS = st.one_of(st.floats(-100.0, 100.0), st.just(np.nan))

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from replay_kit.config import MeasurementConfig
-from replay_kit.config_quality import QualityConfig
-from replay_kit.measurements import Used, frames
-from replay_kit.measurements.adcp import read_profile
-from replay_kit.measurements.quality_ping import checks
-from replay_kit.types import Flag, Observation, Reason
+from replay_kit.config.quality import QualityConfig
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.observation import Flag, Observation, Reason
+from replay_kit.measurements import Used
+from replay_kit.measurements.ping import frames
+from replay_kit.measurements.ping.payload import read_profile
+from replay_kit.measurements.quality.ping import checks
 from tests.measurements.messages import fix, only, ping, run
 
 GOOD, SUSPECT, FAIL = Flag.GOOD, Flag.SUSPECT, Flag.FAIL

@@ -15,11 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.config import MeasurementConfig
-from replay_kit.measurements.adcp import number
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.observation import Observation
 from replay_kit.measurements.kinds import statement
-from replay_kit.measurements.mavlink_ping import assemble, is_ping_frame
-from replay_kit.types import Observation
+from replay_kit.measurements.ping.mavlink import assemble, is_ping_frame
+from replay_kit.measurements.ping.payload import number
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.messages import fix, only, run

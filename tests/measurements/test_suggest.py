@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from replay_kit.config import load_config
+from replay_kit.config.run import load_config
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import suggestions
-from replay_kit.measurements.payload_leaves import leaves
-from replay_kit.types import Message, Observation, VehicleState
+from replay_kit.measurements.mapping.leaves import leaves
 from tests.measurements.messages import only, run
 
 

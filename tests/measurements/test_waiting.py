@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from replay_kit.config import MeasurementConfig
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Observation
 from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
-from replay_kit.types import Message, Observation
 from tests.measurements.messages import CONFIG, fix, only, ping, run
 
 MANY = 1500

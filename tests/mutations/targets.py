@@ -11,7 +11,7 @@ LEFT_OUT = frozenset(
     {
         *("cli", "config", "errors"),
         *("explain", "figures", "findings", "output", "pictures", "provenance", "report", "tables", "text"),
-        *("benchmarks", "experiments", "logs", "studies", "twin"),
+        *("benchmarks", "experiments", "logs", "studies", "twins"),
     }
 )
 # Tests that start other processes, need data from elsewhere or judge no line of their own.

@@ -85,7 +85,7 @@ def test_a_seed_draws_the_same_mutants_also_from_a_file_that_moved(tmp_path):
 def test_words_in_a_path_leave_a_module_out():
     assert is_target(Path("planners/route/front.py"))
     assert not is_target(Path("planners/output/mission.py"))
-    assert not is_target(Path("planners/mission_output.py"))
+    assert not is_target(Path("planners/output/mission.py"))
     assert not is_target(Path("replay_kit/studies/planning/rows.py"))
 
 

@@ -6,11 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import to_geographic, to_local
-from replay_kit.kernels.depth import DepthFunctions
-from replay_kit.kernels.horizontal import HorizontalKernel, velocity_kernel
-from replay_kit.types import Array, Grid, Place, Projection
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import DepthFunctions
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.plan import Place
 
 CENTRE = Projection(152.5, -40.0)
 LEVELS = (5.0, 40.0, 110.0, 230.0, 400.0)

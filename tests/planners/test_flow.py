@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from planners.flow import flow_function_of, latent_over_time
-from replay_kit.errors import PlanError
-from replay_kit.kernels.horizontal import velocity_kernel
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.horizontal import velocity_kernel
 from tests.planners.flow_samples import eddying_flow, random_points
 
 CASES = [("hat", (5.0, 40.0, 110.0, 230.0, 400.0)), ("gaussian", (5.0, 40.0, 110.0, 230.0, 400.0)), ("hat", (50.0,)), ("gaussian", (50.0,))]

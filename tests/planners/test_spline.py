@@ -8,7 +8,7 @@ import pytest
 
 from planners import MissionSettings, plan_mission
 from planners.spline import spline_of
-from replay_kit.errors import PlanError
+from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, random_points, uniform_flow
 
 

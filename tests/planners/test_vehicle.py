@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from planners.vehicle import DENSITY, GRAVITY, Glider, SteadyFlight, angle_of_pitch, fit_flight
-from replay_kit.errors import PlanError
+from replay_kit.core.errors import PlanError
 
 ANGLES = np.deg2rad(np.linspace(13.0, 60.0, 9))
 

@@ -4,7 +4,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from replay_kit.types import Array, Ensemble
+from replay_kit.core.arrays import Array
+from replay_kit.core.grid import Ensemble
 
 
 def on_indices(values: Array, j: float, i: float) -> float:

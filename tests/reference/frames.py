@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
 
 
 def about(axis: int, degrees: float) -> Array:

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
 
 
 def front_time(flow: FlowEstimate, depth: float, begin: Array, end: Array, speed: float, points: int, reach: int) -> float:

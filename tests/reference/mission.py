@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
 
 
 def fly_leg_slowly(flow: FlowEstimate, start: Array, heading: float, angle: float, speed: float, turns: tuple[float, ...]) -> Array:

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.optimize import minimize
 
-from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import inside_grid
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import inside_grid
 
 
 def exhaustive_closest_approach(

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
 
 
 def time_in_uniform_current(way: Array, current: Array, speed: float) -> float:

@@ -1,57 +1,18 @@
-"""A small synthetic flow and the values of a small run."""
+"""The values of a small run."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
 
-from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import to_geographic
-from replay_kit.kernels.depth import DepthFunctions
-from replay_kit.kernels.horizontal import HorizontalKernel
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import Innovation, Source, VehicleState
+from replay_kit.core.plan import Place, Plan
 from replay_kit.results import ResultWriter
-from replay_kit.types import Grid, Innovation, Place, Plan, Projection, Source, VehicleState
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA, Run, decoded
-
-TIME_NS = 1_700_000_000_123_456_789
-MakeFlow = Callable[..., FlowEstimate]
-
-
-def synthetic_flow(
-    kind: Literal["hat", "gaussian"] = "hat", n_modes: int = 4, spacing: float = 5_000.0, latitude: float = 62.0, seed: int = 1
-) -> FlowEstimate:
-    """Return a random flow on a 7 x 5 grid of 3 levels with one dry column and a shallower corner."""
-    rng = np.random.default_rng(seed)
-    projection = Projection(5.0, latitude)
-    east, north = np.meshgrid(spacing * np.arange(-3.0, 4.0), spacing * np.arange(-2.0, 3.0))
-    longitude, latitudes = to_geographic(projection, east, north)
-    wet = np.ones((3, 5, 7), dtype=bool)
-    wet[:, 0, 0] = False
-    wet[2, 4, 5:] = False
-    nodes, levels = int(wet[0].sum()), 3
-    factor = rng.normal(size=(n_modes * levels, n_modes * levels))
-    return FlowEstimate(
-        grid=Grid(projection, longitude, latitudes, east, north, np.array([0.5, 50.0, 200.0]), wet),
-        kernel=HorizontalKernel(1.2 * spacing, 1.1 * spacing, 0.5),
-        depth_functions=DepthFunctions(kind, 90.0),
-        latent=rng.normal(size=(2 * nodes, levels)),
-        modes=rng.normal(size=(2 * nodes, n_modes)),
-        covariance=0.01 * factor @ factor.T if n_modes else np.empty((0, 0)),
-        time_ns=TIME_NS,
-    )
-
-
-@pytest.fixture(scope="session")
-def make_flow() -> MakeFlow:
-    return synthetic_flow
-
-
-@pytest.fixture
-def flow() -> FlowEstimate:
-    return synthetic_flow()
+from tests.synthetic_flow import TIME_NS
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ with warnings.catch_warnings():
     from compliance_checker.base import Result
     from compliance_checker.suite import CheckSuite
 
-from replay_kit.flow import FlowEstimate
-from replay_kit.flow_netcdf import save, write_grid
-from replay_kit.geodesy import to_local
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.netcdf import save, write_grid
+from replay_kit.core.geodesy import to_local
 
 
 @pytest.fixture(scope="module")

@@ -5,14 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from replay_kit.config import LogConfig
-from replay_kit.convert import convert
-from replay_kit.flow import FlowEstimate
-from replay_kit.job import ReplayJob, copy_inputs
+from replay_kit.config.run import LogConfig
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap_log_writer import write_mcap_log
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results import ResultWriter
-from replay_kit.types import Innovation, Message, VehicleState
+from replay_kit.workflows.convert import convert
+from replay_kit.workflows.replay.job import ReplayJob, copy_inputs
 from tests.fuzz.damage import sound_messages
 from tests.logs.log_samples import json_mcap, tlog
 from tests.places import SAMPLES

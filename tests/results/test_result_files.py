@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from replay_kit.errors import ConfigError, ForecastError, ReplayKitError
-from replay_kit.flow import FlowEstimate
-from replay_kit.flow_netcdf import load_bytes
+from replay_kit.core.errors import ConfigError, ForecastError, ReplayKitError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.netcdf import load_bytes
+from replay_kit.core.observation import VehicleState
 from replay_kit.results import CONTRACT_VERSION, ResultWriter, read_estimate
 from replay_kit.results.readback import check_written
-from replay_kit.types import VehicleState
 from tests.results.result_samples import CONFIG, METADATA, Run, decoded
 
 
@@ -140,7 +140,7 @@ def test_full_disk_never_publishes(tmp_path: Path) -> None:
 import resource, signal, sys
 from pathlib import Path
 import numpy as np
-from replay_kit.errors import ReplayKitError
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.results import ResultWriter
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))

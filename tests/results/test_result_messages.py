@@ -6,13 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replay_kit.config import MeasurementConfig
-from replay_kit.flow import FlowEstimate
-from replay_kit.geodesy import to_geographic
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Innovation, VehicleState
+from replay_kit.core.plan import Plan
 from replay_kit.logs import open_log
 from replay_kit.measurements import initial_state, interpret
 from replay_kit.results import ResultWriter
-from replay_kit.types import Innovation, Message, Plan, Projection, VehicleState
 from tests.results.result_samples import DEPTHS, TOPICS, decoded
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 import replay_kit.results
+from replay_kit.core.observation import Reason
 from replay_kit.results.schemas import CONTRACT_VERSION, MESSAGES
-from replay_kit.types import Reason
 
 README = (Path(replay_kit.results.__file__).parent / "README.md").read_text(encoding="utf-8")
 

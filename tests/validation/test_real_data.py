@@ -9,12 +9,12 @@
 import numpy as np
 import pytest
 
-from replay_kit.config import RunConfig, load_config
-from replay_kit.convert import convert
+from replay_kit.config.run import RunConfig, load_config
 from replay_kit.forecast import read_truth
-from replay_kit.job import ReplayJob
-from replay_kit.replay import replay
-from replay_kit.twin import make_twin
+from replay_kit.studies.twins import make_twin
+from replay_kit.workflows.convert import convert
+from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.replay import replay
 from tests.places import DATA
 
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")

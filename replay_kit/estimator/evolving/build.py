@@ -6,19 +6,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config import EstimatorConfig
-from replay_kit.config_time import TimeConfig
-from replay_kit.config_trust import TrustConfig
-from replay_kit.estimator.biases import Biases
+from replay_kit.config.gating import TrustConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator.basis.modes import build_basis, correlation_length
 from replay_kit.estimator.evolving.extras import Oscillations, biases, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.sea import Sea
 from replay_kit.estimator.evolving.seen import Model
 from replay_kit.estimator.evolving.state import Layout
-from replay_kit.estimator.fit import choose_settings, members_in
-from replay_kit.estimator.modes import build_basis, correlation_length
-from replay_kit.estimator.prior import PriorSettings, localised_part, shifted_in_modes
-from replay_kit.types import Array, Ensemble
+from replay_kit.estimator.prior.fit import choose_settings, members_in
+from replay_kit.estimator.prior.hybrid import PriorSettings, localised_part, shifted_in_modes
+from replay_kit.estimator.update.biases import Biases
 
 # A mixture of the members' own evolutions holds longer than the current at a place.
 _TRAJECTORIES_HOLD = 5.0

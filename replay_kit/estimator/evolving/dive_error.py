@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config_time import TimeConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.observation import Measurement, Observation, PathMean
 from replay_kit.estimator.evolving.extras import Oscillations, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.seen import Model, Seen
-from replay_kit.types import Measurement, Observation, PathMean
 
 _PART = "dive_error"
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replay_kit.config_time import TimeConfig
-from replay_kit.estimator.biases import Biases
-from replay_kit.kernels.depth import DepthFunctions, depth_weights
-from replay_kit.types import Array
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.estimator.update.biases import Biases
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
 EARTH_ROTATION = 7.292115e-5

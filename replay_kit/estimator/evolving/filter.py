@@ -6,17 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config_trust import TrustConfig
-from replay_kit.estimator.biases import NAMES, Evidence, stretch, unit_columns
+from replay_kit.config.gating import TrustConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import Innovation, Observation, PathMean, Reason
+from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.evolving.seen import Model, Seen
 from replay_kit.estimator.evolving.state import Layout, look_along
 from replay_kit.estimator.evolving.together import Group
-from replay_kit.estimator.gate import Watch
-from replay_kit.estimator.looked import Looked, look_at
-from replay_kit.estimator.modes import Basis
-from replay_kit.estimator.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
-from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array, Innovation, Observation, PathMean, Reason
+from replay_kit.estimator.update.biases import NAMES, Evidence, stretch, unit_columns
+from replay_kit.estimator.update.gate import Watch
+from replay_kit.estimator.update.observation import Looked, look_at
+from replay_kit.estimator.update.screening import as_profile, is_repeated, rejected, repeated, scatter, screen, usable
 
 _NS = 1e9
 # What comes late by no more counts at the state's time: pings wait for the position after them, other measurements do not.

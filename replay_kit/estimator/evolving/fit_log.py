@@ -8,13 +8,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
-from replay_kit.config_time import TimeConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.observation import Measurement, Observation, PathMean
 from replay_kit.estimator.evolving.build import layout
 from replay_kit.estimator.evolving.dive_error import with_dive_error
 from replay_kit.estimator.evolving.extras import oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.likelihood import log_likelihoods
-from replay_kit.types import Measurement, Observation, PathMean
 
 _DAY = 86_400.0
 # About a factor of 1.5 to 2 apart: a likelihood does not tell nearer ones apart.

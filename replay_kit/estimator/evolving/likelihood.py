@@ -10,14 +10,15 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.observation import Innovation, Measurement, PathMean
+from replay_kit.estimator.basis.noise import BinNoise
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.sea import Sea
 from replay_kit.estimator.evolving.state import Layout
-from replay_kit.estimator.noise import BinNoise
-from replay_kit.geodesy import to_local
-from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Innovation, Measurement, PathMean
 
 # of the largest; below it a direction of the sea is not seen
 _UNSEEN = 1e-9

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,17 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.estimator.biases import Biases, relative_velocity
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.observation import Observation, PathMean
+from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.basis.noise import bin_noise
+from replay_kit.estimator.basis.paths import depth_means, local_mean, mean_noise
 from replay_kit.estimator.evolving.extras import Oscillations
 from replay_kit.estimator.evolving.sea import Sea
-from replay_kit.estimator.kalman import Bins
-from replay_kit.estimator.modes import Basis
-from replay_kit.estimator.noise import bin_noise
-from replay_kit.estimator.paths import depth_means, local_mean, mean_noise
-from replay_kit.geodesy import rotate_to_local, to_local
-from replay_kit.kernels.depth import depth_weights
-from replay_kit.kernels.horizontal import velocity_kernel
-from replay_kit.types import Array, Observation, PathMean
+from replay_kit.estimator.update.biases import Biases, relative_velocity
+from replay_kit.estimator.update.kalman import Bins
 
 _NS = 1e9
 

@@ -16,10 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import Innovation, Observation, PathMean
 from replay_kit.estimator.evolving.filter import EvolvingEstimator, EvolvingState, Offered
 from replay_kit.estimator.evolving.state import Layout
-from replay_kit.flow import FlowEstimate
-from replay_kit.types import Array, Innovation, Observation, PathMean
 
 _NS = 1e9
 

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from replay_kit.estimator.posterior import Look
-from replay_kit.types import Array
+from replay_kit.core.arrays import Array
+from replay_kit.estimator.update.posterior import Look
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg
 
-from replay_kit.estimator.biases import Evidence
-from replay_kit.types import Array, Observation, PathMean
+from replay_kit.core.arrays import Array
+from replay_kit.core.observation import Observation, PathMean
+from replay_kit.estimator.update.biases import Evidence
 
 if TYPE_CHECKING:
     from replay_kit.estimator.evolving.filter import EvolvingState

@@ -6,14 +6,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from replay_kit.config import EstimatorConfig
-from replay_kit.config_time import TimeConfig
-from replay_kit.config_trust import TrustConfig
-from replay_kit.errors import EstimatorError
+from replay_kit.config.gating import TrustConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.state import Layout, look_along
-from replay_kit.types import Ensemble, Reason
 from tests import synthetic
 from tests.reference import evolving as slow
 

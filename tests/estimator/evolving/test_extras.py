@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config_time import TimeConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.build import layout
 from replay_kit.estimator.evolving.extras import EARTH_ROTATION, biases, oscillations
-from replay_kit.geodesy import rotate_to_geographic, to_geographic
+from tests.estimator.basis.test_paths import dive
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
-from tests.estimator.test_paths import dive
 from tests.reference import evolving as slow
 
 LEVELS_END = 220.0

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config_time import TimeConfig
-from replay_kit.config_trust import TrustConfig
+from replay_kit.config.gating import TrustConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.observation import Reason
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth
-from replay_kit.types import Reason
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles, rows_of
 from tests.estimator.evolving.test_smoother import FORGETFUL, pooled_static
 from tests.reference import evolving as slow

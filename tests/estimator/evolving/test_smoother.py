@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from replay_kit.config import EstimatorConfig
-from replay_kit.config_time import TimeConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.config.time import TimeConfig
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth

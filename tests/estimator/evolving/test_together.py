@@ -6,13 +6,13 @@ from itertools import groupby, islice, pairwise
 import numpy as np
 import pytest
 
-from replay_kit.config_time import TimeConfig
-from replay_kit.config_trust import TrustConfig
+from replay_kit.config.gating import TrustConfig
+from replay_kit.config.time import TimeConfig
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving import together as module
 from replay_kit.estimator.evolving.together import compressed
+from tests.estimator.basis.test_paths import dive
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
-from tests.estimator.test_paths import dive
 
 SECOND = 10**9
 

@@ -1,0 +1,1 @@
+"""One glide of constant heading and glide angle: the paper's planner."""

@@ -1,0 +1,172 @@
+"""The paper's planner, made robust: seeds, IPOPT from several of them, the best path flown again densely and explained."""
+
+import numpy as np
+
+from planners.glide.candidate import AGREEMENT, Candidate, Task, fly_candidate, optimise, polish
+from planners.glide.explain import explain
+from planners.glide.seed import find_seeds
+from planners.glide.settings import GlideSettings
+from planners.glide.transcription import GlideCase
+from planners.route.region import locate, region_of
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import grid_bearing_of_true_north
+from replay_kit.core.plan import Place, Plan, PlanStatus
+
+_DEFAULT = GlideSettings()
+# A goal passed this close needs no further start [m].
+_CLOSE_ENOUGH = 1.0
+# A seed this many kernel lengths farther from the goal than the best one is not worth a start.
+_WORTH = 3.0
+_MOST_SEEDS = 8
+# An optimum within a centimetre of a seed that was one already (a warm start) is no worse than it [m].
+_TIE = 1e-2
+
+
+def plan(
+    flow: FlowEstimate,
+    start: Place,
+    goal: Place,
+    *,
+    settings: GlideSettings = _DEFAULT,
+    start_time_ns: int = 0,
+    warm: Plan | None = None,
+) -> Plan:
+    """Return the glide at one constant velocity through water that passes closest to a goal.
+
+    The closest approach is taken on the continuous path, as long as the path stays in the water that the flow's grid covers. The
+    result is a value whatever the outcome: ``status`` and ``message`` say whether the goal is reached and what prevents it.
+
+    Args:
+        flow: The current, held constant in time.
+        start: Where the glide begins.
+        goal: Where it should pass.
+        settings: What the glide may do.
+        start_time_ns: When it begins [ns, UTC]; copied to the plan.
+        warm: An earlier plan for the same goal; its heading, angle and what is left of its duration are tried first, and when they
+            lead to the goal nothing else is.
+
+    Raises:
+        PlanError: The start or the goal is outside the region, above the surface, below the deepest level or on land.
+    """
+    region = region_of(flow.grid)
+    begin, end = locate(region, start, "start"), locate(region, goal, "goal")
+    case = GlideCase(begin, end, region.deepest, region.sides(), settings.speed, settings.max_duration, settings.integrator)
+    task = Task(flow, region, case, settings)
+    turn = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
+    # No glide beats one that passes the goal, so an earlier plan that still leads there needs no search.
+    seeds = _flown(task, _kept(warm, start_time_ns, turn))
+    solved = _solve_all(task, seeds)
+    if not any(candidate.distance <= _CLOSE_ENOUGH for candidate in solved):
+        found = _seeds(task)
+        seeds = sorted([*seeds, *found], key=lambda candidate: candidate.distance)
+        if not seeds:
+            return _failed(task, start, goal, start_time_ns)
+        solved += _solve_all(task, found[: max(settings.starts - len(solved), 1)])
+    seed = seeds[0]
+    best = min(solved, key=lambda candidate: candidate.distance, default=seed)
+    notes = []
+    if best is seed or (settings.integrator == "rk4" and best.distance > seed.distance + _TIE):
+        best = polish(task, seed)
+        notes.append("IPOPT did no better than the seed, which was polished by Nelder-Mead instead")
+    elif not best.agrees and best.until == best.duration:
+        notes.append(f"the optimiser promised {best.promised:.1f} m, more than {AGREEMENT:g} m from the dense path")
+    statistics = _statistics(solved, seed, best)
+    return _to_plan(task, best, (start, goal, start_time_ns, turn), notes, statistics)
+
+
+def _kept(warm: Plan | None, start_time_ns: int, turn: float) -> list[tuple[float, float, float]]:
+    """Return heading [rad], glide angle [rad] and remaining duration [s] of an earlier plan; nothing when there is none."""
+    if warm is None or warm.status == "failed":
+        return []
+    remaining = warm.duration - (start_time_ns - warm.start_time_ns) / 1e9
+    return [(float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0))]
+
+
+def _seeds(task: Task) -> list[Candidate]:
+    """Return the optimiser's starts, flown in the flow itself, nearest to the goal first; none when no path is finite."""
+    case = task.case
+    found = find_seeds(task.flow, task.region, case.start, case.goal, case.speed, case.max_duration, _MOST_SEEDS)
+    reach = _WORTH * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
+    guesses = [(seed.heading, seed.glide_angle, seed.duration) for seed in found if seed.distance <= found[0].distance + reach]
+    return sorted(_flown(task, guesses), key=lambda seed: seed.distance)[: task.settings.starts]
+
+
+def _flown(task: Task, guesses: list[tuple[float, float, float]]) -> list[Candidate]:
+    """Return the guesses whose path is finite."""
+    limit = task.case.max_duration
+    flown = [fly_candidate(task, heading, angle, float(np.clip(time, 1.0, limit)), 1) for heading, angle, time in guesses]
+    return [seed for seed in flown if np.isfinite(seed.distance)]
+
+
+def _solve_all(task: Task, seeds: list[Candidate]) -> list[Candidate]:
+    solved: list[Candidate] = []
+    for seed in seeds:
+        candidate = optimise(task, (seed.heading, seed.glide_angle, seed.duration))
+        if candidate is not None:
+            solved.append(candidate)
+            if candidate.distance <= _CLOSE_ENOUGH:
+                break
+    return solved
+
+
+def _statistics(solved: list[Candidate], seed: Candidate, best: Candidate) -> dict[str, float | int | str]:
+    statistics: dict[str, float | int | str] = {
+        "starts": len(solved),
+        "iterations": sum(candidate.iterations for candidate in solved),
+        "best_seed_distance": seed.distance,
+        "worst_optimum": max((candidate.distance for candidate in solved), default=seed.distance),
+        "return_status": best.return_status,
+    }
+    if np.isfinite(best.promised):
+        statistics["solver_distance"] = best.promised
+    return statistics
+
+
+def _to_plan(
+    task: Task,
+    best: Candidate,
+    asked: tuple[Place, Place, int, float],
+    notes: list[str],
+    statistics: dict[str, float | int | str],
+) -> Plan:
+    start, goal, start_time_ns, turn = asked
+    # Flown again to the closest approach alone, so that the track ends there on a step.
+    final = fly_candidate(task, best.heading, best.glide_angle, max(best.time, 1e-3))
+    distance = float(np.linalg.norm(final.track.position[-1] - task.case.goal))
+    status: PlanStatus = "reached" if distance <= task.settings.tolerance else "unreachable"
+    return Plan(
+        status=status,
+        start=start,
+        goal=goal,
+        start_time_ns=start_time_ns,
+        heading_deg=float(np.mod(np.rad2deg(best.heading - turn), 360.0)),
+        glide_angle_deg=float(np.rad2deg(best.glide_angle)),
+        speed=task.settings.speed,
+        velocity_through_water=final.track.velocity[0] - np.append(task.flow.velocity(*task.case.start), 0.0),
+        duration=final.duration,
+        closest_approach=distance,
+        track_time=final.track.time,
+        track=final.track.position,
+        message="; ".join([explain(task, best, distance, status), *notes]),
+        statistics=statistics,
+    )
+
+
+def _failed(task: Task, start: Place, goal: Place, start_time_ns: int) -> Plan:
+    """Return the plan that says that no glide could be flown at all; it stays where it is."""
+    return Plan(
+        status="failed",
+        start=start,
+        goal=goal,
+        start_time_ns=start_time_ns,
+        heading_deg=0.0,
+        glide_angle_deg=0.0,
+        speed=task.settings.speed,
+        velocity_through_water=np.zeros(3),
+        duration=0.0,
+        closest_approach=float(np.linalg.norm(task.case.start - task.case.goal)),
+        track_time=np.zeros(1),
+        track=task.case.start[None, :].copy(),
+        message="no glide has a finite path: the flow is not a number somewhere along each; check the estimate's latent velocities",
+        statistics={"starts": 0, "iterations": 0, "return_status": "not started"},
+    )

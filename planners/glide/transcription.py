@@ -1,0 +1,263 @@
+"""One constant-velocity glide as a nonlinear program: three unknowns, a path by Runge-Kutta or Euler, a squared distance to minimise.
+
+Minimised over the duration too, the distance at the end is the closest approach on the continuous path. Everything that changes from
+plan to plan (latent velocities, places, limits, steps) is a parameter, so that one graph serves every estimate on the same nodes.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import least_squares
+
+from planners.flow import field_function, graph_key
+from planners.glide.kinematics import euler_step, rk4_step, velocity_through_water
+from planners.glide.settings import Integrator
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+
+# Distances inside the program are in kilometres: objective and constraints are then of order one to a thousand.
+_KM = 1e3
+# Most steps of least squares: a handful for a goal that can be reached; for others its rate is linear and IPOPT takes over.
+_APPROACH_STEPS = 60
+# Steepest angle a guess may have [rad]: the tangent of a right angle is no start.
+_STEEPEST = np.pi / 2 - 1e-3
+_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    # An evaluation that is not a number is IPOPT's to report through its return status, not CasADi's to print.
+    "show_eval_warnings": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    # Tight enough for a millimetre where nothing binds, and for centimetres where a limit does.
+    "ipopt.tol": 1e-6,
+    # The bends of hats between two iterates can keep the gradient just above that, at millimetres from the optimum.
+    "ipopt.acceptable_tol": 1e-4,
+    "ipopt.acceptable_iter": 2,
+    "ipopt.constr_viol_tol": 1e-9,
+    "ipopt.max_iter": 40,
+    "ipopt.nlp_scaling_method": "none",
+    # The seeds are good and lie mostly far from the limits: a small barrier keeps them where they are.
+    "ipopt.mu_init": 1e-7,
+    # The objective must fall wherever the limits hold to rounding; by default rounding counts as progress in feasibility.
+    "ipopt.delta": 1e-10,
+    "ipopt.bound_push": 1e-6,
+    "ipopt.bound_frac": 1e-6,
+    # Limits hold to the last digit: no relaxation beyond what the path's own check forgives.
+    "ipopt.bound_relax_factor": 1e-9,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlideProgram:
+    """The compiled program of one node set and one number of steps.
+
+    Attributes:
+        solver: CasADi NLP solver over (heading, descent, logarithm of duration).
+        miss: CasADi function (unknowns, parameters) -> (goal to end of path [km], its Jacobian).
+        lower: Lower bounds of the constraints.
+        upper_sides: Upper bounds of the outline's constraints, one for each step and side.
+    """
+
+    solver: ca.Function
+    miss: ca.Function
+    lower: Array
+    upper_sides: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlideCase:
+    """What one plan gives the program.
+
+    Attributes:
+        start: shape (3,) [m], local east, north, depth.
+        goal: shape (3,) [m].
+        deepest: Deepest depth allowed [m].
+        sides: shape (4, 7), the outline as ``Region.sides`` gives it.
+        speed: Through water [m/s].
+        max_duration: [s].
+        integrator: Of the steps.
+    """
+
+    start: Array
+    goal: Array
+    deepest: float
+    sides: Array
+    speed: float
+    max_duration: float
+    integrator: Integrator = "rk4"
+
+
+@dataclass(frozen=True, slots=True)
+class GlideSolution:
+    """What IPOPT answered.
+
+    Attributes:
+        heading: Clockwise from local north [rad].
+        glide_angle: Below the horizontal [rad].
+        duration: [s].
+        distance: To the goal at the end [m].
+        iterations: IPOPT's.
+        return_status: IPOPT's.
+    """
+
+    heading: float
+    glide_angle: float
+    duration: float
+    distance: float
+    iterations: int
+    return_status: str
+
+
+_programs: OrderedDict[Any, GlideProgram] = OrderedDict()
+_MOST_PROGRAMS = 8
+
+
+def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
+    """Return the program of a flow's nodes, built once: estimates that differ only in latent velocities share it.
+
+    Args:
+        flow: Any flow on the nodes.
+        n_steps: Number of steps.
+        bounded: Whether the path is constrained to the region.
+        integrator: Of the steps.
+    """
+    key = (*graph_key(flow), n_steps, bounded, integrator)
+    if key not in _programs:
+        _programs[key] = _build(flow, n_steps, bounded, integrator)
+        if len(_programs) > _MOST_PROGRAMS:
+            _programs.popitem(last=False)
+    _programs.move_to_end(key)
+    return _programs[key]
+
+
+def approach(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, float], fractions: Array) -> tuple[float, float, float]:
+    """Return a guess moved towards the goal by nonlinear least squares, within the bounds of the unknowns but blind to the region.
+
+    From a rough seed the exact Hessian is often indefinite, and IPOPT spends dozens of iterations on it; the Gauss-Newton steps of
+    least squares go straight down, at a third of the price each. Arguments as for ``solve_glide``.
+    """
+    program, parameters = glide_program(flow, fractions.size - 1, False, case.integrator), _parameters(flow, case, fractions)
+    unknowns, lower, upper = _unknowns(case, guess)
+    seen: dict[bytes, tuple[Array, Array]] = {}
+
+    def miss(at: Array) -> tuple[Array, Array]:
+        key = at.tobytes()
+        if key not in seen:
+            value, jacobian = program.miss(at, parameters)
+            seen[key] = np.asarray(value).ravel(), np.asarray(jacobian)
+        return seen[key]
+
+    if not np.all(np.isfinite(miss(unknowns)[0])):
+        return guess
+    inside = np.clip(unknowns, lower + 1e-9, upper - 1e-9)
+    answer = least_squares(lambda x: miss(x)[0], inside, lambda x: miss(x)[1], (lower, upper), x_scale="jac", max_nfev=_APPROACH_STEPS)
+    return _glide(case, answer.x)
+
+
+def solve_glide(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, float], fractions: Array, bounded: bool) -> GlideSolution:
+    """Return the local optimum that IPOPT finds from a guess.
+
+    Without constraints on the path its line search descends strictly, so the region is only brought in for paths that leave it.
+
+    Args:
+        flow: The current.
+        case: Places and limits.
+        guess: Heading [rad], glide angle [rad], duration [s].
+        fractions: shape (n_steps + 1,), where the steps end as fractions of the duration.
+        bounded: Whether the path is constrained to the region.
+    """
+    program = glide_program(flow, fractions.size - 1, bounded, case.integrator)
+    unknowns, lower, upper = _unknowns(case, guess)
+    answer = program.solver(
+        x0=unknowns,
+        p=_parameters(flow, case, fractions),
+        lbx=lower,
+        ubx=upper,
+        lbg=program.lower,
+        ubg=np.concatenate([[case.deepest / _KM], program.upper_sides]) if bounded else program.upper_sides,
+    )
+    statistics = program.solver.stats()
+    distance = float(np.sqrt(max(float(answer["f"]), 0.0))) * _KM if np.isfinite(float(answer["f"])) else np.inf
+    heading, glide_angle, duration = _glide(case, np.asarray(answer["x"]).ravel())
+    return GlideSolution(heading, glide_angle, duration, distance, int(statistics["iter_count"]), str(statistics["return_status"]))
+
+
+def _unknowns(case: GlideCase, guess: tuple[float, float, float]) -> tuple[Array, Array, Array]:
+    """Return a guess as the program's unknowns with their lower and upper bounds: heading, descent in kilometres, logarithm of duration.
+
+    The descent is V T tan(glide angle). At the small angles of a long glide it is the depth gained, so that duration and angle do not
+    have to turn together along a curved valley of constant depth; and no angle is out of its reach.
+    """
+    heading, glide_angle, duration = guess
+    duration = float(np.clip(duration, 1.0, case.max_duration))
+    descent = case.speed * duration * np.tan(np.clip(glide_angle, -_STEEPEST, _STEEPEST)) / _KM
+    return (
+        np.array([heading, descent, np.log(duration)]),
+        np.array([-np.inf, -np.inf, 0.0]),
+        np.array([np.inf, np.inf, np.log(case.max_duration)]),
+    )
+
+
+def _glide(case: GlideCase, unknowns: Array) -> tuple[float, float, float]:
+    """Return heading [rad], glide angle [rad] and duration [s] of the program's unknowns."""
+    duration = float(np.exp(unknowns[2]))
+    return float(unknowns[0]), float(np.arctan(unknowns[1] * _KM / (case.speed * duration))), duration
+
+
+def _parameters(flow: FlowEstimate, case: GlideCase, fractions: Array) -> Array:
+    return np.concatenate(
+        [case.start, case.goal, [case.speed], np.diff(fractions), case.sides.ravel(order="F"), flow.latent.ravel(order="F")]
+    )
+
+
+def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
+    unknowns = ca.MX.sym("unknowns", 3)
+    start, goal, speed = ca.MX.sym("start", 3), ca.MX.sym("goal", 3), ca.MX.sym("speed")
+    steps, sides = ca.MX.sym("steps", n_steps), ca.MX.sym("sides", 4, 7)
+    latent = ca.MX.sym("latent", *flow.latent.shape)
+    duration = ca.exp(unknowns[2])
+    glide_angle = ca.atan(unknowns[1] * _KM / (speed * duration))
+    velocity = ca.vertcat(*velocity_through_water(ca, unknowns[0], glide_angle, speed))
+    positions = ca.horzsplit(path_function(flow, n_steps, integrator)(start, velocity, duration * steps, latent))
+    beyond = [_beyond_sides(position[:2] / _KM, sides) for position in positions]
+    miss = (positions[-1] - goal) / _KM
+    program: dict[str, Any] = {
+        "x": unknowns,
+        "p": ca.veccat(start, goal, speed, steps, sides, latent),
+        "f": ca.sumsqr(miss),
+    }
+    if bounded:
+        program["g"] = ca.vertcat(positions[-1][2] / _KM, *beyond)
+    n_sides = 4 * n_steps if bounded else 0
+    lower = np.concatenate([np.zeros(int(bounded)), np.full(n_sides, -np.inf)])
+    jacobian = ca.Function("miss", [unknowns, program["p"]], [miss, ca.jacobian(miss, unknowns)])
+    return GlideProgram(ca.nlpsol("glide", "ipopt", program, _OPTIONS), jacobian, lower, np.zeros(n_sides))
+
+
+def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4") -> ca.Function:
+    """Return the function (start, velocity, steps, latent) -> positions after each step.
+
+    The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
+    function for one step each derivative would evaluate its own.
+    """
+    current = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
+    inputs: list[Any] = [ca.MX.sym(*what) for what in (("start", 3), ("velocity", 3), ("steps", n_steps), ("latent", *flow.latent.shape))]
+    start, velocity, steps, latent = inputs
+
+    def over_ground(at: Any) -> Any:
+        return velocity + ca.vertcat(current(at, latent), 0.0)
+
+    one_step = rk4_step if integrator == "rk4" else euler_step
+    positions: list[Any] = [start]
+    for i in range(n_steps):
+        positions.append(one_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
+    options: dict[str, Any] = {"is_diff_in": [True, True, True, False], "never_inline": True, "cse": True}
+    return ca.Function("path", inputs, [ca.horzcat(*positions[1:])], options)
+
+
+def _beyond_sides(point: Any, sides: Any) -> Any:
+    """Return how far a point [km] is beyond each of the four sides [km], negative inside."""
+    along = sides[:, 2:4] @ point
+    return sides[:, 0:2] @ point - (sides[:, 4] + sides[:, 5] * along + sides[:, 6] * along * along)

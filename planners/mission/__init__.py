@@ -1,0 +1,1 @@
+"""Missions of many dives."""

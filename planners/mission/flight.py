@@ -1,0 +1,169 @@
+"""A mission's legs flown densely with NumPy, in one current or in many at once."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planners.flow import graph_key, latent_over_time
+from planners.mission.leg import DRIFT_STEPS, fly_steps
+from planners.vehicle import Glider
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.estimate import FlowEstimate
+
+
+@dataclass(frozen=True, eq=False)
+class Currents:
+    """K flows on the same nodes.
+
+    Attributes:
+        flow: One of them: nodes, levels and functions.
+        nodes: shape (N, 2) [m].
+        latent: shape (K, 2N, Z T).
+        times: shape (T,) [s]; None for flows that do not change.
+    """
+
+    flow: FlowEstimate
+    nodes: Array
+    latent: Array
+    times: Array | None
+
+    @cached_property
+    def columns(self) -> Array:
+        """The latent velocities of each level and time, shape (Z T, K, 2N): only few of them count at a depth."""
+        return np.ascontiguousarray(self.latent.transpose(2, 0, 1))
+
+    def weights(self, depths: Array) -> Array:
+        """Return the weights of the levels, shape (n, Z), at depths [m]."""
+        return depth_weights(self.flow.depth_functions, depths, self.flow.levels)
+
+    def velocity(self, place: Array, of_levels: Array, time: float) -> Array:
+        """Return the current of each flow [m/s], shape (K, 2), at its own place, shape (K, 2) [m]; one flow serves any number of places.
+
+        The kernel's matrix (``velocity_kernel``) is never made: with w = k (sy beta_u - sx beta_v), its product with the latent
+        velocities is (k beta_u / ly^2 - sy w, k beta_v / lx^2 + sx w), summed over the nodes.
+
+        Args:
+            place: shape (K, 2) [m].
+            of_levels: shape (Z,), the weights of the levels at the depth.
+            time: On the clock of ``times`` [s].
+        """
+        weights = of_levels
+        if self.times is not None:
+            weights = np.asarray(
+                np.kron([np.interp(time, self.times, one) for one in np.eye(self.times.size)], of_levels), dtype=np.float64
+            )
+        latent = sum(weights[i] * self.columns[i] for i in np.flatnonzero(weights))
+        assert isinstance(latent, np.ndarray), "some level counts at every depth"
+        kernel, n = self.flow.kernel, len(self.nodes)
+        dx, dy = place[:, :1] - self.nodes[:, 0], place[:, 1:] - self.nodes[:, 1]
+        sx, sy = dx / kernel.length_east**2, dy / kernel.length_north**2
+        k = (kernel.speed * kernel.length_east) ** 2 * np.exp(-0.5 * (sx * dx + sy * dy))
+        east, north = latent[:, :n], latent[:, n:]
+        turning = k * (sy * east - sx * north)
+        u = np.sum(k * east, axis=1) / kernel.length_north**2 - np.sum(sy * turning, axis=1)
+        v = np.sum(k * north, axis=1) / kernel.length_east**2 + np.sum(sx * turning, axis=1)
+        return np.column_stack([u, v])
+
+
+def currents_of(flow: FlowEstimate | Sequence[FlowEstimate]) -> Currents:
+    """Return one current, of an estimate or of several that hold for increasing times."""
+    if isinstance(flow, FlowEstimate):
+        return Currents(flow, flow.nodes, flow.latent[None], None)
+    times, latent = latent_over_time(flow)
+    return Currents(flow[0], flow[0].nodes, latent[None], times)
+
+
+def currents_of_samples(flows: Sequence[FlowEstimate]) -> Currents:
+    """Return the currents of several flows that do not change, all on the nodes of the first.
+
+    Raises:
+        PlanError: One is on other nodes, levels or functions.
+    """
+    for k, flow in enumerate(flows):
+        if graph_key(flow) != graph_key(flows[0]):
+            raise PlanError(f"sample {k} is not on the nodes, levels, kernel and depth functions of the first")
+    return Currents(flows[0], flows[0].nodes, np.stack([flow.latent for flow in flows]), None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Legs:
+    """What a glider is told to do, leg after leg.
+
+    Attributes:
+        headings: shape (L,), clockwise from local north [rad].
+        angles: shape (L,), glide angles [rad].
+        depths: Of the steps of each leg [m].
+        drifts: shape (L,) [s], at the surface after each leg.
+    """
+
+    headings: Array
+    angles: Array
+    depths: tuple[Array, ...]
+    drifts: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flight:
+    """Where the legs lead.
+
+    Attributes:
+        time: shape (n,) [s], since the start; shape (K, n) where each flight is corrected on its own.
+        depth: shape (n,) [m].
+        place: shape (K, n, 2) [m], local east and north in each current.
+        leg: shape (n,), number of the leg that ends there or later; 0 for the first.
+        ends: shape (L,), number of the point at which each leg ends, after its drift.
+    """
+
+    time: Array
+    depth: Array
+    place: Array
+    leg: Array
+    ends: Array
+
+
+def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float = 0.0) -> Flight:
+    """Return the flight of some legs.
+
+    Args:
+        currents: K flows.
+        vehicle: What glides.
+        start: shape (2,) [m].
+        legs: What it does.
+        start_time: On the clock of the currents' times [s].
+    """
+    time, place = 0.0, np.tile(start, (len(currents.latent), 1))
+    path, depths, number, ends = [(place, time)], [float(legs.depths[0][0])], [0], []
+    for k, steps in enumerate(legs.depths):
+        along, down = (float(speed) for speed in vehicle.speeds(np, legs.angles[k]))
+        through = along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])])
+
+        rate = rate_over_ground(currents, through, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])]))
+        path += fly_steps(rate, *path[-1], steps, np.abs(np.diff(steps)) / down, steps.size - 1)
+        depths += list(steps[1:])
+        if legs.drifts[k] > 0.0:
+            durations, surface = np.full(DRIFT_STEPS, legs.drifts[k] / DRIFT_STEPS), np.zeros(DRIFT_STEPS + 1)
+            path += fly_steps(rate_over_ground(currents, np.zeros(2), start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
+            depths += [0.0] * DRIFT_STEPS
+        number += [k] * (len(path) - len(number))
+        ends.append(len(path) - 1)
+    places = np.stack([at for at, _ in path], axis=1)
+    return Flight(np.array([now for _, now in path]), np.array(depths), places, np.array(number), np.array(ends))
+
+
+def rate_over_ground(currents: Currents, through: Array, start_time: float, depths: Array) -> Callable[[Array, float, float], Array]:
+    """Return the velocity over ground as a function of places, depth and time; the depths that it will be asked for are known."""
+    weights = dict(zip(depths.tolist(), currents.weights(depths), strict=True))
+
+    def over_ground(at: Array, depth: float, now: float) -> Array:
+        return np.asarray(through + currents.velocity(at, weights[float(depth)], start_time + now))
+
+    return over_ground
+
+
+def refined(depths: Array, factor: int) -> Array:
+    """Return the depths of a leg's steps with each step cut in so many."""
+    return np.interp(np.arange((depths.size - 1) * factor + 1) / factor, np.arange(depths.size), depths)

@@ -1,0 +1,165 @@
+"""A mission for people and other programs: legs as a table, as GeoJSON, as JSON."""
+
+import csv
+import io
+import json
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from planners.mission.values import MissionPlan
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local, unwrap_longitude
+from replay_kit.core.grid import Projection
+from replay_kit.core.plan import Plan, PlanStatus
+
+
+def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, float]]:
+    """Return what the glider is told at the beginning of each leg and where it ends, one row a leg.
+
+    Args:
+        plan: The mission.
+        ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
+    """
+    begins = np.concatenate([[0.0], plan.surfacing_times[:-1]])
+    rows = []
+    for k, heading in enumerate(plan.headings_deg):
+        row = {
+            "leg": k + 1,
+            "start_s": float(begins[k]),
+            "heading_deg": float(heading),
+            "glide_angle_deg": float(plan.glide_angles_deg[k]),
+            "pitch_deg": float(plan.pitches_deg[k]),
+            "depth_m": float(max(plan.turns[k])),
+            "dives": sum(bool(depth > before) for before, depth in pairwise(plan.turns[k])),
+            "surfacing_s": float(plan.surfacing_times[k]),
+            "longitude": float(plan.surfacings[k, 0]),
+            "latitude": float(plan.surfacings[k, 1]),
+        }
+        if ellipses is not None:
+            names = "ellipse_longitude", "ellipse_latitude", "ellipse_major_m", "ellipse_minor_m", "ellipse_bearing_deg"
+            row |= {name: float(value) for name, value in zip(names, ellipses[k], strict=True)}
+        rows.append(row)
+    return rows
+
+
+def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
+    """Return where each goal is, in which leg and when it is met, and how closely, one row a goal."""
+    return [
+        {
+            "longitude": goal.longitude,
+            "latitude": goal.latitude,
+            "depth_m": goal.depth,
+            "leg": int(plan.goal_legs[k]),
+            "met_s": float(plan.goal_times[k]),
+            "off_m": float(plan.closest_approach[k]),
+        }
+        for k, goal in enumerate(plan.goals)
+    ]
+
+
+def to_csv(plan: MissionPlan, ellipses: Array | None) -> str:
+    """Return the legs as CSV with a line of names; without legs only that there are none."""
+    rows = legs_table(plan, ellipses)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]) if rows else ["leg"], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: round(value, 7) for name, value in row.items()} for row in rows)
+    return text.getvalue()
+
+
+def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
+    """Return the mission as JSON: its outcome, energy and legs; figures that are not numbers are null."""
+    return {
+        "status": plan.status,
+        "message": plan.message,
+        "duration_s": plan.duration,
+        "energy_j": plan.energy,
+        "closest_approach_m": [float(miss) for miss in plan.closest_approach],
+        "goals": goals_table(plan),
+        "legs": legs_table(plan, ellipses),
+        "statistics": {name: value if value == value else None for name, value in plan.statistics.items()},
+    }
+
+
+def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None) -> str:
+    """Return the predicted track as a line, start, surfacings and goals as points, and ellipses as polygons.
+
+    Args:
+        plan: The mission.
+        projection: The local frame of its track.
+        ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
+    """
+
+    def position(longitude: float, latitude: float) -> list[float]:
+        # continuous across the antimeridian, or a map draws the line around the world
+        return [round(float(unwrap_longitude(longitude, plan.start.longitude)), 7), round(latitude, 7)]
+
+    def feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
+        return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+
+    features = []
+    if len(plan.track) > 1:
+        line = zip(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]), strict=True)
+        properties = {"name": "track", "status": plan.status, "message": plan.message, "duration_s": plan.duration, "energy_j": plan.energy}
+        features.append(feature("LineString", [position(float(lon), float(lat)) for lon, lat in line], properties))
+    features.append(feature("Point", position(plan.start.longitude, plan.start.latitude), {"name": "start"}))
+    for k, (goal, met) in enumerate(zip(plan.goals, goals_table(plan), strict=True)):
+        features.append(feature("Point", position(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", **met}))
+    for row in legs_table(plan, ellipses):
+        features.append(feature("Point", position(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']}", **row}))
+    for k, ellipse in enumerate([] if ellipses is None else ellipses):
+        around = [position(float(lon), float(lat)) for lon, lat in ellipse_outline(ellipse, projection)]
+        features.append(feature("Polygon", [around], {"name": f"90 % of surfacings {k + 1}"}))
+    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+
+
+def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
+    """Return points of an ellipse of ``surfacing_ellipses``, shape (5,), as longitudes and latitudes, shape (37, 2), the first repeated.
+
+    They run counter-clockwise, as RFC 7946 asks of the outer ring of a polygon.
+    """
+    longitude, latitude, major, minor, bearing_deg = ellipse
+    # the last point is the first to the last bit
+    angle, turn = np.deg2rad(10.0 * (np.arange(37) % 36)), float(grid_bearing_of_true_north(projection, longitude, latitude))
+    bearing = np.deg2rad(bearing_deg) + turn
+    # the second axis to the left of the first, so that the angle grows counter-clockwise
+    along, across = major * np.cos(angle), -minor * np.sin(angle)
+    east, north = to_local(projection, longitude, latitude)
+    outline = east + along * np.sin(bearing) + across * np.cos(bearing), north + along * np.cos(bearing) - across * np.sin(bearing)
+    return np.column_stack(to_geographic(projection, *outline))
+
+
+def as_glide(plan: MissionPlan, projection: Projection) -> Plan:
+    """Return the mission as the plan of its first leg with the whole predicted track: what the result's messages hold of a plan.
+
+    Its statistics name the controls of every leg. A mission that is not safe counts as unreachable, and its message says why.
+
+    Args:
+        plan: The mission.
+        projection: The local frame of its track.
+    """
+    statuses: dict[str, PlanStatus] = {"reached": "reached", "failed": "failed"}
+    legs = len(plan.headings_deg)
+    heading, angle = (float(values[0]) if legs else 0.0 for values in (plan.headings_deg, np.deg2rad(plan.glide_angles_deg)))
+    along, down = (float(speed) for speed in plan.vehicle.speeds(np, angle if legs else plan.vehicle.angles[0]))
+    turn = float(grid_bearing_of_true_north(projection, plan.start.longitude, plan.start.latitude))
+    local = np.deg2rad(heading) + turn
+    controls = {f"leg_{int(row['leg']):03d}": json.dumps(row) for row in legs_table(plan, None)}
+    return Plan(
+        status=statuses.get(plan.status, "unreachable"),
+        start=plan.start,
+        goal=plan.goals[-1],
+        start_time_ns=plan.start_time_ns,
+        heading_deg=heading,
+        glide_angle_deg=float(np.rad2deg(angle)),
+        speed=float(np.hypot(along, down)),
+        velocity_through_water=np.array([along * np.sin(local), along * np.cos(local), down]),
+        duration=plan.duration,
+        closest_approach=float(plan.closest_approach[-1]),
+        track_time=plan.track_time,
+        track=plan.track,
+        message=plan.message,
+        statistics={**plan.statistics, **controls},
+    )

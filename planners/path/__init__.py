@@ -1,0 +1,1 @@
+"""Free paths of a vehicle with a bounded speed."""

@@ -1,0 +1,184 @@
+"""A vehicle that moves freely, with a bounded speed through water: the quickest or most frugal path between two points.
+
+The path is a chain of pieces of equal duration, each of constant velocity through water. One that crosses what it may not is solved again
+within half-planes, as missions are.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.glide.seed import tabulate
+from planners.glide.track import fly_glide
+from planners.mission.program import HOUR
+from planners.mission.values import NoGo
+from planners.path.program import Auv, AuvProblem, AuvSettings, solve_path
+from planners.route.front import build_front
+from planners.route.hazards import Ring, no_go_ring, region_rings, trespassed
+from planners.route.region import Region, locate, region_of
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.plan import Place
+
+AuvStatus = Literal["reached", "unreachable", "unsafe"]
+# Steps of the dense flight for each of the optimiser's, and spacing of its check [m].
+_REFINED, _SPACING = 2, 10.0
+# Rounds of half-planes laid anew for the path found, which have to lower the cost by this share.
+_ROUNDS, _PROGRESS = 6, 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AuvPlan:
+    """A free path.
+
+    Attributes:
+        status: ``reached`` when it ends at the goal within the tolerance, ``unsafe`` when it goes where it may not.
+        start: Where it begins.
+        goal: Where it should end.
+        velocity_through_water: shape (n_pieces, 3) [m/s], local east, north, down.
+        duration: [s].
+        energy: [J].
+        closest_approach: Of its end to the goal [m].
+        track_time: shape (n,) [s] since the start.
+        track: shape (n, 3) [m], local east, north, depth.
+        message: Words for a person.
+        statistics: What the solver did.
+    """
+
+    status: AuvStatus
+    start: Place
+    goal: Place
+    velocity_through_water: Array
+    duration: float
+    energy: float
+    closest_approach: float
+    track_time: Array
+    track: Array
+    message: str
+    statistics: Mapping[str, float | int | str] = field(default_factory=dict)
+
+
+_AUV, _SETTINGS = Auv(), AuvSettings()
+
+
+def plan_path(
+    flow: FlowEstimate, start: Place, goal: Place, *, vehicle: Auv = _AUV, settings: AuvSettings = _SETTINGS, no_go: tuple[NoGo, ...] = ()
+) -> AuvPlan:
+    """Return the best path found, of those begun at the route of a graph search and at a straight line.
+
+    Args:
+        flow: The current, held constant in time.
+        start: Where it begins.
+        goal: Where it should end.
+        vehicle: What moves.
+        settings: How.
+        no_go: Areas that are not to be entered.
+
+    Raises:
+        PlanError: The start or the goal is outside of the region or on land, or the flow is not a number.
+    """
+    region = region_of(flow.grid)
+    begin, end = locate(region, start, "start"), locate(region, goal, "goal")
+    if not np.all(np.isfinite(flow.latent)):
+        raise PlanError("the current is not a number; check the estimate's latent velocities")
+    areas = tuple(no_go_ring(flow.grid.projection, area.polygon, area.name) for area in no_go)
+    rings = region_rings(region, max(begin[2], end[2])) + areas
+    problem = AuvProblem(flow, region, rings, vehicle, settings, begin, end)
+
+    def made(guess: Array, free: bool, held: tuple[Array, float] | None = None) -> AuvPlan:
+        return _to_plan(problem, start, goal, *solve_path(problem, guess, free, held))
+
+    plans, route = [], _route(problem)
+    for guess in (route, np.linspace(begin, end, 100)):
+        # first at the depths of the guess, which is a smooth problem; then at free ones; then at those that came of it
+        plans.append(made(guess, free=False))
+        if settings.free_depth and flow.levels.size > 1:
+            plans.append(made(made(plans[-1].track, free=True).track, free=False))
+    if any(plan.status == "unsafe" for plan in plans):
+        # the route is clear; the depths are those found without it, and the deeper they are the more is land
+        depths = np.interp(np.linspace(0.0, 1.0, len(route)), np.linspace(0.0, 1.0, len(plans[0].track)), plans[0].track[:, 2])
+        route = np.column_stack([route[:, :2], depths])
+        problem = replace(problem, rings=region_rings(region, float(depths.max())) + areas)
+        plans += _kept_clear(settings, route, lambda along, margin: made(along, False, (along, margin)))
+    return min(plans, key=lambda plan: _worth(settings, plan))
+
+
+def _worth(settings: AuvSettings, plan: AuvPlan) -> tuple[bool, bool, float]:
+    return plan.closest_approach > settings.tolerance, plan.status == "unsafe", getattr(plan, _COST[settings.objective])
+
+
+def _kept_clear(settings: AuvSettings, route: Array, made: Callable[[Array, float], AuvPlan]) -> list[AuvPlan]:
+    """Return the paths found within half-planes, laid along a route and anew along each path found until that gains nothing more.
+
+    Half-planes hold the ends of steps; where a step between two cuts a corner the margin is doubled.
+    """
+    plans, along, margin, before = list[AuvPlan](), route, settings.margin, np.inf
+    for _ in range(_ROUNDS):
+        plans.append(made(along, margin))
+        along, cost = plans[-1].track, float(getattr(plans[-1], _COST[settings.objective]))
+        if plans[-1].status == "unsafe":
+            margin *= 2.0
+        elif cost > (1.0 - _PROGRESS) * before:
+            break
+        before = cost
+    return plans
+
+
+_COST = {"time": "duration", "energy": "energy"}
+
+
+def _route(problem: AuvProblem) -> Array:
+    """Return the quickest route in the current of the two depths, shape (n, 3) [m], its points at equal times."""
+    table, begin, end = tabulate(problem.flow, problem.region), problem.begin, problem.end
+    nearest = [int(np.argmin(np.abs(table.depths - depth))) for depth in (begin[2], end[2])]
+    shares, deepest = np.bincount(nearest, minlength=table.depths.size) / 2.0, max(begin[2], end[2])
+
+    def wet(points: Array) -> NDArray[np.bool_]:
+        return problem.region.wet(np.column_stack([points, np.full(len(points), deepest)]))
+
+    route = build_front(table, shares, problem.rings, wet, problem.vehicle.speed).route(begin[:2], end[:2], problem.settings.max_duration)
+    times = np.linspace(0.0, route.times[-1], 100)
+    return np.column_stack([route.at(times), np.linspace(begin[2], end[2], 100)])
+
+
+def _to_plan(
+    problem: AuvProblem, start: Place, goal: Place, through: Array, duration: float, iterations: int, return_status: str
+) -> AuvPlan:
+    settings, vehicle = problem.settings, problem.vehicle
+    time, track = _fly(problem.flow, settings, problem.begin, through, duration)
+    what = _crossed(problem.region, problem.rings, track)
+    missed = float(np.linalg.norm(track[-1] - problem.end))
+    met = missed <= settings.tolerance
+    message = f"ends {missed:.1f} m from the goal after {duration / HOUR:.2f} h" + ("" if what is None else f"; not safe: crosses {what}")
+    if not met:
+        message += f"; outside the tolerance of {settings.tolerance:g} m: the current or max_duration keeps it from there"
+    status: AuvStatus = "unsafe" if what is not None else "reached" if met else "unreachable"
+    energy = float(np.mean(vehicle.hotel + vehicle.drag * np.linalg.norm(through, axis=1) ** 3)) * duration
+    statistics: dict[str, float | int | str] = {"iterations": iterations, "return_status": return_status}
+    return AuvPlan(status, start, goal, through, duration, energy, missed, time, track, message, statistics)
+
+
+def _fly(flow: FlowEstimate, settings: AuvSettings, begin: Array, through: Array, duration: float) -> tuple[Array, Array]:
+    """Return (time [s], track [m]) of the pieces flown densely."""
+    steps, each = _REFINED * settings.steps, duration / len(through)
+    time, track = [np.zeros(1)], [begin[None]]
+    for k, velocity in enumerate(through):
+        flown = fly_glide(flow, track[-1][-1], velocity, np.linspace(0.0, each, steps + 1))
+        time.append(k * each + flown.time[1:])
+        track.append(flown.position[1:])
+    return np.concatenate(time), np.concatenate(track)
+
+
+def _crossed(region: Region, rings: tuple[Ring, ...], track: Array) -> str | None:
+    """Return what a track crosses that it may not, by points no farther apart than ten metres; None when it crosses nothing."""
+    pieces = np.maximum(np.ceil(np.linalg.norm(np.diff(track, axis=0), axis=1) / _SPACING).astype(int), 1)
+    number = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(pieces))])
+    dense = np.column_stack([np.interp(number, np.arange(len(track)), track[:, i]) for i in range(3)])
+    ring = trespassed(rings[:1] + tuple(ring for ring in rings[1:] if ring.name != "land"), dense[:, :2], surfacing=True)
+    if ring is not None:
+        return ring[0]
+    return None if region.wet(dense).all() else "land"

@@ -1,0 +1,167 @@
+"""The free path of a vehicle of bounded speed as a nonlinear program: pieces of constant velocity through water.
+
+Unknown are these velocities, the duration and where each piece ends. Places are in kilometres and times in hours.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from planners.flow import graph_key
+from planners.glide.transcription import path_function
+from planners.mission.program import HOUR, KM
+from planners.route.hazards import Ring, beyond, half_planes
+from planners.route.region import Region
+from planners.solver import OPTIONS
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+
+# Hours that a kilometre missed costs.
+_PENALTY = 50.0
+_MOST_PROGRAMS = 4
+# Half-planes for each step's end.
+_PLANES = 3
+# With free depths the best one is often that of a level, where hats bend and no gradient vanishes: that search ends after so many steps.
+_FREE_STEPS = 25
+
+
+@dataclass(frozen=True, slots=True)
+class Auv:
+    """A vehicle with a propeller.
+
+    Attributes:
+        speed: Most through water [m/s].
+        drag: Power of propulsion over the cube of the speed [W s^3/m^3].
+        hotel: Power of everything else [W].
+    """
+
+    speed: float = 1.0
+    drag: float = 40.0
+    hotel: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class AuvSettings:
+    """How a free path is planned.
+
+    Attributes:
+        objective: Least time or least energy.
+        pieces: Number of pieces of constant velocity through water.
+        steps: RK4 steps of each.
+        tolerance: A goal met this closely is reached [m].
+        max_duration: Longest path considered [s].
+        free_depth: Whether the depth is the optimiser's to choose; otherwise it leads evenly from the start's to the goal's.
+        margin: Distance kept from where it may not go [m].
+    """
+
+    objective: Literal["time", "energy"] = "time"
+    pieces: int = 24
+    steps: int = 2
+    tolerance: float = 50.0
+    max_duration: float = 4e5
+    free_depth: bool = True
+    margin: float = 50.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AuvProblem:
+    """One path asked for, in the local frame."""
+
+    flow: FlowEstimate
+    region: Region
+    rings: tuple[Ring, ...]
+    vehicle: Auv
+    settings: AuvSettings
+    begin: Array
+    end: Array
+
+
+_programs: OrderedDict[Any, tuple[Any, Array]] = OrderedDict()
+
+
+def solve_path(problem: AuvProblem, guess: Array, free: bool, held: tuple[Array, float] | None) -> tuple[Array, float, int, str]:
+    """Return (velocities through water, duration [s], iterations, return status) of the optimum found from a guessed track.
+
+    Args:
+        problem: What is asked.
+        guess: shape (n, 3) [m], points at equal times.
+        free: Whether the depths may differ from the guess's.
+        held: A track, shape (n, 3) [m], for whose points, at equal times, half-planes are laid that keep the path clear, and their
+            margin [m]; None without.
+    """
+    settings, vehicle, n = problem.settings, problem.vehicle, problem.settings.pieces
+    solver, equal = _program(problem.flow, settings, free, held is not None)
+    ends = _at_equal_times(guess, n)
+    way = float(np.sum(np.linalg.norm(np.diff(guess, axis=0), axis=1)))
+    duration = min(max(way / vehicle.speed, 60.0), settings.max_duration)
+    ground = np.diff(np.vstack([problem.begin, ends]), axis=0) / (duration / n)
+    through = ground - np.column_stack([problem.flow.velocity(*ends.T), np.zeros(n)])
+    through *= np.minimum(1.0, 0.95 * vehicle.speed / np.maximum(np.linalg.norm(through, axis=1), 1e-9))[:, None]
+    first = np.concatenate([np.column_stack([ends / KM, through]).ravel(), [np.log(duration / HOUR)], np.zeros(6 + int(held is not None))])
+    shallow, deep = (np.zeros(n), np.full(n, problem.region.deepest)) if free else (ends[:, 2], ends[:, 2])
+    sides = []
+    for sign, depths, time in ((-1.0, shallow, 60.0), (1.0, deep, settings.max_duration)):
+        bound = np.full((n, 6), sign * np.inf)
+        bound[:, 2] = depths / KM
+        slacks = np.zeros(first.size - 6 * n - 1) if sign < 0.0 else np.full(first.size - 6 * n - 1, np.inf)
+        sides.append(np.concatenate([bound.ravel(), [np.log(time / HOUR)], slacks]))
+    weights = (1.0, 0.0) if settings.objective == "time" else (vehicle.hotel / 10.0, vehicle.drag / 10.0)
+    planes = np.zeros(0)
+    if held is not None:
+        points = _at_equal_times(held[0], n * settings.steps)[:, :2]
+        planes = half_planes(problem.rings, points, np.ones(len(points), dtype=bool), _PLANES, held[1])
+    parameters = np.concatenate([problem.begin, problem.end, weights, planes.ravel(), problem.flow.latent.ravel(order="F")])
+    within = np.zeros(planes.size // 3)
+    least = np.concatenate([equal, np.full(n + within.size, -np.inf)])
+    most = np.concatenate([equal, np.full(n, vehicle.speed**2), within])
+    answer = solver(x0=first, p=parameters, lbx=sides[0], ubx=sides[1], lbg=least, ubg=most)
+    statistics, found = solver.stats(), np.asarray(answer["x"]).ravel()
+    lasts = float(np.exp(found[6 * n])) * HOUR
+    return found[: 6 * n].reshape(n, 6)[:, 3:], lasts, int(statistics["iter_count"]), str(statistics["return_status"])
+
+
+def _at_equal_times(track: Array, n: int) -> Array:
+    """Return n points, shape (n, 3), that end as many equal parts of a track, shape (m, 3), whose points are at equal times."""
+    return np.column_stack([np.interp(np.arange(1, n + 1) / n, np.linspace(0.0, 1.0, len(track)), track[:, i]) for i in range(3)])
+
+
+def _program(flow: FlowEstimate, settings: AuvSettings, free: bool, held: bool) -> tuple[Any, Array]:
+    """Return the solver of a flow's nodes, held to half-planes or not, and the zeros that its equations are to meet."""
+    key = (*graph_key(flow), settings.pieces, settings.steps, free, held)
+    if key not in _programs:
+        options = {**OPTIONS, "ipopt.max_iter": _FREE_STEPS} if free else OPTIONS
+        _programs[key] = _build(flow, settings.pieces, settings.steps, _PLANES if held else 0, options)
+        if len(_programs) > _MOST_PROGRAMS:
+            _programs.popitem(last=False)
+    return _programs[key]
+
+
+def _build(flow: FlowEstimate, n: int, steps: int, n_planes: int, options: dict[str, Any]) -> tuple[Any, Array]:
+    begin, end, weights, latent = (
+        ca.MX.sym("begin", 3),
+        ca.MX.sym("end", 3),
+        ca.MX.sym("weights", 2),
+        ca.MX.sym("latent", *flow.latent.shape),
+    )
+    pieces, log_duration, slacks = [ca.MX.sym("piece", 6) for _ in range(n)], ca.MX.sym("log_duration"), ca.MX.sym("slacks", 6)
+    planes, trespass = [ca.MX.sym("planes", 3, n_planes * steps) for _ in range(n)], ca.MX.sym("trespass", int(n_planes > 0))
+    duration, path = ca.exp(log_duration), path_function(flow, steps)
+    at, meet, within = begin, [], []
+    for k, piece in enumerate(pieces):
+        places = path(at, piece[3:], ca.repmat(duration * HOUR / (n * steps), steps, 1), latent)
+        meet.append(places[:, -1] / KM - piece[:3])
+        if n_planes:
+            within.append(beyond(places[:2, -steps:] / KM, planes[k], n_planes) - trespass)
+        at = piece[:3] * KM
+    meet.append(pieces[-1][:3] - end / KM - (slacks[:3] - slacks[3:]))
+    power = weights[0] + weights[1] * sum((ca.sumsqr(piece[3:]) + 1e-8) ** 1.5 for piece in pieces) / n
+    program: dict[str, Any] = {
+        "x": ca.veccat(*pieces, log_duration, slacks, trespass),
+        "p": ca.veccat(begin, end, weights, *planes, latent),
+        "f": power * duration + _PENALTY * (ca.sum1(slacks) + ca.sum1(trespass)),
+        "g": ca.vertcat(*meet, *(ca.sumsqr(piece[3:]) for piece in pieces), *within),
+    }
+    return ca.nlpsol("auv", "ipopt", program, options), np.zeros(3 * n + 3)

@@ -1,0 +1,124 @@
+"""Where a glide may go: inside the grid's outline, between the surface and the deepest level, in water."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.grid import Grid
+from replay_kit.core.plan import Place
+
+# Depths are compared to a millimetre, so that a path that ends on the surface or on the deepest level is inside.
+_DEPTH_MARGIN = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """The water that a grid covers.
+
+    Attributes:
+        grid: The grid.
+        tree: Its horizontal points, for the nearest one.
+    """
+
+    grid: Grid
+    tree: cKDTree
+
+    @property
+    def deepest(self) -> float:
+        """Deepest level [m]."""
+        return float(self.grid.levels[-1])
+
+    def wet(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
+        nearest = self.tree.query(points[:, :2])[1]
+        return np.asarray(self.grid.wet.reshape(self.grid.levels.size, -1)[self.level_at(points[:, 2]), nearest])
+
+    def level_at(self, depth: Array) -> NDArray[np.intp]:
+        """Return the number of the last level at or above depths, shape (n,) [m]; the first for what is above all."""
+        return np.clip(np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1)
+
+    def wet_by_level(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether horizontal points, shape (..., 2) [m], are water at each level, shape (Z, ...)."""
+        nearest = self.tree.query(points)[1]
+        return np.asarray(self.grid.wet.reshape(self.grid.levels.size, -1)[:, nearest])
+
+    def inside_outline(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether horizontal points, shape (..., 2) [m], lie within the grid's outline."""
+        return inside_grid(self.grid, points[..., 0], points[..., 1])
+
+    def inside(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether points, shape (n, 3) [m], lie within the outline, the surface and the deepest level."""
+        depth_fits = (points[:, 2] >= -_DEPTH_MARGIN) & (points[:, 2] <= self.deepest + _DEPTH_MARGIN)
+        return np.asarray(depth_fits & self.inside_outline(points[:, :2]))
+
+    def allowed(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether points, shape (n, 3) [m], are inside and water."""
+        return self.inside(points) & self.wet(points)
+
+    def sides(self) -> Array:
+        """Return the outline's four sides as parabolas, shape (4, 7): outward normal, tangent, and c with n.p <= c0 + c1 t.p + c2 (t.p)^2.
+
+        A parallel of latitude is a parabola in the local frame to a few metres over hundreds of kilometres; what the fit leaves out
+        is added outward, so that no part of the grid is cut off. Lengths are in kilometres.
+        """
+        east, north = self.grid.east / 1e3, self.grid.north / 1e3
+        centre = np.array([east.mean(), north.mean()])
+        edges = (np.s_[0, :], np.s_[:, -1], np.s_[-1, :], np.s_[:, 0])
+        return np.array([_parabola(np.column_stack([east[edge], north[edge]]), centre) for edge in edges])
+
+
+def _parabola(points: Array, centre: Array) -> Array:
+    tangent = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
+    normal = np.array([tangent[1], -tangent[0]])
+    normal *= np.sign((points.mean(axis=0) - centre) @ normal)
+    along, out = points @ tangent, points @ normal
+    fit = np.zeros(3)
+    degree = min(2, len(points) - 1)
+    fit[: degree + 1] = np.polynomial.polynomial.polyfit(along, out, degree)
+    fit[0] += max(0.0, float(np.max(out - np.polynomial.polynomial.polyval(along, fit))))
+    return np.concatenate([normal, tangent, fit])
+
+
+def region_of(grid: Grid) -> Region:
+    """Return the region that a grid covers."""
+    return Region(grid, cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])))
+
+
+def locate(region: Region, place: Place, role: str) -> Array:
+    """Return a place in the local frame, shape (3,) [m]: east, north, depth.
+
+    Args:
+        region: Where it has to be.
+        place: The place.
+        role: What it is called in an error: ``start`` or ``goal``.
+
+    Raises:
+        PlanError: It is outside the region, above the surface, below the deepest level or on land.
+    """
+    where = f"{role} at {place.longitude:.5f}, {place.latitude:.5f}, {place.depth:g} m"
+    if not np.all(np.isfinite([place.longitude, place.latitude, place.depth])):
+        raise PlanError(f"{where}: expected three finite numbers, longitude, latitude and depth")
+    east, north = to_local(region.grid.projection, place.longitude, place.latitude)
+    point = np.array([float(east), float(north), place.depth])
+    # Checked for finiteness as well: the projection answers infinity for places on the far side of the Earth.
+    if not np.all(np.isfinite(point)) or not inside_grid(region.grid, point[0], point[1]):
+        raise PlanError(
+            f"{where} is outside the forecast's region {_bounds(region.grid)}; choose a place inside it or a forecast that covers it"
+        )
+    if not 0.0 <= place.depth <= region.deepest:
+        raise PlanError(f"{where} is not between the surface and the deepest level, {region.deepest:g} m; choose a depth within them")
+    if not region.wet(point[None])[0]:
+        raise PlanError(
+            f"{where} is on land in the forecast: the nearest grid point is dry there; choose a place in water {_bounds(region.grid)}"
+        )
+    return point
+
+
+def _bounds(grid: Grid) -> str:
+    west, south, east, north = grid.longitude.min(), grid.latitude.min(), grid.longitude.max(), grid.latitude.max()
+    return f"(west, south, east, north: {west:.3f}, {south:.3f}, {east:.3f}, {north:.3f})"

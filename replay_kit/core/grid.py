@@ -1,0 +1,74 @@
+"""The local frame, the forecast's grid in it, and the members on the grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """Centre of the azimuthal equidistant projection (WGS84) that defines a local east-north frame.
+
+    Attributes:
+        longitude: Centre [degrees east].
+        latitude: Centre [degrees north].
+    """
+
+    longitude: float
+    latitude: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """A forecast's grid in its local frame: a product in depth, curvilinear in the horizontal.
+
+    Attributes:
+        projection: The local frame.
+        longitude: shape (J, I) [degrees east], continuous across the antimeridian.
+        latitude: shape (J, I) [degrees north].
+        east: shape (J, I) [m], local frame.
+        north: shape (J, I) [m], local frame.
+        levels: shape (Z,) [m], positive down, increasing.
+        wet: shape (Z, J, I), True where the forecast has a velocity.
+    """
+
+    projection: Projection
+    longitude: Array
+    latitude: Array
+    east: Array
+    north: Array
+    levels: Array
+    wet: NDArray[np.bool_]
+
+    @property
+    def nodes(self) -> Array:
+        """Points that are wet at the first level, shape (N, 2) [m], local east and north."""
+        top = self.wet[0]
+        return np.column_stack([self.east[top], self.north[top]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ensemble:
+    """Forecast members on one grid. A truth is an ensemble of one.
+
+    Attributes:
+        grid: Where the members are given.
+        velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry.
+        time_ns: Time of the forecast [ns, UTC]; None when the file gives none.
+        source: Path of the file, with ``#member`` when one was chosen.
+        notes: What a user should know of how the file was read.
+    """
+
+    grid: Grid
+    velocity: Array
+    time_ns: int | None
+    source: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def n_members(self) -> int:
+        """Number of members E."""
+        return int(self.velocity.shape[0])

@@ -1,0 +1,87 @@
+"""A log's messages, and what a reader says of the log as a whole."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
+
+
+class Message(NamedTuple):
+    """One decoded message of a log; a tuple, as a log has millions and a frozen dataclass takes four times as long to make.
+
+    Attributes:
+        time_ns: The time that orders the replay [ns, UTC], by the clock the reader was asked for.
+        topic: Channel name; for MAVLink ``mavlink/{system}/{component}/{NAME}``.
+        schema: Schema name as the file gives it (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the
+            message's name.
+        payload: Plain mapping of field names to numbers, strings, bytes, lists and mappings, whatever the encoding was.
+        input: Position of the log among the run's inputs.
+        position: Ordinal or byte offset in that log; grows through the file.
+    """
+
+    time_ns: int
+    topic: str
+    schema: str
+    payload: Mapping[str, Any]
+    input: int
+    position: int
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """What a damaged log no longer holds.
+
+    Attributes:
+        what: Words for a person: where the damage is and what was done.
+        offset: Byte offset in the file at which whole records end.
+        bytes: Number of bytes that could not be used.
+        messages: Number of messages in them; None when nothing in the file says.
+        first_ns: Earliest time that they may have [ns, UTC]; None when nothing in the file says.
+        last_ns: Latest.
+    """
+
+    what: str
+    offset: int
+    bytes: int
+    messages: int | None = None
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LogReport:
+    """What a reader met in one log, complete once its messages were read to the end.
+
+    Attributes:
+        path: The log.
+        format: ``mcap``, ``tlog``, ``dataflash``, ``seaglider``, ``pd0`` or ``ad2cp``.
+        read: Messages met, by topic, decoded or not.
+        undecodable: Topic to (count, reason) for what no decoder could read.
+        losses: Damage met; empty for a sound file.
+        without_stamp: Messages ordered by their log time although the clock is ``header``, because they carry no stamp.
+        unchecked: What no checksum covers, so that damage in it would pass unseen: kind to count.
+        notes: What a user should know of its clocks, in words.
+    """
+
+    path: str
+    format: str
+    read: Mapping[str, int]
+    undecodable: Mapping[str, tuple[int, str]]
+    losses: tuple[Loss, ...]
+    without_stamp: int = 0
+    unchecked: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+class LogReader(Protocol):
+    """A log opened for one pass of reading."""
+
+    path: str
+    format: str
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the decoded messages in the file's order; ``merge`` puts them in the order of their times."""
+        ...
+
+    def report(self) -> LogReport:
+        """Return what was met so far."""
+        ...

@@ -1,0 +1,215 @@
+"""What was measured, where and how well, and what the estimator made of it."""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+
+Reference = Literal["earth", "platform"]
+
+
+class Flag(IntEnum):
+    """QARTOD flags."""
+
+    GOOD = 1
+    NOT_EVALUATED = 2
+    SUSPECT = 3
+    FAIL = 4
+    MISSING = 9
+
+
+class Reason(IntFlag):
+    """Why a bin or a ping was not used, or why it is suspect: its flag says which."""
+
+    NONE = 0
+    MISSING = 1
+    ABOVE_SURFACE = 2
+    BELOW_GRID = 4
+    OUTSIDE_REGION = 8
+    PLATFORM_REFERENCE = 16
+    NOT_EARTH_COORDINATES = 32
+    NO_POSITION = 64
+    MALFORMED = 128
+    GROSS_RANGE = 256
+    ON_LAND = 512
+    BELOW_BOTTOM = 1024
+    LOW_CORRELATION = 2048
+    LOW_AMPLITUDE = 4096
+    LOW_SNR = 8192
+    LOW_PERCENT_GOOD = 16384
+    ERROR_VELOCITY = 32768
+    HIGH_SPEED = 65536
+    TILT = 131072
+    SIDELOBE = 262144
+    OUTLIER = 524288
+    AT_SURFACE = 1048576
+    DUPLICATE = 2097152
+    OUT_OF_ORDER = 4194304
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """Where the vehicle was at one time.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: [m], positive down; NaN when unknown.
+        dead_reckoned: True when the position was not measured but computed.
+        source: The message that said so.
+    """
+
+    time_ns: int
+    longitude: float
+    latitude: float
+    depth: float
+    dead_reckoned: bool
+    source: "Source"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Pointer to the message that a value came from.
+
+    Attributes:
+        input: Position of the log among the run's inputs.
+        topic: Channel name.
+        position: Ordinal or byte offset in that log.
+        time_ns: The message's time [ns, UTC].
+    """
+
+    input: int
+    topic: str
+    position: int
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """One profile of the horizontal current: n bins under one position.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: shape (n,) [m], positive down.
+        velocity: shape (n, 2) [m/s], true east and true north; NaN where missing.
+        error_std: shape (n,) [m/s], the instrument's own error of each component.
+        reference: What the velocity is relative to.
+        flags: shape (n,), QARTOD flags.
+        reasons: shape (n,), bit mask of ``Reason``.
+        dive: Number of the dive the profile belongs to, counted from 1; 0 before the first dive or for a surface vessel.
+        source: The message it came from.
+        common_std: Error of each component that all bins share [m/s], the platform's velocity; inf when that is not known, and
+            ``velocity`` is then relative to the platform.
+        correlation_depth: Distance along the profile over which the correlation of the bins' own errors falls by e [m]; 0 for
+            independent ones.
+        platform_velocity: True east and north [m/s], what was added to the velocity measured relative to the platform; None when
+            it is not known, or when the instrument's log does not say.
+    """
+
+    time_ns: int
+    longitude: float
+    latitude: float
+    depth: Array
+    velocity: Array
+    error_std: Array
+    reference: Reference
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    dive: int
+    source: Source
+    common_std: float = 0.0
+    correlation_depth: float = 0.0
+    platform_velocity: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathMean:
+    """The current's mean along a path: a dive's depth-averaged current, or the drift at the surface between two fixes.
+
+    Attributes:
+        time_ns: When the path ended and the mean was known [ns, UTC].
+        path_time_ns: shape (m,) [ns, UTC], increasing; when the vehicle was at the path's points.
+        longitude: shape (m,) [degrees east].
+        latitude: shape (m,) [degrees north].
+        depth: shape (m,) [m], positive down.
+        weight: shape (m,), share of the time spent about each point; sums to one.
+        velocity: True east and true north [m/s].
+        error_std: Error of each component [m/s].
+        kind: ``dac`` for a dive's depth-averaged current, ``drift`` for the drift at the surface.
+        dive: Number of the dive, or of the dive before the drift; as in ``Observation``.
+        source: The message that completed it.
+    """
+
+    time_ns: int
+    path_time_ns: NDArray[np.int64]
+    longitude: Array
+    latitude: Array
+    depth: Array
+    weight: Array
+    velocity: tuple[float, float]
+    error_std: float
+    kind: Literal["dac", "drift"]
+    dive: int
+    source: Source
+
+
+#: What an estimator may be given.
+Measurement = Observation | PathMean
+
+
+Decision = Literal["accepted", "softened", "rejected", "unusable"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Innovation:
+    """What one observation said against the prediction made before it.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        depth: shape (n,) [m], the bins offered to the estimator, used or not.
+        innovation: shape (n, 2) [m/s], local east and north, measured minus predicted; NaN for bins not used.
+        innovation_std: shape (n, 2) [m/s], predicted standard deviation of the innovation.
+        residual: shape (n, 2) [m/s], measured minus estimated after the update.
+        prior_innovation: shape (n, 2) [m/s], measured minus predicted by the prior that has seen no observation.
+        nis: Normalised innovation squared of all rows used.
+        dof: Number of rows used.
+        accepted: False when no bin was usable, or the gate rejected the profile.
+        error_inflation: Factor, at least 1, by which the bins' error variance was grown in the update, because their scatter or the
+            correlation of their residuals asked for it, or to soften it; ``innovation_std`` and ``nis`` are those of the stated errors.
+        flags: shape (n,), QARTOD flags after the region's checks.
+        reasons: shape (n,), bit mask of ``Reason``.
+        dive: As in the observation.
+        source: As in the observation.
+        decision: What was done with the observation.
+        gate_statistic: Normalised innovation squared of what the observation says of the estimate, with adapted errors.
+        gate: What ``gate_statistic`` was held against; inf without a gate.
+        signal_dof: Degrees of freedom for signal: how many independent values of the estimate the observation determined.
+        prior_inflation: Factor by which the estimate's covariance was grown after the observation, as too many lay outside it.
+    """
+
+    time_ns: int
+    depth: Array
+    innovation: Array
+    innovation_std: Array
+    residual: Array
+    prior_innovation: Array
+    nis: float
+    dof: int
+    accepted: bool
+    error_inflation: float
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    dive: int
+    source: Source
+    decision: Decision = "accepted"
+    gate_statistic: float = float("nan")
+    gate: float = float("inf")
+    signal_dof: float = float("nan")
+    prior_inflation: float = 1.0

@@ -1,0 +1,65 @@
+"""From a baseline's name to the estimator it stands for."""
+
+from collections.abc import Callable
+from typing import Any
+
+from replay_kit.config.gating import TrustConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator import Estimator, build_estimator
+from replay_kit.estimator.baselines.depth_average import build_depth_average
+from replay_kit.estimator.baselines.ensemble_mean import build_ensemble_mean
+from replay_kit.estimator.baselines.etkf import build_etkf
+from replay_kit.estimator.baselines.gp import build_gp
+from replay_kit.estimator.baselines.letkf import build_letkf
+from replay_kit.estimator.baselines.naive import build_naive
+from replay_kit.estimator.baselines.nearest import build_nearest
+
+# Any: each kind of state is opaque to whoever holds it, and an estimator is only ever given states that it made itself.
+_BUILDERS: dict[str, Callable[[Ensemble, EstimatorConfig], Estimator[Any]]] = {
+    "naive3d": build_naive,
+    "nearest": build_nearest,
+    "ensemble_mean": build_ensemble_mean,
+    "etkf": build_etkf,
+    "letkf": build_letkf,
+    "gp": build_gp,
+}
+BASELINES = (*_BUILDERS, "depth_average")
+_OWN = "reduced_basis"
+
+
+def build_named(
+    ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None, trust: TrustConfig | None = None
+) -> Estimator[Any]:
+    """Return the estimator that a configuration names: the project's own, or a baseline.
+
+    Args:
+        ensemble: The members.
+        config: Name, preset and settings.
+        depth: Of the goal [m]; ``depth_average`` alone needs it.
+        trust: Gate and watch of the project's own; None believes every profile.
+
+    Raises:
+        ConfigError: The name is unknown, or the depth is missing.
+    """
+    return build_estimator(ensemble, config, trust) if config.name == _OWN else build_baseline(config.name, ensemble, config, depth)
+
+
+def build_baseline(name: str, ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None) -> Estimator[Any]:
+    """Return a baseline for an ensemble.
+
+    Args:
+        name: One of ``BASELINES``.
+        ensemble: The members.
+        config: Modes, kernel and error model.
+        depth: Of the goal [m]; ``depth_average`` alone needs it.
+
+    Raises:
+        ConfigError: The name is unknown, or the depth is missing.
+    """
+    if name == "depth_average":
+        return build_depth_average(ensemble, config, depth)
+    if name not in _BUILDERS:
+        raise ConfigError(f"estimator: expected {_OWN} or one of {', '.join(BASELINES)}, got '{name}'")
+    return _BUILDERS[name](ensemble, config)

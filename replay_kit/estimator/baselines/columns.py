@@ -1,0 +1,116 @@
+"""Whole three-dimensional flows as columns: the members themselves, or modes made of them, one coefficient each."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.grid import Grid
+from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS, cell_size, embed
+
+HATS = DepthFunctions("hat", 1.0)
+_CHUNK = 512  # points at once: bounds the memory of the kernel matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlowColumns:
+    """Flows on one grid, hats in depth.
+
+    Attributes:
+        grid: Their grid.
+        kernel: Horizontal kernel.
+        latent: shape (m, Z, 2N), latent velocities at the nodes.
+    """
+
+    grid: Grid
+    kernel: HorizontalKernel
+    latent: Array
+
+    def at_place(self, place: Array) -> Array:
+        """Return the columns' velocity at the levels under a place, shape (2, Z, m) [m/s].
+
+        Args:
+            place: shape (2,) [m], local east and north.
+        """
+        row = velocity_kernel(self.kernel, place[None], self.grid.nodes)
+        m, n_levels, size = self.latent.shape
+        return np.asarray((row @ self.latent.reshape(-1, size).T).reshape(2, m, n_levels).transpose(0, 2, 1))
+
+    def velocity(self, points: Array, depth: Array) -> Array:
+        """Return the columns' velocity at points, shape (P, 2, m) [m/s].
+
+        Args:
+            points: shape (P, 2) [m], local east and north.
+            depth: shape (P,) [m].
+        """
+        m, n_levels, size = self.latent.shape
+        out = np.empty((depth.size, 2, m))
+        for start in range(0, depth.size, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            at_levels = velocity_kernel(self.kernel, points[part], self.grid.nodes) @ self.latent.reshape(-1, size).T
+            weights = depth_weights(HATS, depth[part], self.grid.levels)
+            out[part] = np.einsum("cpmz,pz->pcm", at_levels.reshape(2, -1, m, n_levels), weights)
+        return out
+
+
+def default_kernel(grid: Grid, config: EstimatorConfig) -> HorizontalKernel:
+    """Return the kernel that carries a velocity given at the nodes to other places: the default preset's, of unit speed."""
+    if config.length_horizontal is not None:
+        return HorizontalKernel(config.length_horizontal, config.length_horizontal, 1.0)
+    east, north = cell_size(grid)
+    return HorizontalKernel(DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north, 1.0)
+
+
+def embed_columns(grid: Grid, kernel: HorizontalKernel, velocity: Array, nugget: float) -> FlowColumns:
+    """Return flows with given velocities at the nodes.
+
+    Args:
+        grid: Their grid.
+        kernel: Horizontal kernel.
+        velocity: shape (m, Z, 2N) [m/s].
+        nugget: As in ``estimator.modes.embed``.
+    """
+    size = velocity.shape[-1]
+    latent = embed(kernel, grid.nodes, velocity.reshape(-1, size).T, nugget)
+    return FlowColumns(grid, kernel, latent.T.reshape(velocity.shape))
+
+
+def flow_of_ensemble(
+    grid: Grid, kernel: HorizontalKernel, mean: Array, anomalies: Array, config: EstimatorConfig, time_ns: int | None
+) -> FlowEstimate:
+    """Return the flow whose mean and covariance are those of columns of velocities.
+
+    The mean is kept whole. The covariance is told in the anomalies' leading ``config.modes`` slices, so its variance is too small by
+    what the others carry.
+
+    Args:
+        grid: The grid.
+        kernel: Horizontal kernel.
+        mean: shape (Z, 2N) [m/s], at the nodes.
+        anomalies: shape (k, Z, 2N) [m/s], scaled so that the covariance is the sum of their outer products.
+        config: Number of modes and nugget.
+        time_ns: Time it holds for.
+    """
+    n_levels, size = mean.shape
+    slices = anomalies.reshape(-1, size)
+    vectors = np.linalg.eigh(slices.T @ slices)[1][:, ::-1]
+    modes = vectors[:, : min(config.modes or size, size, slices.shape[0])]
+    weights = (slices @ modes).reshape(anomalies.shape[0], -1)
+    latents = embed(kernel, grid.nodes, np.asarray(np.hstack([mean.T, modes]), dtype=np.float64), config.nugget)
+    return FlowEstimate(grid, kernel, HATS, latents[:, :n_levels], latents[:, n_levels:], weights.T @ weights, time_ns)
+
+
+def certain_flow(columns: FlowColumns, coefficients: Array, time_ns: int | None) -> FlowEstimate:
+    """Return a sum of columns as a flow without uncertainty.
+
+    Args:
+        columns: The flows.
+        coefficients: shape (m,).
+        time_ns: Time it holds for.
+    """
+    latent = np.tensordot(coefficients, columns.latent, axes=1).T
+    return FlowEstimate(columns.grid, columns.kernel, HATS, latent, np.empty((latent.shape[0], 0)), np.empty((0, 0)), time_ns)

@@ -1,0 +1,1 @@
+"""Basis flows, and what an observation measures of them."""

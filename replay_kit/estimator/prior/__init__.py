@@ -1,0 +1,1 @@
+"""What is known before any observation, and how it is fitted to an ensemble."""

@@ -1,0 +1,255 @@
+"""The prior of the weights: mean and covariance over the ensemble's members, kept in the parts that it is made of."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from replay_kit.core.arrays import Array
+
+
+class Prior(Protocol):
+    """Gaussian prior of the weights, level after level, r a level."""
+
+    @property
+    def mean(self) -> Array:
+        """Mean, shape (Z r,)."""
+        ...
+
+    def times(self, weights: Array) -> Array:
+        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
+        ...
+
+    def times_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with modes' combinations at each level, shape (Z, c, Z, r).
+
+        Args:
+            basis: shape (c, r); entry [z, c] of the answer is the covariance times a weight vector that holds ``basis[c]`` at level z.
+        """
+        ...
+
+    def mode_std(self) -> Array:
+        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
+        ...
+
+    def dense(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PriorSettings:
+    """What makes a hybrid prior of members.
+
+    Attributes:
+        sample_share: Of the sample covariance; the localised one has the rest.
+        shift: Distance of the shifted copies [m]; 0 makes none.
+        radius: Where the localised part's taper reaches zero [m].
+    """
+
+    sample_share: float
+    shift: float
+    radius: float
+
+    def __str__(self) -> str:
+        """Return the settings in words."""
+        shift, radius = self.shift / 1e3, self.radius / 1e3
+        return f"sample share {self.sample_share:.2f}, members shifted by {shift:.1f} km, taper to zero at {radius:.1f} km"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiagonalPrior:
+    """Independent weights, as in the paper.
+
+    Attributes:
+        mean: shape (Z r,).
+        variance: shape (Z, r).
+    """
+
+    mean: Array
+    variance: Array
+
+    def times(self, weights: Array) -> Array:
+        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
+        return self.variance * weights
+
+    def times_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
+        n_levels, n_modes = self.variance.shape
+        out = np.zeros((n_levels, basis.shape[0], n_levels, n_modes))
+        levels = np.arange(n_levels)
+        out[levels, :, levels, :] = self.variance[:, None, :] * basis
+        return out
+
+    def mode_std(self) -> Array:
+        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
+        return np.asarray(np.sqrt(self.variance.mean(axis=0)))
+
+    def dense(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        return np.diag(self.variance.ravel())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HybridPrior:
+    """A covariance of few directions, plus one that is independent between vertical functions.
+
+    Attributes:
+        mean: shape (Z r,).
+        factor: shape (F, Z, r); the first part is the sum of the rows' outer products.
+        vertical: shape (q, Z), orthonormal rows, one a vertical function.
+        horizontal: shape (q, r, r), covariance of the modes' amplitudes in each vertical function.
+        settings: What it was made with, to be told; None when it was not made of members.
+    """
+
+    mean: Array
+    factor: Array
+    vertical: Array
+    horizontal: Array
+    settings: PriorSettings | None = None
+
+    def times(self, weights: Array) -> Array:
+        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
+        rows = self.factor.reshape(self.factor.shape[0], self.mean.size)
+        of_factor = ((weights.reshape(len(weights), self.mean.size) @ rows.T) @ rows).reshape(weights.shape)
+        in_functions = np.matmul((self.vertical @ weights).swapaxes(0, 1), self.horizontal)  # (q, m, r)
+        return np.asarray(of_factor + np.einsum("qz,qmr->mzr", self.vertical, in_functions))
+
+    def times_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
+        n_rows, n_levels, n_modes = self.factor.shape
+        n_basis = basis.shape[0]
+        at_basis = (self.factor @ basis.T).reshape(n_rows, n_levels * n_basis)
+        of_factor = (at_basis.T @ self.factor.reshape(n_rows, n_levels * n_modes)).reshape(n_levels, n_basis, n_levels, n_modes)
+        spread = np.matmul(basis, self.horizontal).reshape(self.vertical.shape[0], basis.size)  # (q, c r)
+        pairs = np.einsum("qz,qy->zyq", self.vertical, self.vertical).reshape(n_levels**2, -1)
+        in_functions = (pairs @ spread).reshape(n_levels, n_levels, n_basis, n_modes)
+        return np.asarray(of_factor + in_functions.transpose(0, 2, 1, 3))
+
+    def mode_std(self) -> Array:
+        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
+        of_factor = np.einsum("fzr,fzr->r", self.factor, self.factor)
+        # the functions have unit length, so each level's share of one sums to one
+        in_functions = np.einsum("qrr->r", self.horizontal)
+        return np.asarray(np.sqrt((of_factor + in_functions) / self.factor.shape[1]))
+
+    def dense(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        n_rows, n_levels, n_modes = self.factor.shape
+        stacked = self.factor.reshape(n_rows, n_levels * n_modes)
+        cov = stacked.T @ stacked
+        block = cov.reshape(n_levels, n_modes, n_levels, n_modes)
+        for function, of_modes in zip(self.vertical, self.horizontal, strict=True):
+            block += np.multiply.outer(np.outer(function, function), of_modes).transpose(0, 2, 1, 3)
+        return cov
+
+
+def diagonal_prior(member_weights: Array) -> DiagonalPrior:
+    """Return the paper's prior: mean over members, and the variances alone.
+
+    Args:
+        member_weights: shape (E, Z, r).
+    """
+    return DiagonalPrior(member_weights.mean(axis=0).ravel(), member_weights.var(axis=0, ddof=1))
+
+
+def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, settings: PriorSettings) -> HybridPrior:
+    """Return the prior of the members and their shifted copies: sample covariance, mixed with a localised one.
+
+    Every member counts as it is and, half as much each, shifted by one correlation length to the four sides: what the members
+    say of the shape of eddies holds for eddies a little elsewhere (spatial averages of covariances, Berre and Desroziers 2010, Mon. Wea.
+    Rev. 138; valid-space shifting, Xu et al. 2011). The sample covariance of so many members still takes chance correlations between
+    far places for real ones, and has few directions. The localised part (hybrid covariance, Hamill and Snyder 2000) has all
+    directions and no far correlations: in each empirical orthogonal function of depth, the covariance over the grid is tapered
+    with distance (Gaspari and Cohn 1999) and projected on the modes.
+
+    Args:
+        member_weights: shape (E, Z, r).
+        velocity_modes: shape (2N, r) [m/s for a weight of one], the modes at the nodes.
+        nodes: shape (N, 2) [m], east and north.
+        settings: Shares and distances. A share of 1 and no shift give the plain sample covariance.
+    """
+    share = settings.sample_share
+    n_members, n_levels, n_modes = member_weights.shape
+    mean = member_weights.mean(axis=0)
+    # least squares, because the kernel's nugget leaves the modes only nearly orthonormal at the nodes
+    projector = np.asarray(np.linalg.pinv(velocity_modes), dtype=np.float64)
+    anomalies = (member_weights - mean) / np.sqrt(n_members - 1.0)
+    anomalies = shifted_in_modes(anomalies, velocity_modes, projector, nodes, settings.shift)
+    if share == 1.0:
+        return HybridPrior(mean.ravel(), anomalies, np.empty((0, n_levels)), np.empty((0, n_modes, n_modes)), settings)
+    vertical, horizontal = localised_part(anomalies, velocity_modes, projector, nodes, settings.radius)
+    return HybridPrior(mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings)
+
+
+def shifted_in_modes(anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, shift: float) -> Array:
+    """Return anomalies and their shifted copies, weighted, in modes: shape (5 E, Z, r); the anomalies alone where ``shift`` is 0.
+
+    Args:
+        anomalies: shape (E, Z, r).
+        velocity_modes: shape (2N, r).
+        projector: shape (r, 2N), from velocities at the nodes to modes.
+        nodes: shape (N, 2) [m].
+        shift: [m].
+    """
+    if shift == 0.0:
+        return anomalies
+    return np.asarray(shifted_copies(anomalies @ velocity_modes.T, nodes, shift) @ projector.T)
+
+
+def localised_part(anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float) -> tuple[Array, Array]:
+    """Return the covariance of anomalies, tapered, in their vertical functions: shapes (q, Z) and (q, r, r).
+
+    Args:
+        anomalies: shape (F, Z, r); their outer products sum to the covariance.
+        velocity_modes: shape (2N, r).
+        projector: shape (r, 2N).
+        nodes: shape (N, 2) [m].
+        radius: Where the taper reaches zero [m].
+    """
+    _, vectors = np.linalg.eigh(np.einsum("ezr,eyr->zy", anomalies, anomalies))
+    vertical = vectors.T
+    taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), radius), (2, 2))
+    in_functions: Array = np.einsum("qz,ezr->qer", vertical, anomalies, optimize=True)
+    return vertical, np.stack([_localised(field, taper, projector) for field in in_functions @ velocity_modes.T])
+
+
+def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
+    """Return fields and their copies shifted east, west, north and south, weighted: shape (5 E, Z, 2N).
+
+    Their Gram matrix is a mean, in which a field itself counts as much as two of its copies. A copy has at each node
+    what the field has at the node nearest to the shifted place, so at the edge it repeats the edge.
+
+    Args:
+        fields: shape (E, Z, 2N).
+        nodes: shape (N, 2) [m].
+        shift: [m].
+    """
+    offsets = shift * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    _, source = cKDTree(nodes).query(nodes[None] + offsets[:, None])
+    both = np.concatenate([source, source + nodes.shape[0]], axis=1)
+    weights = np.sqrt(np.array([2.0, 1.0, 1.0, 1.0, 1.0]) / 6.0)
+    return np.concatenate([weight * fields[..., indices] for weight, indices in zip(weights, both, strict=True)])
+
+
+def _localised(fields: Array, taper: Array, projector: Array) -> Array:
+    """Return the modes' covariance, shape (r, r), of the tapered covariance of fields, shape (M, 2N)."""
+    return np.asarray(projector @ (taper * (fields.T @ fields)) @ projector.T)
+
+
+def gaspari_cohn(distance: Array, radius: float) -> Array:
+    """Return the fifth-order taper of Gaspari and Cohn (1999, eq. 4.10): 1 at no distance, 0 from ``radius`` on.
+
+    Args:
+        distance: [m], any shape.
+        radius: Twice the function's half-width c [m].
+    """
+    r = np.minimum(2.0 * np.abs(distance) / radius, 2.0)
+    inner = 1.0 + r**2 * (-5.0 / 3.0 + r * (5.0 / 8.0 + r * (0.5 - 0.25 * r)))
+    outside = np.maximum(r, 1.0)
+    outer = (
+        4.0 + outside * (-5.0 + outside * (5.0 / 3.0 + outside * (5.0 / 8.0 + outside * (-0.5 + outside / 12.0)))) - 2.0 / (3.0 * outside)
+    )
+    return np.where(r <= 1.0, inner, np.maximum(outer, 0.0))

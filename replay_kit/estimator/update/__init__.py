@@ -1,0 +1,1 @@
+"""What an observation does to the estimate."""

@@ -1,7 +1,0 @@
-"""``experiment dives``: each dive of real logs predicted from the dives before it."""
-
-from replay_kit.experiments.dives.read import Dive, read_dives
-from replay_kit.experiments.dives.run import DivesResult, run_dives
-from replay_kit.experiments.dives.text import print_dives, to_json
-
-__all__ = ["Dive", "DivesResult", "print_dives", "read_dives", "run_dives", "to_json"]

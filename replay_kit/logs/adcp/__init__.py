@@ -1,0 +1,1 @@
+"""Raw ADCP files of Teledyne and Nortek."""

@@ -1,0 +1,173 @@
+"""What a dataset of MHKiT says, in our words and units: plain arrays, ping after ping.
+
+Nothing is rotated here: velocities stay in the file's own coordinates, with what is needed to turn them.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+
+_ORIENTATIONS = {"down": "down", "up": "up", "AHRS": "up"}
+_SYSTEMS = {"beam": "beam", "inst": "instrument", "ship": "ship", "earth": "earth"}
+_MISSING = (-32.768, -3.2768)  # m/s; -32768 in mm/s and in tenths of them
+_DB_PER_COUNT = 0.45  # Teledyne's nominal echo intensity scale
+_PERCENT_PER_COUNT = 100.0 / 255.0  # Teledyne's correlation
+_DEEPEST_DBAR = 12_000.0
+_CLOCK_TICK_NS = 100_000  # the finest clock of the formats; MHKiT carries seconds as floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawProfiles:
+    """The pings of one profiling mode.
+
+    Attributes:
+        time_ns: shape (n,) [ns], by the instrument's clock.
+        known: shape (n,), False where the file has no time, or no ping at that time.
+        common: Fields that all pings share, in the form of a ping.
+        per_ping: Name to shape (n, ...) of the fields that differ, NaN where missing.
+        bottom: Bottom track's velocity, shape (n, components) [m/s], and vertical distance, shape (n, beams) [m]; None without.
+    """
+
+    time_ns: NDArray[np.int64]
+    known: NDArray[np.bool_]
+    common: Mapping[str, Any]
+    per_ping: Mapping[str, Array]
+    bottom: tuple[Array, Array] | None
+
+
+def raw_profiles(dataset: Any, tag: str) -> RawProfiles:
+    """Return the pings of a dataset.
+
+    Args:
+        dataset: From MHKiT (xarray).
+        tag: ``""`` for the burst or only mode, ``"_avg"`` for the averaging one.
+
+    Raises:
+        LookupError: A setting is missing or none of those known, such as a horizontal instrument, whose cells have no depths.
+    """
+    teledyne = dataset.attrs["inst_make"] == "TRDI"
+    make = _teledyne if teledyne else _nortek
+    velocity = _by_ping(dataset, f"vel{tag}")
+    velocity[np.isclose(velocity[..., None], _MISSING[:1] if teledyne else _MISSING, rtol=0.0, atol=1e-5).any(axis=-1)] = np.nan
+    time_ns, known = _times(dataset[f"time{tag}"].values)
+    if f"status{tag}" in dataset and not teledyne:
+        # where a ping was skipped MHKiT fills in a time
+        known &= dataset[f"status{tag}"].values != 0
+    common = _geometry(dataset, tag) | make(dataset, tag)
+    names = {"heading": "heading", "pitch": "pitch", "roll": "roll", "temp": "temperature", "c_sound": "sound_speed"}
+    per_ping = {ours: _by_ping(dataset, theirs + tag) for theirs, ours in names.items() if theirs + tag in dataset}
+    if "heading" in per_ping:
+        per_ping["heading"] = np.mod(per_ping["heading"], 360.0)
+    per_ping |= {"velocity": velocity if teledyne else _one_vertical(velocity, common["coordinate_system"])}
+    per_ping |= _echoes(dataset, tag, teledyne) | _depths(dataset, tag, teledyne)
+    return RawProfiles(time_ns, known, common, per_ping, _bottom(dataset) if teledyne else None)
+
+
+def _times(values: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    known = ~np.isnat(values)
+    ticks = np.round(np.where(known, values, np.datetime64(0, "ns")).astype("datetime64[ns]").astype(np.int64) / _CLOCK_TICK_NS)
+    return ticks.astype(np.int64) * _CLOCK_TICK_NS, known
+
+
+def _by_ping(dataset: Any, name: str) -> Array:
+    """Return a variable with the ping first, cells before components; MHKiT has the ping last."""
+    return np.array(np.asarray(dataset[name].values, dtype=np.float64).T)
+
+
+def _geometry(dataset: Any, tag: str) -> dict[str, Any]:
+    cells, attributes = np.asarray(dataset[f"range{tag}"].values, dtype=np.float64), dataset.attrs
+    return {
+        "coordinate_system": _SYSTEMS[attributes["coord_sys"]],
+        "reference": "platform",
+        "orientation": _ORIENTATIONS[attributes["orientation"]],
+        "n_cells": int(cells.size),
+        "cell_size": round(float(attributes[f"cell_size{tag}"]), 4),
+        "bin0_distance": round(float(cells[0]), 4),
+    }
+
+
+def _teledyne(dataset: Any, tag: str) -> dict[str, Any]:
+    """Return what Teledyne's fixed leader says: EX (transformations), EB (declination), the head's geometry."""
+    del tag
+    attributes = dataset.attrs
+    turned = attributes["coord_sys"] in ("ship", "earth")
+    # VMDAS makes earth coordinates with the ship's heading and the corrections that its user gave
+    true = attributes["magnetic_var_deg"] != 0.0 or (attributes.get("source_program") == "VMDAS" and attributes["coord_sys"] == "earth")
+    return {
+        "attitude_convention": "teledyne",
+        "tilt_applied": turned and attributes["use_pitchroll"] == "yes",
+        "bin_mapped": turned and attributes["bin_mapping"] == "yes",
+        "beam_unit_vectors": _vectors(dataset["beam2inst_orientmat"].values, False),
+        "magnetic_declination": attributes["magnetic_var_deg"] or None,
+        "declination_applied": bool(true),
+    }
+
+
+def _nortek(dataset: Any, tag: str) -> dict[str, Any]:
+    """Return what Nortek's configuration says; DECL is added to the heading by the instrument."""
+    configuration = json.loads(dataset.attrs["filehead_config"])
+    declination = float(configuration.get("USER", {}).get("DECL", 0.0))
+    earth = dataset.attrs["coord_sys"] == "earth"
+    return {
+        "attitude_convention": "nortek",
+        "tilt_applied": earth,
+        "bin_mapped": False,
+        "beam_unit_vectors": _vectors(dataset["beam2inst_orientmat"].values, True),
+        "magnetic_declination": declination or None,
+        "declination_applied": declination != 0.0,
+    }
+
+
+def _vectors(matrix: Array, nortek: bool) -> list[list[float]] | None:
+    """Return the beams' unit vectors from the matrix beam to instrument; None when it has no inverse.
+
+    Teledyne's fourth row is the error velocity; Nortek's third and fourth are two estimates of z, each from two beams.
+    """
+    matrix = np.asarray(matrix, dtype=np.float64)
+    if matrix.shape[0] != matrix.shape[1] or np.linalg.matrix_rank(matrix) < len(matrix):
+        return None
+    inverse = np.linalg.inv(matrix)
+    vectors = np.column_stack([inverse[:, :2], inverse[:, 2:].sum(axis=1)]) if nortek else inverse[:, :3]
+    # the files round the matrix to four digits
+    return [[float(x) for x in row] for row in vectors / np.linalg.norm(vectors, axis=1, keepdims=True)]
+
+
+def _one_vertical(velocity: Array, system: str) -> Array:
+    """Return Nortek's velocities with one vertical component, the mean of the two; beams are left alone."""
+    if system == "beam" or velocity.shape[-1] < 4:
+        return velocity
+    return np.concatenate([velocity[..., :2], velocity[..., 2:4].mean(axis=-1, keepdims=True)], axis=-1)
+
+
+def _echoes(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
+    scales = {"amp": ("amplitude", _DB_PER_COUNT), "corr": ("correlation", _PERCENT_PER_COUNT), "prcnt_gd": ("percent_good", 1.0)}
+    return {
+        ours: np.round(_by_ping(dataset, theirs + tag) * (scale if teledyne else 1.0), 1)
+        for theirs, (ours, scale) in scales.items()
+        if theirs + tag in dataset
+    }
+
+
+def _depths(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
+    """Return the pressure where there is a sensor, and the transducer's depth where it was only typed in."""
+    n = dataset[f"time{tag}"].size
+    sensor = not teledyne or dataset.attrs["sensors_avail"][2] == "1"
+    pressure = _by_ping(dataset, f"pressure{tag}") if sensor and f"pressure{tag}" in dataset else np.full(n, np.nan)
+    # unsigned in the file: a little below zero reads as the largest number
+    pressure = np.where(np.abs(pressure) < _DEEPEST_DBAR, pressure, np.nan)
+    typed = _by_ping(dataset, "depth") if teledyne and not sensor else np.zeros(n)
+    return {"pressure": pressure, "transducer_depth": typed}
+
+
+def _bottom(dataset: Any) -> tuple[Array, Array] | None:
+    if "vel_bt" not in dataset:
+        return None
+    velocity, distance = _by_ping(dataset, "vel_bt"), _by_ping(dataset, "dist_bt")
+    velocity[np.isclose(velocity, _MISSING[0], rtol=0.0, atol=1e-5)] = np.nan
+    return velocity, np.where(distance > 0.0, distance, np.nan)

@@ -1,0 +1,223 @@
+"""Reader of ArduPilot's DataFlash logs (.BIN): messages in the order of the file for a replay, whole columns for analysis."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import LogReport, Message
+from replay_kit.logs.clock import ClockFit, fit_clock, gps_to_utc, leap_seconds, without_spikes
+from replay_kit.logs.dataflash.formats import scaled, unit_names
+from replay_kit.logs.dataflash.records import Records, read_records
+from replay_kit.logs.statistics import Tally
+
+#: A stamp of more [microseconds], three years after the start, is damage.
+_MAX_BOOT_US = 10**14
+_FIX_3D = 3
+_GPS_TIME = ("TimeUS", "Status", "GWk", "GMS")
+#: A GPS week in the year 2171, and still within int64 nanoseconds.
+_MAX_WEEK = 10_000
+_PREFIX = "dataflash"
+Columns = dict[str, NDArray[Any]]
+
+
+class DataflashReader:
+    """A DataFlash log opened for reading; each call reads it anew, in blocks.
+
+    Times are UTC when the log has GPS time, fitted to the vehicle's clock over the whole log; otherwise they count from the vehicle's
+    start, and the report says so.
+
+    Attributes:
+        path: The log.
+        format: ``dataflash``.
+    """
+
+    path: str
+    format: str = "dataflash"
+
+    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+        """Remember what to read; the file is opened when it is read.
+
+        Args:
+            path: The log.
+            input: Position of the log among the run's inputs.
+            config: Taken for the sake of one signature; a DataFlash log has one clock.
+            wanted: Schemas (``dataflash.GPS``) to decode; others are counted only. None decodes all.
+        """
+        del config
+        self.path = str(path)
+        self._input = input
+        self._wanted = wanted
+        self._tally = Tally()
+        self._notes: tuple[str, ...] = ()
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the wanted records in the order in which the file holds them.
+
+        ``topic`` is ``dataflash/{NAME}``, ``schema`` is ``dataflash.{NAME}``, ``position`` the ordinal of the record in the file,
+        unwanted ones counted. A record without a stamp has that of the record before.
+
+        Raises:
+            LogError: The file cannot be read.
+        """
+        self._notes = ()
+        clock, stamp_us, notes = self._clock()
+        stamps = _Stamps(stamp_us)
+        self._tally = Tally()
+        position = 0
+        for records in self._read(self._tally):
+            payloads = self._payloads(records)
+            boot_us = stamps.of(records)
+            times = boot_us * 1000 if clock is None else clock.utc(boot_us * 1000)
+            for at, (time_ns, payload) in enumerate(zip(times.tolist(), payloads, strict=True), position):
+                if payload is not None:
+                    name = payload[0]
+                    yield Message(time_ns, f"{_PREFIX}/{name}", f"{_PREFIX}.{name}", payload[1], self._input, at)
+            position += records.start.size
+            self._notes = (*notes, *stamps.notes())
+
+    def report(self) -> LogReport:
+        """Return what was met so far."""
+        return replace(self._tally.report(self.path, self.format), notes=self._notes)
+
+    def columns(self, name: str) -> Columns:
+        """Return all records of one kind as columns, each of shape (n,) or, for arrays, (n, 32), with the letters' factors applied.
+
+        Raises:
+            LogError: The file cannot be read, holds no such records, or declares them in two ways.
+        """
+        found = self.tables(frozenset({name}))
+        if name not in found:
+            raise LogError(f"{self.path}: expected records of the kind {name}, it holds none; it holds {', '.join(sorted(self.tables()))}")
+        return found[name]
+
+    def tables(self, names: frozenset[str] | None = None) -> dict[str, Columns]:
+        """Return the columns of each kind of record; see ``columns``.
+
+        Args:
+            names: Kinds to read; None reads all.
+        """
+        parts: dict[str, list[Columns]] = defaultdict(list)
+        for records in self._read(Tally()):
+            for form, places in records.decodable():
+                if names is None or form.name in names:
+                    parts[form.name].append(scaled(records.structured(form, places), form))
+        for name, pieces in parts.items():
+            if any(piece.keys() != pieces[0].keys() for piece in pieces):
+                raise LogError(f"{self.path}: {name} is declared twice, with other columns; read it with messages()")
+        return {name: {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]} for name, pieces in parts.items()}
+
+    def units(self, name: str) -> dict[str, str]:
+        """Return the unit of each column of a kind of record, as the log names it; empty where it names none."""
+        forms = {form.name: form for records in self._read(Tally()) for form in records.formats.values()}
+        if name not in forms or not forms[name].known:
+            return {}
+        of_log = self.tables(frozenset({"UNIT", "MULT", "FMTU"}))
+        labels = {chr(key): label for key, label in _pairs(of_log.get("UNIT"), "Id", "Label")}
+        factors = {chr(key): factor for key, factor in _pairs(of_log.get("MULT"), "Id", "Mult")}
+        unit_ids, factor_ids = (dict(_pairs(of_log.get("FMTU"), "FmtType", key)) for key in ("UnitIds", "MultIds"))
+        number = forms[name].type
+        return unit_names(forms[name], unit_ids.get(number, ""), factor_ids.get(number, ""), labels, factors)
+
+    def _payloads(self, records: Records) -> list[tuple[str, dict[str, Any]] | None]:
+        """Return (kind, fields) of each record, None of those that are not wanted, and count all."""
+        payloads: list[tuple[str, dict[str, Any]] | None] = [None] * records.start.size
+        for form, places in records.kinds():
+            topic = f"{_PREFIX}/{form.name}"
+            self._tally.read[topic] += places.size
+            if not form.known:
+                why = f"its format {form.letters} of {form.length} bytes does not fit the columns {','.join(form.columns)}"
+                self._tally.undecodable(topic, why, places.size)
+            elif self._wanted is None or f"{_PREFIX}.{form.name}" in self._wanted:
+                columns = [values.tolist() for values in scaled(records.structured(form, places), form).values()]
+                rows = zip(*columns, strict=True) if columns else [()] * places.size
+                for place, row in zip(places.tolist(), rows, strict=True):
+                    payloads[place] = form.name, dict(zip(form.columns, row, strict=True))
+        return payloads
+
+    def _read(self, tally: Tally) -> Iterator[Records]:
+        try:
+            with open(self.path, "rb") as file:
+                yield from read_records(file, tally)
+        except OSError as error:
+            raise LogError(f"{self.path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+
+    def _clock(self) -> tuple[ClockFit | None, int, tuple[str, ...]]:
+        """Return the clock fitted to the GPS time of the whole log, the log's first stamp [microseconds], and what to say of both."""
+        boot, utc, first_us = [], [], None
+        for records in self._read(Tally()):
+            for form, places in records.decodable():
+                if form.name == "GPS" and all(key in form.columns and form.dtype[key].kind in "iu" for key in _GPS_TIME):
+                    gps = records.structured(form, places)
+                    timed = (gps["Status"] >= _FIX_3D) & (gps["GWk"] > 0) & (gps["GWk"] < _MAX_WEEK) & (gps["TimeUS"] <= _MAX_BOOT_US)
+                    gps = gps[timed]
+                    boot.append(gps["TimeUS"].astype(np.int64) * 1000)
+                    utc.append(gps_to_utc(gps["GWk"].astype(np.int64), gps["GMS"].astype(np.int64)))
+            if first_us is None:
+                stated, _ = _stated(records)
+                first_us = next(iter(stated[stated >= 0].tolist()), None)
+        if not sum(map(len, boot)):
+            return None, first_us or 0, ("no GPS time in it: times count from the vehicle's start, written as if that were 1970",)
+        fit = fit_clock(np.concatenate(boot), np.concatenate(utc))
+        ahead = int(leap_seconds(np.array([fit.utc_ns]))[0])
+        return fit, first_us or 0, (f"UTC from GPS time less {ahead} leap seconds, fitted to the vehicle's clock: {fit}",)
+
+
+class _Stamps:
+    """Times since the vehicle's start of records that follow one another, and what is odd about them."""
+
+    def __init__(self, first_us: int) -> None:
+        """Begin with the stamp of what comes before the first that has one [microseconds]."""
+        self._last = first_us
+        self._backward = 0
+        self._most_us = 0
+        self._impossible = 0
+        self._spikes = 0
+
+    def of(self, records: Records) -> NDArray[np.int64]:
+        """Return the stamp of each of the next records [microseconds]; one without a stamp has that of the record before."""
+        stated, impossible = _stated(records)
+        known = np.flatnonzero(stated >= 0)
+        stated[known], spikes = without_spikes(stated[known], self._last)
+        self._spikes += spikes
+        steps = np.diff(stated[known], prepend=self._last)
+        self._impossible += impossible
+        self._backward += int(np.count_nonzero(steps < 0))
+        self._most_us = max(self._most_us, -int(steps.min(initial=0)))
+        before = np.searchsorted(known, np.arange(stated.size), side="right")
+        filled = np.concatenate([[self._last], stated[known]])[before]
+        self._last = int(filled[-1]) if filled.size else self._last
+        return filled
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what a user should know."""
+        backward = f"{self._backward} stamps go back, by {self._most_us / 1000:.3f} ms at most"
+        impossible = f"{self._impossible} records with an impossible stamp have the time of the record before"
+        spikes = f"{self._spikes} stamps far from those before and after were replaced by the one after"
+        counts = (self._backward, self._impossible, self._spikes)
+        return tuple(note for note, count in zip((backward, impossible, spikes), counts, strict=True) if count)
+
+
+def _stated(records: Records) -> tuple[NDArray[np.int64], int]:
+    """Return the stamp of each record [microseconds], -1 where it states none, and how many state an impossible one."""
+    stated, impossible = np.full(records.start.size, -1, dtype=np.int64), 0
+    for form, places in records.decodable():
+        for name, letters, factor in (("TimeUS", "Q", 1), ("TimeMS", "I", 1000)):
+            if (name, letters) in zip(form.columns, form.letters, strict=True):
+                values = records.structured(form, places)[name]
+                possible = values <= _MAX_BOOT_US // factor
+                stated[places[possible]] = values[possible].astype(np.int64) * factor
+                impossible += int(np.count_nonzero(~possible))
+                break
+    return stated, impossible
+
+
+def _pairs(table: Columns | None, key: str, value: str) -> Iterator[tuple[Any, Any]]:
+    """Yield what two columns of a table hold; nothing when the log has no such table."""
+    return zip(table[key].tolist(), table[value].tolist(), strict=True) if table else iter(())

@@ -1,0 +1,151 @@
+"""Records of a DataFlash log, found a block at a time.
+
+A record is the bytes a3 95, its type, and what the FMT record of that type says. There is no checksum: after bad bytes a record counts only
+when another begins where it ends, or the log does.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from replay_kit.logs.chain import Indices, chain
+from replay_kit.logs.dataflash.formats import FMT, FMT_TYPE, HEAD, Format, read_format
+from replay_kit.logs.statistics import Tally
+
+MAGIC = b"\xa3\x95"
+BLOCK = 1 << 20
+_LONGEST = 255
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Records:
+    """Records that follow one another in a log, under one set of formats.
+
+    Attributes:
+        data: The bytes they lie in.
+        offset: Where these begin in the file.
+        start: Where each begins in them, shape (n,), increasing.
+        type: Number of its kind, shape (n,).
+        formats: By that number.
+    """
+
+    data: NDArray[np.uint8]
+    offset: int
+    start: Indices
+    type: NDArray[np.uint8]
+    formats: dict[int, Format]
+
+    def kinds(self) -> Iterator[tuple[Format, Indices]]:
+        """Yield each kind that is met, with the places among the records where it is."""
+        if not self.type.size:
+            return
+        order = np.argsort(self.type, kind="stable")
+        found, first = np.unique(self.type[order], return_index=True)
+        for number, places in zip(found.tolist(), np.split(order, first[1:]), strict=True):
+            yield self.formats[number], places
+
+    def decodable(self) -> Iterator[tuple[Format, Indices]]:
+        """Yield those kinds whose declaration is understood."""
+        return (kind for kind in self.kinds() if kind[0].known)
+
+    def structured(self, form: Format, places: Indices) -> NDArray[Any]:
+        """Return some records of one kind as a structured array."""
+        body = form.length - HEAD
+        if not body:
+            return np.zeros(places.size, dtype=form.dtype)
+        rows: NDArray[Any] = sliding_window_view(self.data, body)[self.start[places] + HEAD].view(form.dtype)[:, 0]
+        return rows
+
+
+def is_dataflash(head: bytes) -> bool:
+    """Return whether the declaration of a kind of record is among these first bytes of a file."""
+    view = np.frombuffer(head, dtype=np.uint8)
+    return len(_pieces(view, view.size, {})[-1][2]) > 0
+
+
+def read_records(file: BinaryIO, tally: Tally) -> Iterator[Records]:
+    """Yield the records block after block; what is between them, and a cut last one, are losses."""
+    formats: dict[int, Format] = {FMT_TYPE: FMT}
+    data, offset, sound_end, at_end = b"", 0, 0, False
+    while not at_end:
+        block = file.read(BLOCK)
+        at_end = not block
+        data += block
+        searched = len(data) if at_end else max(len(data) - _LONGEST - len(MAGIC), 0)
+        view = np.frombuffer(data, dtype=np.uint8)
+        used = 0
+        for first, last, known in _pieces(view, searched, formats):
+            formats = known
+            start, end = _records(view, max(first, used), last, formats, at_end, max(sound_end - offset, 0))
+            ends = np.concatenate([[sound_end - offset], end])
+            for gap in np.flatnonzero(start > ends[:-1]).tolist():
+                tally.lose("bad bytes, or records of an unknown type, skipped", int(ends[gap]) + offset, int(start[gap] - ends[gap]))
+            sound_end, used = int(ends[-1]) + offset, max(used, int(ends[-1]))
+            yield Records(view, offset, start, view[start + 2], formats)
+        used = max(used, searched)
+        data, offset = data[used:], offset + used
+    if offset > sound_end:
+        tally.lose("at the end: a cut record or bad bytes, skipped", sound_end, offset - sound_end)
+
+
+def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) -> list[tuple[int, int, dict[int, Format]]]:
+    """Return (first, last byte, formats) of the parts of a block: a new part begins where a type is declared anew and otherwise."""
+    formats = dict(formats)
+    pieces, first = [], 0
+    for at in _magic(view, 0, min(searched, view.size - FMT.length + 1)).tolist():
+        form = read_format(view[at + HEAD : at + FMT.length].tobytes()) if view[at + 2] == FMT_TYPE else None
+        if form is None or form.type == FMT_TYPE or formats.get(form.type) == form:
+            continue
+        if form.type in formats:
+            # what lies before goes by the earlier declaration
+            pieces.append((first, at, formats))
+            formats, first = dict(formats), at
+        formats[form.type] = form
+    return [*pieces, (first, searched, formats)]
+
+
+def _records(
+    view: NDArray[np.uint8], first: int, last: int, formats: dict[int, Format], at_end: bool, sound_end: int
+) -> tuple[Indices, Indices]:
+    """Return where the records that begin in part of a block begin and end.
+
+    Args:
+        view: The block.
+        first: Where the part begins.
+        last: Where it ends; a record may reach beyond.
+        formats: Kinds of records.
+        at_end: Whether the log ends with the block.
+        sound_end: Where the last record found before ends.
+    """
+    lengths = np.zeros(256, dtype=np.int64)
+    lengths[list(formats)] = [form.length for form in formats.values()]
+    start = _magic(view, first, min(last, view.size - HEAD + 1))
+    length = lengths[view[start + 2]]
+    whole = (length > 0) & (start + length <= view.size)
+    start, end = start[whole], start[whole] + length[whole]
+    # the second of two magic bytes may be cut off
+    followed = (end == view.size) & at_end
+    inside = np.flatnonzero(end < view.size)
+    after = end[inside]
+    followed[inside] = (view[after] == MAGIC[0]) & ((after + 1 == view.size) | (view[np.minimum(after + 1, view.size - 1)] == MAGIC[1]))
+    # what nothing follows counts when it follows something itself and no sound record begins in it: then the next one is damaged, not it
+    alone, sound = np.flatnonzero(~followed), start[followed]
+    holds = np.searchsorted(sound, end[alone]) > np.searchsorted(sound, start[alone])
+    followed[alone] = (np.isin(start[alone], end) | (start[alone] == sound_end)) & ~holds
+    start, end = start[followed], end[followed]
+    met = chain(start, end)
+    return start[met], end[met]
+
+
+def _magic(view: NDArray[np.uint8], first: int, last: int) -> Indices:
+    """Return where the magic bytes of a record are, from the first to before the last byte."""
+    if last <= first:
+        return np.zeros(0, dtype=np.int64)
+    start = np.flatnonzero(view[first:last] == MAGIC[0]) + first
+    start = start[start + 2 < view.size]
+    found: Indices = start[view[start + 1] == MAGIC[1]]
+    return found

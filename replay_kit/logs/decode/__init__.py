@@ -1,0 +1,1 @@
+"""Payloads of messages, decoded by their encoding."""

@@ -1,0 +1,114 @@
+"""MAVLink messages that a BlueOS recording holds as JSON, made what a telemetry log gives.
+
+On ``mavlink/{system}/{component}/{NAME}`` a message is ``{"header": {...}, "message": {"type": NAME, ...}}``; enums come as
+``{"type": "MAV_..."}`` or as their name, flags as ``{"bits": n}`` or as names joined by ``|``. The schemas are guessed by the
+recorder from each topic's first message and say nothing. Source: bluerobotics/blueos-recorder, bluerobotics/mavlink-server.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from replay_kit.logs.decode.json import decode_json, loads
+
+_TOPIC = re.compile(r"mavlink/\d+/\d+/([A-Z][A-Z0-9_]*)", re.ASCII)
+_PART = re.compile(r"mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
+
+
+def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]] | None:
+    """Return the schema name and the decoder of a JSON channel that carries MAVLink; None for any other topic.
+
+    Args:
+        topic: The channel's topic.
+    """
+    if match := _TOPIC.fullmatch(topic):
+        name = match[1]
+        fields = _Fields.of(name)
+        return name, lambda data: _payload(decode_json(data), fields)
+    if _PART.fullmatch(topic):
+        return "", _field
+    return None
+
+
+class _Fields:
+    """What the dialect says of one message's fields; nothing for a message that it does not know."""
+
+    def __init__(self, message: Any) -> None:
+        self.texts: frozenset[str] = frozenset()
+        self.enums: Mapping[str, str] = {}
+        if message is not None:
+            kinds = zip(message.fieldnames, message.fieldtypes, strict=True)
+            self.texts = frozenset(name for name, kind in kinds if kind == "char")
+            self.enums = message.fieldenums_by_name
+
+    @staticmethod
+    @cache
+    def of(name: str) -> "_Fields":
+        return _Fields(_messages().get(name))
+
+
+@cache
+def _messages() -> dict[str, Any]:
+    return {message.msgname: message for message in dialect.mavlink_map.values()}
+
+
+@cache
+def _enum_values() -> dict[str, int]:
+    """Return the value of each name in any of the dialect's enums."""
+    return {entry.name: value for enum in dialect.enums.values() for value, entry in enum.items()}
+
+
+def _payload(value: dict[str, Any], fields: _Fields) -> dict[str, Any]:
+    """Return a message's fields; a payload without an envelope is a message already, as ``convert`` writes it."""
+    message = value.get("message")
+    if not isinstance(message, dict) or not isinstance(message.get("type"), str):
+        return value
+    plain = {name: _value(name, item, fields) for name, item in message.items() if name != "type"}
+    # the recorder's library renames the field that its own word for the message's name would hide
+    if "mavtype" in plain:
+        plain["type"] = plain.pop("mavtype")
+    return plain
+
+
+def _value(name: str, value: Any, fields: _Fields) -> Any:
+    if isinstance(value, dict):
+        if set(value) == {"bits"}:
+            return value["bits"]
+        if set(value) == {"type"}:
+            return _number_of(value["type"])
+        return value
+    if name in fields.texts:
+        return _text(value)
+    if isinstance(value, str) and name in fields.enums:
+        return _number_of(value)
+    return value
+
+
+def _number_of(words: Any) -> Any:
+    """Return the number that an enum's name stands for, or names joined by ``|``; the words themselves where one is unknown."""
+    if not isinstance(words, str):
+        return words
+    values = [_enum_values().get(word.strip()) for word in words.split("|")]
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
+        return words
+    number = 0
+    for value in known:
+        number |= value
+    return number
+
+
+def _text(value: Any) -> Any:
+    """Return a character array as text without its padding; written as text, as characters or as codes."""
+    if isinstance(value, list):
+        value = "".join(chr(item) if isinstance(item, int) and 0 <= item < 256 else str(item) for item in value)
+    return value.split("\x00", 1)[0] if isinstance(value, str) else value
+
+
+def _field(data: bytes) -> dict[str, Any]:
+    """Return a field that has a topic of its own; what is no object gets a name."""
+    value = loads(data)
+    return value if isinstance(value, dict) else {"value": value}

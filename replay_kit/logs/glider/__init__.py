@@ -1,0 +1,1 @@
+"""Gliders' NetCDF files."""

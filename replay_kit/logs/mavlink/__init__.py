@@ -1,0 +1,1 @@
+"""MAVLink telemetry logs, read and written."""

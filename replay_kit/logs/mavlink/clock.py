@@ -1,0 +1,142 @@
+"""What the SYSTEM_TIME messages of a telemetry log say of its clocks: each sender's time since its start, and UTC where it has it.
+
+The recorder's stamps order a replay unless ``header`` is asked for. Here they are compared with UTC, and the senders' clocks are fitted.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from replay_kit.logs.clock import ClockFit, fit_clock
+from replay_kit.logs.mavlink.frames import Frames
+
+MESSAGE_ID = dialect.MAVLINK_MSG_ID_SYSTEM_TIME
+#: UTC [microseconds] before the year 2000 is a clock that was never set.
+UTC_SINCE_US = 946_684_800_000_000
+_MAX_US = (2**63 - 1) // 1000
+#: UTC, then the time since start.
+_PAYLOAD = np.dtype([("utc_us", "<u8"), ("boot_ms", "<u4")])
+#: A clock that goes back by more was started anew [ms].
+_RESTART_MS = 1000
+#: Pairs kept; of a longer log every second, every fourth and so on.
+_MOST = 1 << 16
+_PAIR = np.dtype([("position", "i8"), ("sender", "i8"), ("start", "i8"), ("stamp_us", "i8"), ("utc_us", "i8"), ("boot_ms", "i8")])
+
+
+@dataclass(frozen=True, slots=True)
+class StartClock:
+    """The clock of one sender between two starts.
+
+    Attributes:
+        sender: 256 times the system's number plus the component's.
+        position: Of the first of its SYSTEM_TIME messages in the file.
+        fit: The clock fitted to UTC.
+        from_utc: Whether to the UTC that the messages state; otherwise to the recorder's stamps.
+    """
+
+    sender: int
+    position: int
+    fit: ClockFit
+    from_utc: bool
+
+
+class SystemTimes:
+    """Collects the SYSTEM_TIME messages of a log, in bounded memory."""
+
+    def __init__(self) -> None:
+        self._kept: list[NDArray[np.void]] = []
+        self._n_kept = 0
+        self._stride = 1
+        self._seen = 0
+        self._starts: dict[int, tuple[int, int]] = {}
+
+    def add(self, frames: Frames, position: int) -> None:
+        """Take in a block of entries, the first of which has this position in the file."""
+        places = np.flatnonzero(frames.message_id == MESSAGE_ID)
+        if not places.size:
+            return
+        payload = sliding_window_view(np.frombuffer(frames.data, dtype=np.uint8), _PAYLOAD.itemsize)[frames.payload[places]]
+        # MAVLink 2 cuts zeros at the end
+        payload[np.arange(_PAYLOAD.itemsize) >= frames.length[places, None]] = 0
+        stated = payload.view(_PAYLOAD)[:, 0]
+        pairs = np.zeros(places.size, dtype=_PAIR)
+        pairs["position"], pairs["sender"] = places + position, frames.sender[places]
+        pairs["stamp_us"], pairs["boot_ms"] = frames.stamp_us[places], stated["boot_ms"]
+        pairs["utc_us"] = np.minimum(stated["utc_us"], _MAX_US)
+        for sender in np.unique(pairs["sender"]).tolist():
+            self._count_starts(pairs, sender)
+        chosen = pairs[(self._seen + np.arange(pairs.size)) % self._stride == 0]
+        self._seen += pairs.size
+        self._kept.append(chosen)
+        self._n_kept += chosen.size
+        if self._n_kept > _MOST:
+            self._kept = [np.concatenate(self._kept)[::2]]
+            self._n_kept, self._stride = self._kept[0].size, 2 * self._stride
+
+    def clocks(self) -> list[StartClock]:
+        """Return the clock of each sender after each of its starts, in the order of the file."""
+        found = []
+        pairs = self._pairs()
+        for sender, start in np.unique(pairs[["sender", "start"]]).tolist():
+            own = pairs[(pairs["sender"] == sender) & (pairs["start"] == start) & (pairs["boot_ms"] > 0)]
+            if own.size:
+                timed = own[own["utc_us"] >= UTC_SINCE_US]
+                used, utc = (timed, "utc_us") if timed.size else (own, "stamp_us")
+                fit = fit_clock(used["boot_ms"] * 1_000_000, used[utc] * 1000)
+                found.append(StartClock(sender, int(own["position"][0]), fit, bool(timed.size)))
+        return sorted(found, key=lambda clock: clock.position)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what a user should know: how the recorder's stamps agree with UTC, and how each clock was fitted."""
+        pairs = self._pairs()
+        timed = pairs[pairs["utc_us"] >= UTC_SINCE_US]
+        said = []
+        if timed.size:
+            late = (timed["stamp_us"] - timed["utc_us"]) * 1e-6
+            said.append(
+                f"the recorder's stamps are {np.median(late):+.3f} s from UTC by {timed.size} of {pairs.size} SYSTEM_TIME messages "
+                f"({late.min():+.3f} to {late.max():+.3f} s)"
+            )
+        elif pairs.size:
+            said.append(f"none of {pairs.size} SYSTEM_TIME messages has UTC: times are right if the recorder's clock was")
+        for clock in self.clocks():
+            source = "UTC" if clock.from_utc else "the recorder's stamps"
+            said.append(f"clock of {clock.sender >> 8}/{clock.sender & 0xFF} since its start against {source}: {clock.fit}")
+        return tuple(said)
+
+    def _pairs(self) -> NDArray[np.void]:
+        return np.concatenate(self._kept) if self._kept else np.zeros(0, dtype=_PAIR)
+
+    def _count_starts(self, pairs: NDArray[np.void], sender: int) -> None:
+        """Number the starts of one sender in its pairs."""
+        own = np.flatnonzero(pairs["sender"] == sender)
+        start, last_ms = self._starts.get(sender, (0, 0))
+        boot_ms = pairs["boot_ms"][own]
+        numbers = start + np.cumsum(np.diff(boot_ms, prepend=last_ms) < -_RESTART_MS)
+        pairs["start"][own] = numbers
+        self._starts[sender] = int(numbers[-1]), int(boot_ms[-1])
+
+
+def header_time(payload: dict[str, object], clock: ClockFit | None) -> int | None:
+    """Return the time that a message states about itself [ns, UTC]; None when it states none, or its sender's clock is not known.
+
+    Args:
+        payload: The message. ``time_usec`` is UTC when it is after the year 2000, else the time since the sender's start.
+        clock: The sender's clock.
+    """
+    time_us, boot_ms = payload.get("time_usec"), payload.get("time_boot_ms")
+    if isinstance(time_us, int) and UTC_SINCE_US <= time_us <= _MAX_US:
+        return time_us * 1000
+    if clock is None:
+        return None
+    if isinstance(boot_ms, int):
+        boot_ns = boot_ms * 1_000_000
+    elif isinstance(time_us, int) and 0 < time_us < UTC_SINCE_US:
+        boot_ns = time_us * 1000
+    else:
+        return None
+    time_ns = int(clock.utc(np.array(boot_ns)))
+    return time_ns if time_ns >= 0 else None

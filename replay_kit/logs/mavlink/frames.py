@@ -1,0 +1,153 @@
+"""Entries of a MAVLink telemetry log, found and checked a block at a time.
+
+An entry is eight bytes of microseconds, big-endian, then one MAVLink 1 or 2 frame. Nothing but the frame's own checksum says that an
+entry is sound, so every place where one seems to begin is checked, and the next entry is the first sound one after the end of the last.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from replay_kit.logs.chain import Indices, chain
+from replay_kit.logs.mavlink.crc import checksums
+from replay_kit.logs.statistics import Tally
+
+#: Read at once [bytes]: enough that the arrays of a block pay, little enough that they stay near the processor.
+BLOCK = 2 << 20
+_V1, _V2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
+_SIGNED = dialect.MAVLINK_IFLAG_SIGNED
+_SIGNATURE = 13
+#: Stamp, shortest header, checksum [bytes].
+_SHORTEST = 8 + 6 + 2
+#: Stamp, longest header, longest payload, checksum, signature [bytes].
+_LONGEST = 8 + 10 + 255 + 2 + _SIGNATURE
+#: Beyond an entry, to see whether another follows: stamp and marker [bytes].
+_BEYOND = 9
+#: Microseconds that fit int64 nanoseconds; later stamps are no stamps. Their first byte is 0, their second at most 0x20.
+_MAX_STAMP_US = (2**63 - 1) // 1000
+_ENTRY = re.compile(rb"\x00[\x00-\x20].{6}[\xfd\xfe]", re.DOTALL)
+#: Checksums computed at once: noise can look like an entry at every second byte, and each may be 280 bytes long.
+_AT_ONCE = 1 << 16
+_UNKNOWN = 256
+#: Checksum byte of each message id; the last place stands for all ids beyond the known ones.
+_EXTRA = np.full(max(dialect.mavlink_map) + 2, _UNKNOWN, dtype=np.uint16)
+for _id, _message in dialect.mavlink_map.items():
+    _EXTRA[_id] = _message.crc_extra
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """Entries of one block whose frames passed their checksum, or whose message is unknown and followed by another entry.
+
+    Attributes:
+        data: The block, and some bytes of padding.
+        offset: Where the block begins in the file.
+        start: Where each entry begins in the block, shape (n,).
+        end: Where it ends.
+        payload: Where its payload begins.
+        length: Bytes of payload.
+        stamp_us: The recorder's stamp [microseconds].
+        sender: 256 times the system's number plus the component's.
+        message_id: Kind of message.
+    """
+
+    data: bytes
+    offset: int
+    start: Indices
+    end: Indices
+    payload: Indices
+    length: Indices
+    stamp_us: Indices
+    sender: Indices
+    message_id: Indices
+
+    def take(self, which: Indices | NDArray[np.bool_]) -> "Frames":
+        """Return some of the entries."""
+        if which.all() if which.dtype == np.bool_ else which.size == self.start.size:
+            return self
+        columns = (self.start, self.end, self.payload, self.length, self.stamp_us, self.sender, self.message_id)
+        return Frames(self.data, self.offset, *(column[which] for column in columns))
+
+
+def read_frames(file: BinaryIO, tally: Tally) -> Iterator[Frames]:
+    """Yield the sound entries block after block; bad bytes between two of them, and a cut last entry, are losses."""
+    data, offset, sound_end, at_end = b"", 0, 0, False
+    while not at_end:
+        block = file.read(BLOCK)
+        at_end = not block
+        data += block
+        frames, used = scan(data, offset, at_end)
+        ends = offset + np.concatenate([[sound_end - offset], frames.end])
+        for gap in np.flatnonzero(frames.start + offset > ends[:-1]).tolist():
+            begin, end = int(ends[gap]), int(frames.start[gap]) + offset
+            tally.lose("bad bytes between two sound frames, skipped", begin, end - begin)
+        sound_end = int(ends[-1])
+        yield frames
+        data, offset = data[used:], offset + used
+    if offset > sound_end:
+        tally.lose("at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end)
+
+
+def scan(data: bytes, offset: int, at_end: bool) -> tuple[Frames, int]:
+    """Return the sound entries of part of a log, and how many of its bytes need not be seen again.
+
+    Args:
+        data: Part of the log; its first byte begins an entry, or bytes to be searched for one.
+        offset: Where the part begins in the file.
+        at_end: Whether the log ends with it; otherwise entries that might not be whole are left for the next part.
+    """
+    size = len(data)
+    searched = size if at_end else max(size - _LONGEST - _BEYOND, 0)
+    frames = _candidates(data + bytes(_LONGEST), offset, size, searched)
+    frames = frames.take(_sound(frames, size, at_end))
+    frames = frames.take(chain(frames.start, frames.end))
+    return frames, max(int(frames.end[-1]) if frames.start.size else 0, searched)
+
+
+def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
+    """Return every place where an entry seems to begin and to be whole.
+
+    Args:
+        data: The block, then padding, so that the fields of what is too short can be read.
+        offset: Where it begins in the file.
+        size: Bytes of the block.
+        searched: Entries begin before this byte of it.
+    """
+    view = np.frombuffer(data, dtype=np.uint8)
+    start = np.flatnonzero(view[8 : min(searched, max(size - _SHORTEST + 1, 0)) + 8] >= _V2)
+    start = start[view.take(start) == 0]
+    start = start[(view.take(start + 1) <= 0x20) & (view.take(start + 8) <= _V1)]
+    head = sliding_window_view(view, 18)[start]
+    second = head[:, 8] == _V2
+    length = head[:, 9].astype(np.int64)
+    flags = np.where(second, head[:, 10], 0)
+    payload = start + np.where(second, 18, 14)
+    end = payload + length + 2 + _SIGNATURE * (flags == _SIGNED)
+    ids = head[:, 11:].astype(np.int32)
+    sender = np.where(second, ids[:, 2] << 8 | ids[:, 3], ids[:, 0] << 8 | ids[:, 1])
+    message_id = np.where(second, ids[:, 4] | ids[:, 5] << 8 | ids[:, 6] << 16, ids[:, 2])
+    stamp_us = np.ascontiguousarray(head[:, :8]).view(">u8")[:, 0].astype(np.int64)
+    frames = Frames(data, offset, start, end, payload, length, stamp_us, sender, message_id)
+    return frames.take((flags <= _SIGNED) & (end <= size) & (stamp_us <= _MAX_STAMP_US))
+
+
+def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
+    """Return which entries are sound: a known message's checksum fits; after an unknown one another entry seems to begin."""
+    view = np.frombuffer(frames.data, dtype=np.uint8)
+    check = frames.payload + frames.length
+    stated = view[check].astype(np.uint16) | view[check + 1].astype(np.uint16) << 8
+    extra = _EXTRA[np.minimum(frames.message_id, _EXTRA.size - 1)]
+    sound = np.zeros(check.size, dtype=np.bool_)
+    for first in range(0, check.size, _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        sound[part] = checksums(view, frames.start[part] + 9, check[part], extra[part]) == stated[part]
+    for at in np.flatnonzero(extra == _UNKNOWN).tolist():
+        end = int(frames.end[at])
+        sound[at] = at_end if end == size else _ENTRY.match(frames.data, end, size) is not None
+    return sound

@@ -1,0 +1,236 @@
+"""The messages of our own logs as a MAVLink 2 telemetry log: a stamp of microseconds, then a frame, and so on.
+
+The carrier has no message for a depth-averaged current, and no field for a ping's amplitude, correlation and the like: these
+are left out, and counted. A ping goes as five ``DEBUG_FLOAT_ARRAY`` frames, NaN for what is not known.
+"""
+
+import math
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from replay_kit.core.atomic import atomic_file
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import Message
+
+MAX_CELLS = 58
+_STAMP = struct.Struct(">Q")
+_SYSTEM, _COMPONENT = 1, 1
+_BOOT_WRAPS = 2**32
+_UNKNOWN_U16 = 65535
+_FIX_3D = 3
+_COORDINATE_SYSTEMS = ("beam", "instrument", "ship", "earth")
+_REFERENCES = ("earth", "platform")
+_ORIENTATIONS = ("down", "up")
+# read as in measurements/vehicle.py, which this package may not import
+_TRUE = ("true", "1")
+_COMPONENTS = 3
+#: What of a ping the frames hold, or the log says otherwise.
+_HELD = frozenset(
+    {
+        *("stamp", "frame_id", "ping", "coordinate_system", "reference", "orientation", "bin_mapped", "n_cells", "cell_size"),
+        *("bin0_distance", "velocity", "velocity_std", "heading", "pitch", "roll", "pressure", "sound_speed", "temperature"),
+        *("magnetic_declination", "declination_applied", "transducer_depth"),
+    }
+)
+_UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, struct.error)
+
+
+class _UnfitError(Exception):
+    """A message has no frame, for a reason that can be named."""
+
+
+class TlogFrames:
+    """Makes the entries of a telemetry log from messages, and counts what they cannot hold.
+
+    Attributes:
+        left_out: How many messages by (topic, what was left out of the log and why).
+    """
+
+    def __init__(self, component: int = _COMPONENT) -> None:
+        """Begin with no message.
+
+        Args:
+            component: MAVLink component that the frames are from.
+        """
+        self.left_out: Counter[tuple[str, str]] = Counter()
+        self._mav = dialect.MAVLink(None, srcSystem=_SYSTEM, srcComponent=component)
+        self._boot_ns: int | None = None
+
+    def entries(self, message: Message) -> Iterator[tuple[str, bytes]]:
+        """Yield MAVLink name and entry (stamp and frame) for each frame of a message; none for one that has none.
+
+        Args:
+            message: ``foxglove.LocationFix`` or ``replay_kit.AdcpPing``; any other is left out.
+
+        Raises:
+            LogError: A ping has more than 58 cells.
+        """
+        make = _FRAMES.get(message.schema)
+        if make is None:
+            self.left_out[message.topic, f"there is no frame for {message.schema or 'a message without a schema'}"] += 1
+            return
+        self._boot_ns = message.time_ns if self._boot_ns is None else self._boot_ns
+        stamp = _STAMP.pack(message.time_ns // 1000)
+        try:
+            # all of a message's frames or none
+            made = list(make(message, max(message.time_ns - self._boot_ns, 0) // 1_000_000 % _BOOT_WRAPS))
+            packed = [(frame.get_type(), stamp + self._packed(frame)) for frame in made]
+        except _UnfitError as error:
+            self.left_out[message.topic, f"no frame can be made: {error}"] += 1
+            return
+        except _UNFIT:
+            self.left_out[
+                message.topic, "no frame can be made: a field is not of the kind that is expected, or out of a frame's range"
+            ] += 1
+            return
+        lost = _not_held(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
+        if lost:
+            self.left_out[message.topic, f"of each its {', '.join(lost)}, for which a frame has no field"] += 1
+        yield from packed
+
+    def _packed(self, frame: Any) -> bytes:
+        data = bytes(frame.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return data
+
+
+def write_tlog(path: Path, messages: Iterable[Message]) -> Mapping[str, int]:
+    """Write fixes, dead-reckoned positions and pings as a telemetry log and return the number of frames by MAVLink name.
+
+    Args:
+        path: The log; a file of that name is replaced.
+        messages: ``foxglove.LocationFix`` and ``replay_kit.AdcpPing`` in order of time; others have no frame and are left out.
+
+    Raises:
+        ConfigError: The file cannot be written.
+        LogError: A ping has more than 58 cells.
+    """
+    frames = TlogFrames()
+    written: Counter[str] = Counter()
+    with atomic_file(path) as file:
+        for message in messages:
+            for name, entry in frames.entries(message):
+                file.write(entry)
+                written[name] += 1
+    return dict(written)
+
+
+def _position_frames(message: Message, boot_ms: int) -> Iterator[Any]:
+    payload = message.payload
+    extra = {pair["key"]: pair["value"] for pair in payload.get("metadata") or ()}
+    degrees = _stated(payload, "latitude")
+    if abs(degrees) > 90.0:
+        raise _UnfitError("expected latitude from -90 to 90 degrees")
+    # a frame holds degrees up to 214: east above 180 becomes west
+    latitude, longitude = round(degrees * 1e7), round(math.remainder(_stated(payload, "longitude"), 360.0) * 1e7)
+    depth = _number(extra.get("depth"))
+    altitude = 0 if math.isnan(depth) else -round(depth * 1000.0)
+    if str(extra.get("dead_reckoned", "")).strip().lower() not in _TRUE:
+        unknown = _UNKNOWN_U16
+        yield dialect.MAVLink_gps_raw_int_message(
+            message.time_ns // 1000, _FIX_3D, latitude, longitude, altitude, unknown, unknown, unknown, unknown, 255
+        )
+    # the vehicle's motion is not part of a LocationFix: velocity zero, heading unknown
+    yield dialect.MAVLink_global_position_int_message(boot_ms, latitude, longitude, altitude, altitude, 0, 0, 0, _UNKNOWN_U16)
+
+
+def _ping_frames(message: Message, boot_ms: int) -> Iterator[Any]:
+    payload = message.payload
+    time_us = message.time_ns // 1000
+    n_cells = payload["n_cells"]
+    if n_cells > MAX_CELLS:
+        raise LogError(
+            f"{message.topic} at {message.time_ns} ns: a MAVLink ping holds at most {MAX_CELLS} cells, got {n_cells}; write MCAP instead"
+        )
+    columns = _columns(payload)
+    yield dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_SUBMARINE, dialect.MAV_AUTOPILOT_GENERIC, 0, 0, dialect.MAV_STATE_ACTIVE, mavlink_version=3
+    )
+    yield dialect.MAVLink_system_time_message(time_us, boot_ms)
+    roll, pitch, heading = (math.radians(_number(payload.get(key))) for key in ("roll", "pitch", "heading"))
+    yield dialect.MAVLink_attitude_message(boot_ms, roll, pitch, math.remainder(heading, math.tau), 0.0, 0.0, 0.0)
+    std = payload.get("velocity_std")
+    # a ping without the vertical component has no frame for it
+    arrays = {"ADCP_CFG": _configuration(payload, len(columns))} | dict(zip(("ADCP_E", "ADCP_N", "ADCP_U"), columns, strict=False))
+    arrays["ADCP_STD"] = [_number(value) for value in std] if isinstance(std, list) else [_number(std)] * n_cells
+    array_id = int(payload.get("ping") or 0) % 65536
+    for name, data in arrays.items():
+        padded = data + [math.nan] * (MAX_CELLS - len(data))
+        yield dialect.MAVLink_debug_float_array_message(time_us, name.encode(), array_id, padded)
+
+
+def _cells(payload: Mapping[str, Any]) -> list[list[Any]]:
+    """Return a ping's velocities by cell; an empty cell is one of which nothing is known."""
+    velocity, n_cells = list(payload["velocity"]), payload["n_cells"]
+    if any(isinstance(cell, list | tuple) for cell in velocity):
+        return [list(cell or ()) for cell in velocity]
+    # protobuf has the cells one after another; a list of nulls has no components at all
+    n = max(len(velocity) // n_cells, 1)
+    return [velocity[k : k + n] if n > 1 else [] for k in range(0, len(velocity), n)]
+
+
+def _columns(payload: Mapping[str, Any]) -> list[list[float]]:
+    """Return a ping's velocities by component, two or three; NaN for what a cell does not state."""
+    cells = _cells(payload)
+    if len(cells) != payload["n_cells"]:
+        raise _UnfitError("expected as many cells of velocity as n_cells says")
+    n = max(max(map(len, cells), default=0), 2)
+    if n > _COMPONENTS and payload["coordinate_system"] == "beam":
+        raise _UnfitError(f"it has {n} beams, of which the frames hold {_COMPONENTS}")
+    return [[_number(cell[k]) if k < len(cell) else math.nan for cell in cells] for k in range(min(n, _COMPONENTS))]
+
+
+def _not_held(payload: Mapping[str, Any]) -> list[str]:
+    """Return what a ping states and its frames do not."""
+    lost = sorted(key for key, value in payload.items() if key not in _HELD and value not in (None, [], {}, ""))
+    return [*lost, f"components of velocity after {_COMPONENTS}"] if max(map(len, _cells(payload)), default=0) > _COMPONENTS else lost
+
+
+def _configuration(payload: Mapping[str, Any], n_components: int) -> list[float]:
+    return [
+        _stated(payload, "n_cells"),
+        _stated(payload, "cell_size"),
+        _stated(payload, "bin0_distance"),
+        _choice(payload, "coordinate_system", _COORDINATE_SYSTEMS),
+        _choice(payload, "reference", _REFERENCES),
+        _choice(payload, "orientation", _ORIENTATIONS),
+        _number(payload.get("bin_mapped")),
+        _number(payload.get("heading")),
+        _number(payload.get("pitch")),
+        _number(payload.get("roll")),
+        _number(payload.get("pressure")),
+        _number(payload.get("sound_speed")),
+        _number(payload.get("temperature")),
+        _number(payload.get("magnetic_declination")),
+        _number(payload.get("declination_applied")),
+        float(n_components),
+        _number(payload.get("transducer_depth")),
+    ]
+
+
+def _stated(payload: Mapping[str, Any], key: str) -> float:
+    value = payload.get(key)
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise _UnfitError(f"expected {key} to be a number")
+    return float(value)
+
+
+def _choice(payload: Mapping[str, Any], key: str, words: tuple[str, ...]) -> float:
+    if payload.get(key) not in words:
+        raise _UnfitError(f"expected {key} to be one of {', '.join(words)}")
+    return float(words.index(payload[key]))
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+_FRAMES: dict[str, Callable[[Message, int], Iterator[Any]]] = {
+    "foxglove.LocationFix": _position_frames,
+    "replay_kit.AdcpPing": _ping_frames,
+}

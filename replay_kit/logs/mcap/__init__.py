@@ -1,0 +1,1 @@
+"""MCAP logs, read and written."""

@@ -1,0 +1,90 @@
+"""Which topic, schema and decoder the messages of each MCAP channel have."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+from mcap.well_known import MessageEncoding
+
+from replay_kit.logs.decode.decoders import Decoder, channel_decoder
+from replay_kit.logs.mcap.records import parse
+from replay_kit.logs.mcap.summary import Summary
+from replay_kit.logs.raw import MAVLINK_FRAMES, RawChannel
+
+
+@dataclass(frozen=True, slots=True)
+class Sink:
+    """Where the messages of one channel go.
+
+    Attributes:
+        topic: The channel's topic.
+        schema: Name of its schema; empty when it has none.
+        decode: The decoder; the reason why there is none; or None for frames that stand decoded on topics of their own.
+        channel: What the file says of it.
+    """
+
+    topic: str
+    schema: str
+    decode: Decoder | str | None
+    channel: RawChannel
+
+
+class Channels:
+    """The channels and schemas declared so far; a decoder is built when its first message comes."""
+
+    def __init__(self, summary: Callable[[], Summary]) -> None:
+        """Start with nothing declared.
+
+        Args:
+            summary: Gives the file's summary, asked only for what was not declared before its use, as after a lost chunk.
+        """
+        self._summary = summary
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        #: Those built so far, by channel; asked directly where a call a message would cost.
+        self.sinks: dict[int, Sink] = {}
+
+    def declare(self, opcode: int, body: bytes) -> None:
+        """Take up a schema or channel record.
+
+        Raises:
+            struct.error, ValueError, OverflowError, mcap.exceptions.McapError: The body is no such record.
+        """
+        if opcode == Opcode.SCHEMA:
+            schema = parse(Schema, body)
+            if self._schemas.get(schema.id) != schema:
+                self._schemas[schema.id] = schema
+                self.sinks.clear()
+        else:
+            channel = parse(Channel, body)
+            if self._channels.get(channel.id) != channel:
+                self._channels[channel.id] = channel
+                self.sinks.pop(channel.id, None)
+
+    def sink(self, channel_id: int) -> Sink:
+        """Return where the messages of this channel go, known or not."""
+        found = self.sinks.get(channel_id)
+        if found is None:
+            found = self.sinks[channel_id] = self._build(channel_id)
+        return found
+
+    def _build(self, channel_id: int) -> Sink:
+        channel = self._channels.get(channel_id) or self._summary().channels.get(channel_id)
+        if channel is None:
+            unknown = RawChannel(channel_id, f"(channel {channel_id})", "", (), None)
+            return Sink(unknown.topic, "", "the file does not say what this channel is", unknown)
+        schema = None
+        if channel.schema_id != 0:
+            schema = self._schemas.get(channel.schema_id) or self._summary().schemas.get(channel.schema_id)
+        definition = (schema.name, schema.encoding, schema.data) if schema else None
+        raw = RawChannel(channel_id, channel.topic, channel.message_encoding, tuple(channel.metadata.items()), definition)
+        name = schema.name if schema else ""
+        # `mavlink/` first: the dialect takes longer to load than a small log to read
+        if channel.message_encoding == MessageEncoding.JSON and channel.topic.startswith("mavlink/"):
+            from replay_kit.logs.decode.blueos import mavlink_channel
+
+            if (known := mavlink_channel(channel.topic)) is not None:
+                return Sink(channel.topic, known[0] or name, known[1], raw)
+        decode = None if raw.encoding == MAVLINK_FRAMES else channel_decoder(channel.message_encoding, schema)
+        return Sink(channel.topic, name, decode, raw)

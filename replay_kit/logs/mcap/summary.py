@@ -1,0 +1,166 @@
+"""What the end of an MCAP file says about the whole of it, and where reading can go on after damage."""
+
+import re
+import struct
+import zlib
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
+
+from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, RECORD_ERRORS, RECORD_HEAD, file_records, parse
+
+_FOOTER_SIZE = HEAD_SIZE + 20
+_PIECE = 1 << 20
+#: A chunk up to its data: opcode, length, two times, size, checksum, name of the compression, length of the data.
+_CHUNK_START = re.compile(rb"\x06.{5}\x00{3}.{28}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd).{8}", re.DOTALL)
+_CHUNK_START_LONGEST = HEAD_SIZE + 28 + 4 + 4 + 8
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The summary section; all is empty when the file has none, or its end is missing or damaged.
+
+    Attributes:
+        schemas: By number.
+        channels: By number.
+        chunks: In the order of their offsets.
+        offsets: Where chunks, attachments, metadata and the summary itself begin [bytes], increasing.
+        statistics: What the file says it holds; None when it does not say.
+        problem: Why a summary that is there is not believed; empty when it is, or there is none.
+        checked: Whether a checksum covers it.
+    """
+
+    schemas: dict[int, Schema]
+    channels: dict[int, Channel]
+    chunks: tuple[ChunkIndex, ...]
+    offsets: tuple[int, ...]
+    statistics: Statistics | None = None
+    problem: str = ""
+    checked: bool = False
+
+    @cached_property
+    def _chunk_starts(self) -> tuple[int, ...]:
+        return tuple(chunk.chunk_start_offset for chunk in self.chunks)
+
+    def chunk_at(self, offset: int) -> ChunkIndex | None:
+        """Return what is said of the chunk that begins at a byte; None when none does."""
+        place = bisect_right(self._chunk_starts, offset) - 1
+        return self.chunks[place] if place >= 0 and self._chunk_starts[place] == offset else None
+
+    def next_offset(self, offset: int) -> int | None:
+        """Return where the next record that the summary knows begins after a byte; None when it knows of none."""
+        place = bisect_right(self.offsets, offset)
+        return self.offsets[place] if place < len(self.offsets) else None
+
+    def in_index(self, offset: int) -> bool:
+        """Return whether a byte belongs to the message index of a chunk, where no message can stand."""
+        place = bisect_right(self._chunk_starts, offset) - 1
+        if place < 0:
+            return False
+        chunk = self.chunks[place]
+        begin = chunk.chunk_start_offset + chunk.chunk_length
+        return begin <= offset < begin + chunk.message_index_length
+
+
+_NOTHING = Summary({}, {}, (), ())
+
+
+def read_summary(file: BinaryIO, size: int) -> Summary:
+    """Return the summary section, checked by its checksum when it has one.
+
+    Args:
+        file: The open log.
+        size: Size of the file [bytes].
+    """
+    length = _FOOTER_SIZE + len(MAGIC)
+    file.seek(max(0, size - length))
+    tail = file.read(length)
+    if len(tail) < length or not tail.endswith(MAGIC) or RECORD_HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
+        return _NOTHING
+    footer = parse(Footer, tail[HEAD_SIZE:])
+    start = footer.summary_start
+    if not len(MAGIC) <= start < size - length:
+        return Summary({}, {}, (), (), problem="the footer points to no summary") if start else _NOTHING
+    if footer.summary_crc not in (0, _crc(file, start, size - len(MAGIC) - 4)):
+        return Summary({}, {}, (), (), problem="the checksum of the summary does not match")
+    return _collect(file, start, size, footer.summary_crc != 0)
+
+
+def _crc(file: BinaryIO, start: int, end: int) -> int:
+    file.seek(start)
+    crc, left = 0, end - start
+    while left > 0 and (piece := file.read(min(left, _PIECE))):
+        crc = zlib.crc32(piece, crc)
+        left -= len(piece)
+    return crc
+
+
+def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    chunks: dict[int, ChunkIndex] = {}
+    others: set[int] = set()
+    statistics: Statistics | None = None
+    for record in file_records(file, start, size):
+        try:
+            if record.opcode == Opcode.SCHEMA:
+                schema = parse(Schema, record.body)
+                schemas[schema.id] = schema
+            elif record.opcode == Opcode.CHANNEL:
+                channel = parse(Channel, record.body)
+                channels[channel.id] = channel
+            elif record.opcode == Opcode.CHUNK_INDEX:
+                chunk = parse(ChunkIndex, record.body)
+                chunks[chunk.chunk_start_offset] = chunk
+            elif record.opcode == Opcode.ATTACHMENT_INDEX:
+                others.add(parse(AttachmentIndex, record.body).offset)
+            elif record.opcode == Opcode.METADATA_INDEX:
+                others.add(parse(MetadataIndex, record.body).offset)
+            elif record.opcode == Opcode.STATISTICS:
+                statistics = parse(Statistics, record.body)
+        except RECORD_ERRORS:
+            continue
+    inside = sorted(offset for offset in chunks if len(MAGIC) <= offset < start)
+    known = {offset for offset in others if len(MAGIC) <= offset < start}.union(inside, (start,))
+    return Summary(schemas, channels, tuple(chunks[offset] for offset in inside), tuple(sorted(known)), statistics, checked=checked)
+
+
+def resume_after(file: BinaryIO, offset: int, size: int, summary: Callable[[], Summary]) -> int | None:
+    """Return where a record begins after damage: the next that the summary knows, else the next that looks like a chunk.
+
+    Args:
+        file: The open log.
+        offset: Where the damaged record begins [bytes].
+        size: Size of the file [bytes].
+        summary: Gives the file's summary.
+    """
+    known = summary()
+    following = known.next_offset(offset)
+    # a file may have a summary that lists no chunks
+    return following if known.chunks else _next_chunk(file, offset + 1, following or size) or following
+
+
+def _next_chunk(file: BinaryIO, offset: int, size: int) -> int | None:
+    """Return where the next bytes begin whose lengths fit each other as only those of a chunk do; None without such."""
+    buffer, base = b"", offset
+    file.seek(offset)
+    while True:
+        piece = file.read(_PIECE)
+        buffer += piece
+        start = 0
+        while match := _CHUNK_START.search(buffer, start):
+            (length,) = struct.unpack_from("<Q", buffer, match.start() + 1)
+            (data_length,) = struct.unpack_from("<Q", buffer, match.end() - 8)
+            if length == match.end() - match.start() - HEAD_SIZE + data_length and base + match.start() < size:
+                return base + match.start()
+            start = match.start() + 1
+        if not piece:
+            return None
+        kept = min(len(buffer), _CHUNK_START_LONGEST)
+        base += len(buffer) - kept
+        buffer = buffer[len(buffer) - kept :]

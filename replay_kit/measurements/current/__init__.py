@@ -1,0 +1,1 @@
+"""Mean currents between fixes."""

@@ -1,0 +1,224 @@
+"""Mean currents between fixes: a dive's depth-averaged current, stated or computed, and the drift at the surface.
+
+A depth-averaged current is how far a vehicle surfaced from where its motion through the water alone would have brought it, over the
+time between the fixes; it is the mean of the current along the path (``path.py``).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import PathMean, Source, VehicleState
+from replay_kit.measurements.current.path import Path, at_depth, begin, extend, path_mean, reckoned_drift
+from replay_kit.measurements.ping.payload import number
+
+# s; a stated fix this near in time to one of the log's is that fix
+_SAME_FIX_NS = 60 * 10**9
+# s; a shorter drift is the error of its fixes
+_LEAST_DRIFT_NS = 120 * 10**9
+# m/s; an error outside is no statement of one
+_STD_BELIEVED = (1e-6, 1e3)
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A fix that a mean current states as one of its ends.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        longitude: [degrees east].
+        latitude: [degrees north].
+    """
+
+    time_ns: int
+    longitude: float
+    latitude: float
+
+
+@dataclass(frozen=True, slots=True)
+class MeanCurrent:
+    """A mean current that a message states.
+
+    Attributes:
+        velocity: True east and north [m/s].
+        error_std: Of each component [m/s]; NaN when not stated.
+        start: The fix before the dive; None when not stated.
+        end: The fix after it; None when not stated.
+        dive: As the message has it, unchecked.
+    """
+
+    velocity: tuple[float, float]
+    error_std: float
+    start: Fix | None
+    end: Fix | None
+    dive: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Dives:
+    """What is remembered of the way since the last fixes.
+
+    Attributes:
+        path: Since the last fix at the surface; None before the first.
+        done: The last dive's path, and the fix that ended it, until its mean current comes.
+        anchor: The fix from which the drift at the surface is counted; None within a dive.
+        stated: Whether the log states mean currents itself.
+        computed_ns: Time of the fix that ended the last dive whose mean current was computed [ns, UTC].
+    """
+
+    path: Path | None = None
+    done: tuple[Path, VehicleState] | None = None
+    anchor: VehicleState | None = None
+    stated: bool = False
+    computed_ns: int | None = None
+
+
+def depth_averaged_current(payload: Mapping[str, Any]) -> MeanCurrent | str:
+    """Return the mean current of a ``replay_kit.DepthAveragedCurrent``, or why there is none."""
+    velocity = number(payload.get("dac_eastward")), number(payload.get("dac_northward"))
+    if not math.isfinite(sum(velocity)):
+        return "depth-averaged current: it is not a number"
+    std = number(payload.get("error"))
+    start, end = (_fix(payload.get(name)) for name in ("start_fix", "end_fix"))
+    return MeanCurrent(velocity, std if _STD_BELIEVED[0] <= std <= _STD_BELIEVED[1] else math.nan, start, end, payload.get("dive"))
+
+
+def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, config: MeasurementConfig) -> tuple[Dives, PathMean | str]:
+    """Return what is remembered after a stated mean current, and the current with its path, or why it is not used.
+
+    Args:
+        dives: What was remembered before.
+        mean: The current.
+        dive: Its dive's number.
+        source: The message.
+        config: The errors of currents that state none, and the fastest that is believed.
+    """
+    if not _believed(mean.velocity, config):
+        return dives, "depth-averaged current: faster than measurements.max_speed"
+    dives = replace(dives, stated=True)
+    if mean.end is not None and dives.computed_ns is not None and mean.end.time_ns <= dives.computed_ns + _SAME_FIX_NS:
+        return dives, "depth-averaged current: computed from the dead reckoning before it came"
+    found = _path_of(dives, mean, source)
+    if found is None:
+        return dives, "depth-averaged current: neither its path nor its fixes with a depth are known"
+    path, end = found
+    error = mean.error_std if math.isfinite(mean.error_std) else _error(path, end, config.dac_std, config)
+    done = None if dives.done is not None and dives.done[1].time_ns <= end.time_ns else dives.done
+    whole = path_mean(path, end, mean.velocity, error, "dac", dive, source)
+    if not _is_path(whole):
+        return dives, "depth-averaged current: no way leads from its first fix to its last"
+    return replace(dives, done=done), whole
+
+
+def sunk(dives: Dives, depth: float) -> Dives:
+    """Return what is remembered after a depth."""
+    return dives if dives.path is None else replace(dives, path=at_depth(dives.path, depth))
+
+
+def passed(dives: Dives, position: VehicleState, submerged: bool, dive: int, config: MeasurementConfig) -> tuple[Dives, list[PathMean]]:
+    """Return what is remembered after a position, and the mean currents that it completes.
+
+    Args:
+        dives: What was remembered before.
+        position: A fix, or a dead-reckoned position.
+        submerged: Whether the vehicle is in a dive.
+        dive: Number of the last dive.
+        config: Which mean currents are computed, and their errors.
+    """
+    path = dives.path
+    if position.dead_reckoned or submerged:
+        return (dives if path is None else replace(dives, path=extend(path, position))), []
+    if path is not None and position.time_ns <= path.start.time_ns:
+        return dives, []
+    dived = path is not None and path.deepest > 2.0 * config.surface_depth
+    if path is None or not dived:
+        return _drifted(dives, position, dive, config)
+    after = replace(dives, path=begin(position), done=(path, position), anchor=position)
+    if config.dead_reckoning == "corrected" or not config.use_dac or dives.stated or not path.reckoned:
+        return after, []
+    seconds = (position.time_ns - path.start.time_ns) * 1e-9
+    east, north = reckoned_drift(path, position)
+    velocity = east / seconds, north / seconds
+    if not _believed(velocity, config):
+        return after, []
+    mean = path_mean(path, position, velocity, _error(path, position, config.dac_std, config), "dac", dive, position.source)
+    return replace(after, done=None, computed_ns=position.time_ns), [mean] if _is_path(mean) else []
+
+
+def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConfig) -> tuple[Dives, list[PathMean]]:
+    """Return what is remembered after a fix at the surface that ends no dive, and the drift to it."""
+    anchor = dives.anchor
+    too_long = anchor is not None and fix.time_ns - anchor.time_ns > config.position_max_age * 1e9
+    path = begin(fix)
+    if anchor is None or too_long or not config.use_drift:
+        return replace(dives, path=path, anchor=fix), []
+    if fix.time_ns - anchor.time_ns < _LEAST_DRIFT_NS:
+        return replace(dives, path=path), []
+    east, north = to_local(Projection(anchor.longitude, anchor.latitude), fix.longitude, fix.latitude)
+    seconds = (fix.time_ns - anchor.time_ns) * 1e-9
+    velocity = float(east) / seconds, float(north) / seconds
+    if not _believed(velocity, config):
+        return replace(dives, path=path, anchor=fix), []
+    first, last = (replace(place, depth=config.drift_depth) for place in (anchor, fix))
+    adrift = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
+    mean = path_mean(adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive, fix.source)
+    return replace(dives, path=path, anchor=fix), [mean]
+
+
+def _is_path(mean: PathMean) -> bool:
+    """Return whether a path leads from place to place; between opposite sides of the Earth no way is the shortest."""
+    return bool(np.isfinite(mean.longitude + mean.latitude + mean.depth).all())
+
+
+def _believed(velocity: tuple[float, float], config: MeasurementConfig) -> bool:
+    return all(abs(component) <= config.max_speed for component in velocity)
+
+
+def _error(path: Path, end: VehicleState, own_std: float, config: MeasurementConfig) -> float:
+    """Return the error of a component [m/s]: its own, and that of the two fixes over the time between them."""
+    seconds = (end.time_ns - path.start.time_ns) * 1e-9
+    return math.hypot(own_std, math.sqrt(2.0) * config.fix_std / seconds)
+
+
+def _path_of(dives: Dives, mean: MeanCurrent, source: Source) -> tuple[Path, VehicleState] | None:
+    """Return the path that a stated mean current belongs to, and the fix that ends it; None when neither is known."""
+    if dives.done is not None and _same(dives.done[0].start, mean.start) and _same(dives.done[1], mean.end):
+        return dives.done
+    start, end = mean.start, mean.end
+    if start is None or end is None or end.time_ns <= start.time_ns:
+        return None
+    last = VehicleState(end.time_ns, end.longitude, end.latitude, 0.0, False, source)
+    path = dives.path
+    if path is not None and _same(path.start, start) and path.last.time_ns <= end.time_ns and math.isfinite(path.deepest):
+        # the fix after the dive has not come yet
+        return path, last
+    deepest = max((known.deepest for known in (path, dives.done and dives.done[0]) if known is not None), key=_finite, default=math.nan)
+    if not math.isfinite(deepest):
+        return None
+    return replace(begin(VehicleState(start.time_ns, start.longitude, start.latitude, 0.0, False, source)), deepest=deepest), last
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else -math.inf
+
+
+def _same(fix: VehicleState, stated: Fix | None) -> bool:
+    return stated is None or abs(fix.time_ns - stated.time_ns) <= _SAME_FIX_NS
+
+
+def _fix(stated: Any) -> Fix | None:
+    """Return a fix of a payload; None when it does not hold one whole."""
+    if not isinstance(stated, Mapping) or not isinstance(stated.get("time"), Mapping):
+        return None
+    seconds, rest = (number(stated["time"].get(name)) for name in ("sec", "nsec"))
+    longitude, latitude = number(stated.get("lon")), number(stated.get("lat"))
+    if not (0.0 <= seconds < 2**33 and 0.0 <= rest < 2 * _NS and math.isfinite(longitude) and abs(latitude) <= 90.0):
+        return None
+    return Fix(int(seconds) * _NS + int(rest), longitude, latitude)

@@ -1,0 +1,1 @@
+"""Messages of unknown types, read as the configuration says."""

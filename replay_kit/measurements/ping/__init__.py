@@ -1,0 +1,1 @@
+"""ADCP pings, from their payload to a profile of the current."""

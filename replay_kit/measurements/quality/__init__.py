@@ -1,0 +1,1 @@
+"""Quality control of profiles, and faults of whole logs."""

@@ -1,0 +1,155 @@
+"""Tests of an ADCP profile's bins: pure functions of arrays, one a test, each giving the QARTOD flag of each bin.
+
+A flag is good, suspect, fail, or not evaluated where the test's input is absent: a test never fails what it cannot judge. Limits
+are (suspect, fail); None is no limit. How the flags of all tests become one is ``rolled_up``.
+
+Sources: U.S. IOOS, "Manual for Real-Time Quality Control of In-Situ Current Observations" (QARTOD), which names the tests and leaves
+their numbers to the operator; Teledyne's commands WC, WE and its percent good; the toolbox of IMOS (side lobe, error velocity, tilt).
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.observation import Flag, Reason
+
+Flags = NDArray[np.int8]
+Limits = tuple[float | None, float | None]
+# a solution needs so many beams
+_BEAMS = 3
+# scales a median deviation to the standard deviation of a normal distribution
+_MAD = 1.4826
+# bins; fewer have no median that one of them could not move
+_FEWEST = 4
+
+
+def graded(values: Array, limits: Limits, least: bool) -> Flags:
+    """Return the flags of values against limits; not evaluated where a value is NaN, or without any limit.
+
+    Args:
+        values: shape (n,).
+        limits: Suspect and fail.
+        least: Whether the limits are the least that is good, else the most.
+    """
+    flags = np.full(values.shape, Flag.NOT_EVALUATED, np.int8)
+    if limits == (None, None):
+        return flags
+    flags[np.isfinite(values)] = Flag.GOOD
+    for limit, flag in zip(limits, (Flag.SUSPECT, Flag.FAIL), strict=True):
+        if limit is not None:
+            flags[values < limit if least else values > limit] = flag
+    return flags
+
+
+def worst_needed(beams: Array) -> Array:
+    """Return the number on which each cell's solution hangs, shape (n,): that of the third best beam, or of the worst of fewer.
+
+    A single bad beam of four is for the error velocity to find; NaN where fewer beams than are needed have a number.
+
+    Args:
+        beams: shape (n, b), correlation, echo or the like of each beam.
+    """
+    needed = min(_BEAMS, beams.shape[1])
+    # NaN sorts last, so beams without a number stand behind all others
+    return np.asarray(-np.sort(-beams, axis=1)[:, needed - 1])
+
+
+def percent_good(values: Array, turned: bool) -> Array:
+    """Return the percentage of solutions in each cell, shape (n,).
+
+    Args:
+        values: shape (n, k) [%]: one number a cell, one a beam, or Teledyne's four of velocities that the instrument turned:
+            three-beam solutions, rejected ones, cells with too few beams, four-beam solutions.
+        turned: Whether these four are what is held.
+    """
+    if turned and values.shape[1] == 4:
+        return np.asarray(values[:, 0] + values[:, 3])
+    return worst_needed(values)
+
+
+def tilt(pitch_deg: float, roll_deg: float) -> float:
+    """Return the angle between an instrument's axis and the vertical [degrees], whichever way it looks; NaN when not known."""
+    return float(np.rad2deg(np.arccos(np.abs(np.cos(np.deg2rad(pitch_deg)) * np.cos(np.deg2rad(roll_deg))))))
+
+
+def sidelobe(distance: Array, cell_size: float, boundary: float, cosine: float) -> Flags:
+    """Return the flags of bins against the echo of the surface or of the bottom: those that reach into its side lobe fail.
+
+    A beam's side lobe meets the boundary straight ahead before the beam itself does, so that the last part of the range,
+    1 - cos(beam angle) of it, is spoiled.
+
+    Args:
+        distance: shape (n,) [m], vertical, from the transducer to the bins' centres.
+        cell_size: [m]; a bin of unknown size (NaN) is spoiled when its centre is.
+        boundary: [m], vertical, from the transducer to the boundary; NaN when not known.
+        cosine: Of the angle between a beam and the instrument's axis.
+    """
+    edge = distance + (0.5 * cell_size if np.isfinite(cell_size) else 0.0)
+    return graded(edge if np.isfinite(boundary) else np.full(edge.shape, np.nan), (None, boundary * cosine), least=False)
+
+
+def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
+    """Return how far each bin is from the median of those around it, in median deviations, shape (n,): Hampel's filter.
+
+    The deviations are scaled to standard deviations, and are those of the window or of the whole profile, whichever are larger; of
+    both components the worse counts. At a profile's ends the window is moved inwards. A straight profile gives 1.4 at most, however
+    strong its shear, and a step between two layers gives 0. NaN where the bin or all but three of its window are missing.
+
+    Args:
+        velocity: shape (n, 2) [m/s]; NaN where missing or failed.
+        floor: shape (n,) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
+        window: Bins in a window, odd; of a shorter profile all.
+    """
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=1))
+    n_finite = np.count_nonzero(finite)
+    if n_finite < _FEWEST:
+        return np.full(len(velocity), np.nan)
+    at = _windows(len(velocity), window)
+    around = np.where(finite[:, None], velocity, np.nan)[at]
+    count = finite[at].sum(axis=1)
+    middle = _median(around, count)
+    apart = np.abs(velocity - middle)
+    # the few bins of a window often lie close together by chance: what is usual in the profile counts too
+    usual = _median(np.where(finite[:, None], apart, np.nan)[None], np.array([n_finite]))
+    scale = _MAD * np.maximum(_median(np.abs(around - middle[:, None, :]), count), usual)
+    ratio = (apart / np.maximum(scale, floor[:, None])).max(axis=1)
+    return np.where(finite & (count >= _FEWEST), ratio, np.nan)
+
+
+@lru_cache(maxsize=64)
+def _windows(n: int, window: int) -> NDArray[np.intp]:
+    """Return the bins about each of n, shape (n, window) or, of a shorter profile, (n, n)."""
+    width = min(window, n)
+    first = np.clip(np.arange(n) - window // 2, 0, n - width)
+    return np.asarray(first[:, None] + np.arange(width))
+
+
+def _median(values: Array, count: NDArray[np.intp]) -> Array:
+    """Return medians along the second axis, shape (n, 2), of the ``count`` numbers in it; numpy's own take several times as long."""
+    ordered = np.sort(values, axis=1)
+    rows = np.arange(len(values))
+    upper, lower = np.minimum(count // 2, values.shape[1] - 1), np.maximum(count - 1, 0) // 2
+    return np.asarray(0.5 * (ordered[rows, lower] + ordered[rows, upper]))
+
+
+def rolled_up(tests: Sequence[tuple[Reason, Flags]], missing: NDArray[np.int32], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
+    """Return each bin's flag, the worst that a test gave, and the reasons of all tests that found it suspect or failed it.
+
+    Args:
+        tests: Reason and flags, shape (n,), of each test.
+        missing: shape (n,), the reasons of bins that are missing, whatever the tests say; 0 for the others.
+        use_suspect: Whether suspect bins stay suspect; else they fail.
+    """
+    found = np.array([flags for _, flags in tests])
+    bits = np.array([reason for reason, _ in tests], np.int32)
+    # in the order of their numbers: not evaluated, suspect, fail; a test that was not made says nothing
+    bad = found >= Flag.SUSPECT
+    flags = np.where(bad, found, np.int8(Flag.GOOD)).max(axis=0)
+    reasons = missing | np.bitwise_or.reduce(np.where(bad, bits[:, None], np.int32(0)), axis=0)
+    if not use_suspect:
+        flags[flags == Flag.SUSPECT] = Flag.FAIL
+    flags[missing != 0] = Flag.MISSING
+    return flags, reasons

@@ -1,0 +1,1 @@
+"""The vehicle's position, depth and motion."""

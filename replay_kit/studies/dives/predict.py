@@ -1,0 +1,145 @@
+"""What an estimate expects of coming observations, and of bins withheld from a profile whose other bins it is given."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Flag, Innovation, Measurement, Observation
+from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
+from replay_kit.estimator.evolving.seen import Seen
+from replay_kit.studies.dives.read import Dive
+
+_EVERY = 4
+_ELLIPSE = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """What was measured against what was expected, usable bins only.
+
+    Attributes:
+        used: shape (n,), positions of the bins in the observation.
+        error: shape (n, 2) [m/s], measured minus expected; local axes.
+        std: shape (n, 2) [m/s], of that: of the estimate, the bin's own error, and what the basis cannot show.
+        cov: shape (2 n, 2 n), covariance of all, east before north.
+        nis: Normalised square of the error.
+        dof: Its degrees of freedom.
+    """
+
+    used: NDArray[np.intp]
+    error: Array
+    std: Array
+    cov: Array
+    nis: float
+    dof: int
+
+
+def expect(estimator: EvolvingEstimator, state: EvolvingState, observation: Measurement) -> Expected | None:
+    """Return what a state expects of an observation and what came; None where none of its bins can be used."""
+    # what is not gated or adapted is looked at as it is
+    offered = replace(estimator, trust=None).offered(state, observation)
+    if isinstance(offered, Innovation):
+        return None
+    seen, look = offered.seen, offered.looked.look
+    rows, left_out = seen.compress(seen.values)
+    error = seen.misfit(seen.values, look.mean)
+    cov = bin_covariance(seen, look.cov)
+    std = np.sqrt(np.diag(cov)).reshape(2, -1).T
+    return Expected(offered.used, error, std, cov, look.nis(rows - look.mean) + left_out, seen.dof)
+
+
+def bin_covariance(seen: Seen, cov: Array) -> Array:
+    """Return the covariance of bins with their errors, shape (2 n, 2 n), east before north, from that of their rows without."""
+    bins = np.kron(np.eye(2), seen.noise.unwhiten @ seen.q)
+    own = np.kron(np.eye(2), seen.noise.unwhiten @ seen.noise.unwhiten.T)
+    return np.asarray(bins @ cov @ bins.T + own)
+
+
+def conditional(error: Array, cov: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return what is left of the other errors once some are known, and its standard deviation.
+
+    Args:
+        error: shape (m,).
+        cov: shape (m, m).
+        known: shape (m,).
+    """
+    factor = scipy.linalg.cho_factor(cov[np.ix_(known, known)], lower=True)
+    cross = cov[np.ix_(~known, known)]
+    variance = np.diag(cov)[~known] - np.einsum("ij,ji->i", cross, scipy.linalg.cho_solve(factor, cross.T))
+    return error[~known] - cross @ scipy.linalg.cho_solve(factor, error[known]), np.sqrt(variance)
+
+
+def withheld(estimator: EvolvingEstimator, state: EvolvingState, profiles: Sequence[Observation]) -> Iterator[tuple[Array, Array]]:
+    """Yield, for each profile of a dive, error and standard deviation of every fourth bin, from its other bins and the profiles before.
+
+    The bins' own errors and what the basis cannot show are in both: a bin's error may go with its neighbours'.
+
+    Args:
+        estimator: Makes the prediction.
+        state: At the dive's beginning.
+        profiles: Of the dive, absolute; of each only the bins that are not withheld count.
+    """
+    for profile in profiles:
+        expected = expect(estimator, state, profile)
+        if expected is None or expected.used.size <= _EVERY:
+            continue
+        kept = np.arange(expected.used.size) % _EVERY != _EVERY - 1
+        yield conditional(expected.error.T.ravel(), expected.cov, np.tile(kept, 2))
+        flags = profile.flags.copy()
+        flags[expected.used[~kept]] = Flag.NOT_EVALUATED
+        state, _ = estimator.step(state, replace(profile, flags=flags))
+
+
+@dataclass(frozen=True, slots=True)
+class Surfacing:
+    """Where a dive was expected to end, and where it ended.
+
+    Attributes:
+        expected: Longitude and latitude [degrees].
+        fix: The same of the fix after the dive.
+        error_m: Between them [m].
+        axes_m: Half axes of the ellipse that should hold nine in ten [m], the longer one first.
+        inside: Whether it held the fix.
+    """
+
+    expected: tuple[float, float]
+    fix: tuple[float, float]
+    error_m: float
+    axes_m: tuple[float, float]
+    inside: bool
+
+
+def surfacing(expected: Expected, dive: Dive, projection: Projection) -> Surfacing | None:
+    """Return where a dive was expected to surface: start fix, way through water, and expected mean current times duration.
+
+    The way through water and the mean current that the log states add up to the way between the fixes, so the place lies off the
+    fix by the error of the mean current times the duration. The mean's own error is that of the flight model and the fixes.
+
+    Args:
+        expected: Of the dive's mean current.
+        dive: With its fixes.
+        projection: Of the local axes.
+    """
+    if dive.fixes is None:
+        return None
+    start, end = dive.fixes
+    seconds = (end.time_ns - start.time_ns) * 1e-9
+    off = -seconds * expected.error[0]
+    east, north = to_local(projection, end.longitude, end.latitude)
+    longitude, latitude = to_geographic(projection, float(east) + off[0], float(north) + off[1])
+    limit = float(chdtri(2, 1.0 - _ELLIPSE))
+    axes = seconds * np.sqrt(limit * np.linalg.eigvalsh(expected.cov)[::-1])
+    return Surfacing(
+        (float(longitude), float(latitude)),
+        (end.longitude, end.latitude),
+        float(np.hypot(*off)),
+        (float(axes[0]), float(axes[1])),
+        expected.nis <= limit,
+    )

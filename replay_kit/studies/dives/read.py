@@ -1,0 +1,101 @@
+"""Logs to dives: what the estimator is given of each, and what it is scored on."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
+from replay_kit.logs import merge
+from replay_kit.measurements import Event, finish, initial_state, interpret
+from replay_kit.workflows.replay.job import open_readers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dive:
+    """One dive.
+
+    Attributes:
+        number: As the log counts.
+        given: What the settings give the estimator of it, in order of time.
+        profiles: Absolute profiles, in order of time, whether the estimator is given them or not.
+        mean: Its depth-averaged current; None where the log has none.
+        fixes: At the surface, before it and after it; None without both.
+    """
+
+    number: int
+    given: tuple[Measurement, ...]
+    profiles: tuple[Observation, ...]
+    mean: PathMean | None
+    fixes: tuple[VehicleState, VehicleState] | None
+
+    @property
+    def legs(self) -> tuple[tuple[Observation, ...], tuple[Observation, ...]]:
+        """The profiles on the way down and on the way up: those of the first half of its time, and the rest."""
+        if not self.profiles:
+            return (), ()
+        middle = 0.5 * (self.profiles[0].time_ns + self.profiles[-1].time_ns)
+        down = tuple(profile for profile in self.profiles if profile.time_ns <= middle)
+        return down, self.profiles[len(down) :]
+
+
+def read_dives(logs: Sequence[Path], config: RunConfig) -> tuple[Dive, ...]:
+    """Return the dives of logs, in order.
+
+    Raises:
+        LogError: A log cannot be opened.
+        MeasurementError: There are fewer than two dives, or nothing in them to predict.
+    """
+    # decoding takes longer than interpreting
+    messages = list(merge(open_readers(logs, config), config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns))
+    given = [event for event in _events(messages, config) if isinstance(event, Measurement)]
+    inverted, sources = (_events(messages, _using(config, inverted=use)) for use in (True, False))
+    profiles = [event for event in inverted if isinstance(event, Observation) and np.isfinite(event.common_std)]
+    means, fixes = [], []
+    for event in sources:
+        if isinstance(event, PathMean) and event.kind == "dac":
+            means.append(event)
+        elif isinstance(event, VehicleState) and not event.dead_reckoned:
+            fixes.append(event)
+    by_number = {mean.dive: mean for mean in means}
+    numbers = sorted({event.dive for event in (*given, *profiles, *means)} - {0})
+    dives = tuple(
+        Dive(
+            number,
+            tuple(event for event in given if event.dive == number),
+            tuple(profile for profile in profiles if profile.dive == number),
+            by_number.get(number),
+            _about(by_number[number], fixes) if number in by_number else None,
+        )
+        for number in numbers
+    )
+    if len(dives) < 2:
+        names = ", ".join(str(path) for path in logs)
+        raise MeasurementError(f"{names}: expected at least two dives with profiles or mean currents, got {len(dives)}; give more logs")
+    return dives
+
+
+def _using(config: RunConfig, *, inverted: bool) -> RunConfig:
+    """Return settings with which a log gives its absolute profiles, or its mean currents."""
+    measurements = config.measurements.model_copy(update={"use_inverted": inverted, "use_dac": True})
+    return config.model_copy(update={"measurements": measurements})
+
+
+def _events(messages: Iterable[Message], config: RunConfig) -> Iterator[Event]:
+    """Yield what the measurement step makes of messages."""
+    state = initial_state(config.logs.system)
+    for message in messages:
+        state, events = interpret(state, message, config.measurements)
+        yield from events
+    yield from finish(state, config.measurements)
+
+
+def _about(mean: PathMean, fixes: Sequence[VehicleState]) -> tuple[VehicleState, VehicleState] | None:
+    """Return the last fix before a path and the first after it."""
+    before = [fix for fix in fixes if fix.time_ns <= mean.path_time_ns[0]]
+    after = [fix for fix in fixes if fix.time_ns >= mean.path_time_ns[-1]]
+    return (before[-1], after[0]) if before and after else None

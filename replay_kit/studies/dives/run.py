@@ -1,0 +1,206 @@
+"""Each dive predicted from the dives before it, beside what predicts without an estimator."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.gaussian import coverage
+from replay_kit.core.observation import Measurement, Observation
+from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
+from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
+from replay_kit.estimator.evolving.fit_log import LogSettings, as_built, fit_to_log, fitted_estimator, with_errors
+from replay_kit.estimator.evolving.likelihood import narrowed
+from replay_kit.studies.dives.predict import Expected, Surfacing, expect, surfacing, withheld
+from replay_kit.studies.dives.read import Dive
+from replay_kit.studies.dives.rivals import rival_means, rival_profiles
+
+Progress = Callable[[int, int, str], None]
+SHARES = (0.5, 0.9)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DivePrediction:
+    """One dive, predicted from those before it.
+
+    Attributes:
+        number: Of the dive.
+        settings: Under which it was predicted.
+        profiles: By method, shape (n, 2) [m/s], measured minus predicted at all bins; empty of the first dive.
+        std: shape (n, 2) [m/s], of the estimate's.
+        nis: Normalised square of the estimate's errors, profile by profile.
+        dof: Its degrees of freedom.
+        mean: By method, shape (1, 2) [m/s], measured minus predicted mean current; empty of the first dive.
+        surfacing: None where the log has no mean current between fixes.
+        withheld: shape (m,) [m/s], errors of the bins withheld from the dive.
+        withheld_std: shape (m,) [m/s].
+    """
+
+    number: int
+    settings: LogSettings
+    profiles: Mapping[str, Array]
+    std: Array
+    nis: float
+    dof: int
+    mean: Mapping[str, Array]
+    surfacing: Surfacing | None
+    withheld: Array
+    withheld_std: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DivesResult:
+    """All dives of logs, predicted.
+
+    Attributes:
+        dives: In order; the first is predicted by the ensemble alone.
+        ensemble: Its file.
+        fitted: Whether settings were fitted to the dives before each.
+        oscillators: What oscillated.
+    """
+
+    dives: tuple[DivePrediction, ...]
+    ensemble: str
+    fitted: bool
+    oscillators: tuple[str, ...]
+
+    def rmse(self, kind: str) -> dict[str, float]:
+        """Return the root mean square length of the error vectors of each method over all dives but the first [m/s]; NaN without any.
+
+        Args:
+            kind: ``profiles`` or ``mean``.
+        """
+        of_dives: list[Mapping[str, Array]] = [getattr(dive, kind) for dive in self.dives[1:]]
+        methods = {method: None for errors in of_dives for method in errors}
+        return {method: rms_length([errors[method] for errors in of_dives if method in errors]) for method in methods}
+
+    @property
+    def nis_per_dof(self) -> float:
+        """Normalised square of the estimate's errors over its degrees of freedom, all dives but the first."""
+        dof = sum(dive.dof for dive in self.dives[1:])
+        return sum(dive.nis for dive in self.dives[1:]) / dof if dof else math.nan
+
+    def coverages(self) -> dict[str, dict[float, float]]:
+        """Return which shares of next dives' bins, and of withheld bins, lie in the intervals that should hold a share of them."""
+        after = self.dives[1:]
+        kinds = {
+            "next_dive": [(dive.profiles["estimate"].ravel(), dive.std.ravel()) for dive in after if dive.profiles],
+            "withheld": [(dive.withheld, dive.withheld_std) for dive in after],
+        }
+        out = {}
+        for name, parts in kinds.items():
+            error, std = (np.concatenate([part[k] for part in parts]) if parts else np.empty(0) for k in range(2))
+            out[name] = {share: coverage(error, std, share) if error.size else math.nan for share in SHARES}
+        return out
+
+
+def rms_length(errors: Sequence[Array]) -> float:
+    """Return the root mean square length of error vectors, arrays of shape (n, 2); NaN without any."""
+    vectors = np.concatenate([np.empty((0, 2)), *errors])
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))) if len(vectors) else math.nan
+
+
+def run_dives(
+    estimator: EvolvingEstimator, dives: Sequence[Dive], config: RunConfig, fit: bool, source: str, progress: Progress | None = None
+) -> DivesResult:
+    """Return each dive predicted from the dives before it.
+
+    Args:
+        estimator: As configured.
+        dives: In order, at least two.
+        config: What the estimator was built with.
+        fit: Whether settings of the profiles' errors and of oscillations are fitted to the dives before.
+        source: The ensemble's file.
+        progress: Called with dives done, dives in all, and what is being done.
+
+    Raises:
+        MeasurementError: Nothing of the dives lies in the ensemble's region.
+    """
+    small = narrowed(estimator, [event for dive in dives for event in _all_of(dive)])
+    settings = as_built(small, config.time)
+    # with --fit nothing is gated: the likelihood took every observation for what the settings say it is
+    small = replace(small, trust=None) if fit else small
+    changed, done = fitted_estimator(small, config.time, settings), []
+    state = changed.initial()
+    for k, dive in enumerate(dives):
+        if progress is not None:
+            progress(k, len(dives), f"dive {dive.number}")
+        before = [event for earlier in dives[:k] for event in earlier.given]
+        found = fit_to_log(small, config.time, before, settings) if fit and before else settings
+        if found != settings:
+            settings, changed = found, fitted_estimator(small, config.time, found)
+            state = _after(changed, changed.initial(), before, settings)
+        elif k:
+            state = _after(changed, state, dives[k - 1].given, settings)
+        done.append(_predicted(changed, state, dives[:k], dive, settings))
+    if not any(dive.dof or dive.mean for dive in done):
+        raise MeasurementError(
+            f"{source}: none of the {len(dives)} dives has a bin or a mean current in the ensemble's region; use an ensemble of the right "
+            "place, or --place-ensemble for a study"
+        )
+    return DivesResult(tuple(done), source, fit, config.time.oscillators)
+
+
+def _all_of(dive: Dive) -> Iterator[Measurement]:
+    yield from dive.given
+    yield from dive.profiles
+    if dive.mean is not None:
+        yield dive.mean
+
+
+def _predicted(
+    estimator: EvolvingEstimator, state: EvolvingState, earlier: Sequence[Dive], dive: Dive, settings: LogSettings
+) -> DivePrediction:
+    """Return one dive predicted from the state at its beginning."""
+    profiles = [with_errors(profile, settings) for profile in dive.profiles]
+    own = [profile for profile in profiles if isinstance(profile, Observation)]
+    expected = [(profile, expect(estimator, state, profile)) for profile in own]
+    usable = [(profile, found) for profile, found in expected if found is not None]
+    mean = None if dive.mean is None else expect(estimator, state, with_errors(dive.mean, settings))
+    held = list(withheld(estimator, state, own))
+    return DivePrediction(
+        number=dive.number,
+        settings=settings,
+        profiles=_profile_errors(estimator, earlier, usable) if earlier and usable else {},
+        std=np.concatenate([np.empty((0, 2)), *(found.std for _, found in usable)]),
+        nis=sum(found.nis for _, found in usable),
+        dof=sum(found.dof for _, found in usable),
+        mean=_mean_errors(estimator, earlier, dive, mean) if earlier and mean is not None else {},
+        surfacing=None if mean is None else surfacing(mean, dive, estimator.basis.grid.projection),
+        withheld=np.concatenate([np.empty(0), *(error for error, _ in held)]),
+        withheld_std=np.concatenate([np.empty(0), *(std for _, std in held)]),
+    )
+
+
+def _after(estimator: EvolvingEstimator, state: EvolvingState, observations: Sequence[Measurement], settings: LogSettings) -> EvolvingState:
+    """Return the state after observations, at the beginning of another dive."""
+    for is_new, observation in by_dive(observations):
+        state, _ = estimator.step(new_dive(estimator, state) if is_new else state, with_errors(observation, settings))
+    return new_dive(estimator, state)
+
+
+def _profile_errors(
+    estimator: EvolvingEstimator, earlier: Sequence[Dive], usable: Sequence[tuple[Observation, Expected]]
+) -> dict[str, Array]:
+    """Return the errors of the estimate, of the ensemble, and of what predicts without them."""
+    errors: dict[str, list[Array]] = {"estimate": [], "ensemble_mean": []}
+    for profile, found in usable:
+        errors["estimate"].append(found.error)
+        errors["ensemble_mean"].append(estimator.misfit(estimator.initial(), profile)[found.used])
+        depth, velocity = profile.depth[found.used], profile.velocity[found.used]
+        for name, said in rival_profiles(earlier, depth).items():
+            if said is not None:
+                errors.setdefault(name, []).append(velocity - said)
+    return {name: np.concatenate(parts) for name, parts in errors.items()}
+
+
+def _mean_errors(estimator: EvolvingEstimator, earlier: Sequence[Dive], dive: Dive, found: Expected) -> dict[str, Array]:
+    """Return the errors of the dive's mean current, method by method."""
+    assert dive.mean is not None
+    errors = {"estimate": found.error, "ensemble_mean": estimator.misfit(estimator.initial(), dive.mean)}
+    rivals = {name: np.array([dive.mean.velocity]) - said for name, said in rival_means(earlier).items() if said is not None}
+    return {**errors, **rivals}

@@ -1,0 +1,103 @@
+"""All studies on all missions, as one value."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.grid import Ensemble
+from replay_kit.studies.missions.bias import biases
+from replay_kit.studies.missions.coverage import coverage
+from replay_kit.studies.missions.dac import mean_currents_alone
+from replay_kit.studies.missions.flights import Flight, fly_pings, staying
+from replay_kit.studies.missions.job import MissionJob
+from replay_kit.studies.missions.outliers import outliers
+from replay_kit.studies.missions.relative import relative
+from replay_kit.studies.missions.rows import Figure, MissionRow, over_missions
+from replay_kit.studies.missions.scene import Scene, own_estimator
+from replay_kit.studies.missions.sea import Withheld, withhold
+from replay_kit.studies.missions.through_time import through_time
+from replay_kit.studies.twins.field import build_field
+
+Progress = Callable[[int, int, str], None]
+_STUDIES: dict[str, Callable[[Scene], list[Figure]]] = {
+    "time": through_time,
+    "relative": relative,
+    "dac": mean_currents_alone,
+    "outliers": outliers,
+    "bias": biases,
+    "coverage": coverage,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class MissionResult:
+    """All rows, and what they were computed on.
+
+    Attributes:
+        rows: Study after study.
+        ensemble: Its file.
+        members: Positions of the members that were the truth in turn.
+        times: Number of times of the forecast; 1 when the truth stays as it is.
+        job: What was asked for.
+        lost: Of each mission that was left out, why: the current carried the glider away.
+    """
+
+    rows: tuple[MissionRow, ...]
+    ensemble: str
+    members: tuple[int, ...]
+    times: int
+    job: MissionJob
+    lost: tuple[str, ...]
+
+
+def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None) -> MissionResult:
+    """Return the studies on an ensemble.
+
+    Args:
+        series: The forecast at its times, in order; one alone may have no time, and the truth then stays as it is.
+        config: Settings of the estimators.
+        job: Which studies, on which missions.
+        progress: Called with studies done, studies in all, and what is being run.
+
+    Raises:
+        ConfigError: An option is wrong.
+        ForecastError: The current carried every glider out of the truth's water.
+    """
+    job.check()
+    if "time" in job.studies and len(series) < 2:
+        raise ConfigError(
+            "--study time: the forecast has one dated time, and the truth would not change; leave --lead out, give --reference-time to a "
+            "file of leads, or choose other studies"
+        )
+    members = job.members(series[0].n_members)
+    total = len(members) * job.seeds * len(job.studies)
+    by_study: dict[str, list[list[Figure]]] = {study: [] for study in job.studies}
+    done, lost = 0, list[str]()
+    for member in members:
+        case = withhold(series, member)
+        own, sea = own_estimator(case, config), build_field(*case.truths)
+        for seed in range(job.seeds):
+            flight: Flight | None = None
+            for study in job.studies:
+                try:
+                    flight = flight or staying(partial(fly_pings, sea, job.pings, job.days, job.noise), 100 * member + seed)
+                    scene = Scene(case, flight, own, config, job, _teller(progress, done, total, case, study))
+                    by_study[study].append(_STUDIES[study](scene))
+                except ForecastError as error:
+                    # one mission less is no reason to lose the others
+                    lost.append(f"member {member}, seed {seed}, {study}: {error}")
+                done += 1
+    rows = tuple(row for study in job.studies for row in over_missions(by_study[study]))
+    if not rows:
+        raise ForecastError(f"no mission is left; {lost[0]}")
+    return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost))
+
+
+def _teller(progress: Progress | None, done: int, total: int, case: Withheld, study: str) -> Callable[[str], None]:
+    def say(what: str) -> None:
+        if progress is not None:
+            progress(done, total, f"member {case.member}, {study}: {what}")
+
+    return say

@@ -1,0 +1,75 @@
+"""A truth that may change, and the forecast that does not know it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.grid import Ensemble
+from replay_kit.studies.truths import leave_out
+from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Withheld:
+    """A member that is the truth, at each time of the forecast, and the other members.
+
+    Attributes:
+        member: Its position from 0.
+        truths: Ensembles of one, one a time.
+        forecasts: Of the other members, one a time.
+        at: Where estimates are compared with the truth.
+        truth: shape (T, P, 2) [m/s], the truth there.
+        mean: shape (T, P, 2) [m/s], the mean of the other members there.
+        times_ns: shape (T,) [ns, UTC]; one alone says nothing.
+    """
+
+    member: int
+    truths: tuple[Ensemble, ...]
+    forecasts: tuple[Ensemble, ...]
+    at: ScoredPoints
+    truth: Array
+    mean: Array
+    times_ns: NDArray[np.int64]
+
+    @property
+    def changes(self) -> bool:
+        """Whether the truth changes."""
+        return len(self.truths) > 1
+
+    def at_time(self, of_times: Array, time_ns: int) -> Array:
+        """Return what is given at each time, shape (T, P, 2), at a time between them; the last holds after them."""
+        if len(of_times) == 1:
+            return np.asarray(of_times[0])
+        after = int(np.clip(np.searchsorted(self.times_ns, time_ns), 1, len(of_times) - 1))
+        first, last = self.times_ns[after - 1], self.times_ns[after]
+        share = float(np.clip((time_ns - first) / (last - first), 0.0, 1.0))
+        return np.asarray((1.0 - share) * of_times[after - 1] + share * of_times[after])
+
+    def rmse(self, velocity: Array, time_ns: int) -> float:
+        """Return the root mean square length [m/s] of the error of a current at the compared places, shape (P, 2)."""
+        return rms_length(velocity - self.at_time(self.truth, time_ns))
+
+    def mean_rmse(self, times_ns: Sequence[int]) -> float:
+        """Return the ensemble mean's error [m/s], the mean over times."""
+        return float(np.mean([self.rmse(self.at_time(self.mean, time_ns), time_ns) for time_ns in times_ns]))
+
+
+def withhold(series: Sequence[Ensemble], member: int) -> Withheld:
+    """Return the case in which a member is the truth.
+
+    Args:
+        series: The forecast at its times, in order; one alone may have no time.
+        member: Position from 0.
+
+    Raises:
+        ConfigError: There is no such member, or too few would be left.
+    """
+    cases = [leave_out(forecast, member) for forecast in series]
+    at = scored_points(series[0].grid, cases[0].truth)
+    truth = np.stack([case.truth.velocity[0][:, *at.index].T for case in cases])
+    mean = np.stack([case.ensemble.velocity.mean(axis=0)[:, *at.index].T for case in cases])
+    times_ns = np.array([forecast.time_ns or 0 for forecast in series], dtype=np.int64)
+    return Withheld(member, tuple(case.truth for case in cases), tuple(case.ensemble for case in cases), at, truth, mean, times_ns)

@@ -1,0 +1,96 @@
+"""What the study's tables show, in words with their numbers."""
+
+from collections.abc import Sequence
+
+from replay_kit.studies.paper.rows import ErrorRow, SparseRow
+from replay_kit.studies.paper.run import PaperTables
+from replay_kit.studies.paper.text import LABELS, number
+
+
+def conditions(tables: PaperTables) -> str:
+    """Return what the study was made on."""
+    rows, columns = tables.grid
+    levels = ", ".join(f"{level:.4g}" for level in tables.levels)
+    turns = f"Each of the {tables.truths} members is the truth in turn in Tables I and II: medians, and the worst truth. "
+    modes = "all modes" if tables.plan_modes is None else f"at most {tables.plan_modes} modes"
+    return (
+        f"{tables.members} members of `{tables.ensemble}` on {rows} x {columns} points and levels {levels} m; truth `{tables.truth}`; seed "
+        f"{tables.seed}. {turns if tables.truths > 1 else ''}Table III and the figures show truth `{tables.shown_truth}`; plans are made "
+        f"on the estimates after Table II's last ping, with {modes}. Relative error: RMSE over the RMS speed of the truth, over all "
+        "wet grid points. Bound: the least-squares fit of the truth within a method's span. `paper` and the naive basis take "
+        "R = (0.01 m/s)^2 in Table I and (0.12 m/s)^2 in Table II for every bin; `default` takes the bins' own error, 0.01 and "
+        f"{tables.noise:g} m/s, and adds what its truncated basis leaves out."
+    )
+
+
+def sparse_logs(tables: PaperTables) -> tuple[str, ...]:
+    """Return where the paper's estimator stands on sparse logs, then what makes it fail, a paragraph each."""
+    kernel = tables.depth_kernel
+    low, high = tables.level_correlation
+    return (
+        _against_mean(tables.sparse),
+        f"*Diagonal prior.* The members' anomalies at neighbouring levels correlate {low:.2f} to {high:.2f}. The paper's prior keeps the "
+        "variances of the weights alone and knows none of this; the prior of `default` has covariances between depths.",
+        f"*Gaussians in depth.* With l_z = {kernel.length:g} m their matrix on these levels has condition {kernel.condition:.1e}, and a "
+        f"current of 1 m/s at all depths comes back as {kernel.least_share:.2f} m/s at {kernel.least_depth:.0f} m and "
+        f"{kernel.largest_share:.2f} m/s at {kernel.largest_depth:.0f} m. Where levels are closer than l_z the matrix is nearly singular: "
+        "large latents of opposite sign stand for a smooth profile, and a prior of independent variances lets them come apart. "
+        "Where levels are farther apart the field sags between them. Hats (`default`) return such a current exactly.",
+        _ordering(tables.table1),
+    )
+
+
+def glides(tables: PaperTables) -> str:
+    """Return where the depth-averaged truth stands in Table III, and why."""
+    ranked = sorted((row for row in tables.table3 if not row.note), key=lambda row: row.median)
+    average = next(row for row in ranked if row.flow == "depth_averaged_truth")
+    others = [row for row in ranked if row.flow not in ("truth", average.flow)]
+    listed = ", ".join(f"{LABELS[row.flow]} {number(row.median, 0)} m ({row.within_250})" for row in others)
+    better = [LABELS[row.flow] for row in others if row.median < average.median]
+    stands = f"Better than it: {', '.join(better)}." if better else "No estimate does better."
+    near = f"{average.within_250} of {average.pairs} within 250 m"
+    return (
+        f"The depth-averaged truth passes the targets at a median of {number(average.median, 0)} m, {near}. {stands} The estimates: "
+        f"{listed}. The average carries {100.0 * tables.coherence:.0f} % of this truth's mean squared speed down to "
+        f"{tables.target_depth:g} m. A glide at one vertical speed spends the same time at every depth, so the average gives the whole "
+        "drift of a current that does not change along the path, however it changes with depth. What it misses is that the glide "
+        "meets the upper current in one place and the lower one in another: little where the current is coherent in depth, or wide "
+        "against the glide. It also knows the truth, which an estimate has to learn from pings."
+    )
+
+
+def _against_mean(rows: Sequence[SparseRow]) -> str:
+    mean = {row.pings: row.rel_error for row in rows if row.method == "ensemble_mean"}
+    said = []
+    for method in ("paper", "paper_cells", "default"):
+        of_method = [row for row in rows if row.method == method]
+        worse = [row for row in of_method if not row.rel_error < mean[row.pings]]
+        listed = ", ".join(f"{row.pings} pings ({number(row.rel_error)} against {number(mean[row.pings])})" for row in worse)
+        if of_method:
+            said.append(
+                f"{LABELS[method]}: " + (f"worse than the ensemble's mean at {listed}" if worse else "better than the ensemble's mean")
+            )
+    return "; ".join(said) + f". {_against_default(rows)}"
+
+
+def _against_default(rows: Sequence[SparseRow]) -> str:
+    default = {row.pings: row.rel_error for row in rows if row.method == "default"}
+    said = []
+    for method in ("paper", "paper_cells"):
+        times = [row.rel_error / default[row.pings] for row in rows if row.method == method]
+        if times:
+            said.append(f"{LABELS[method]} {number(min(times), 1)} to {number(max(times), 1)} times")
+    return f"Error over that of {LABELS['default']} at the same count: {', '.join(said)}."
+
+
+def _ordering(rows: Sequence[ErrorRow]) -> str:
+    bounds: dict[str, list[str]] = {}
+    for row in rows:
+        if row.rung:
+            bounds.setdefault(row.method, []).append(f"{number(row.bound, 4)} m/s with {row.modes}")
+    listed = "; ".join(f"{LABELS[method]}: {', '.join(of_method)}" for method, of_method in bounds.items())
+    return (
+        "*Order of the modes.* Latents are velocities divided by the kernel's eigenvalues, in depth and in the horizontal, so their SVD "
+        "puts first what the smallest eigenvalues blew up; the SVD of velocities orders by the flow. The least RMSE that any weights "
+        f"could give (bound): {listed}."
+    )

@@ -1,0 +1,255 @@
+"""The study of the paper on any ensemble: tables, figures, and a report that says what they show."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from math import inf
+from pathlib import Path
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Observation
+from replay_kit.estimator import embed_member
+from replay_kit.estimator.baselines import average_over_depth
+from replay_kit.studies.paper.diagnostics import DepthKernel, coherence, depth_kernel, level_correlation
+from replay_kit.studies.paper.glides import FlyGlide, Glides, PlanGlide, run_glides
+from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths, sparse_over_truths
+from replay_kit.studies.paper.tables import Advance, Survey, run_table, rungs, sparse_rows
+from replay_kit.studies.pings import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.studies.reachable import Pair, draw_pairs
+from replay_kit.studies.truths import Case, cases, most_distant
+from replay_kit.studies.twins.field import build_field
+
+NOISE = 0.09  # m/s
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class PaperJob:
+    """What to study.
+
+    Attributes:
+        leave_out: ``all``, ``most-distant`` or a member's position from 0; None when a truth is given.
+        most_modes: No estimate has more modes; None for no limit.
+        plan_modes: The estimates planned on have at most so many modes; None for the full rank.
+        pings: Numbers of pings of Table II at which estimates are scored; the last is the table's.
+        pairs: Starts and targets of Table III.
+        seed: Of places, noise and pairs.
+    """
+
+    leave_out: str | None = None
+    most_modes: int | None = None
+    plan_modes: int | None = 300
+    pings: tuple[int, ...] = (5, 10, 25, 50, 150, 450)
+    pairs: int = 100
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PaperTables:
+    """Everything the study counted; what ``paper.json`` holds.
+
+    Attributes:
+        table1: Ideal conditions: each grid point once, no noise.
+        table2: Random pings with noise.
+        table3: Glides planned on each flow and flown in the truth.
+        sparse: Errors on the way through Table II's pings.
+        ensemble: Its file.
+        truth: Its file, the member left out, or ``all``.
+        shown_truth: Truth of Table III and of the figures.
+        members: Number of members.
+        truths: Number of truths in Tables I and II.
+        grid: Points along the grid's two directions.
+        levels: [m].
+        plan_modes: Modes asked for in the estimates planned on; None for the full rank.
+        seed: Of places, noise and pairs.
+        noise: Of each component of each bin in Table II [m/s].
+        target_depth: Of Table III [m].
+        coherence: Share of the shown truth's mean squared speed, down to the targets, that its depth average carries.
+        level_correlation: Least and largest, of the members' anomalies at neighbouring levels.
+        depth_kernel: The paper's Gaussians on these levels.
+        seconds: Wall time of each stage [s].
+    """
+
+    table1: tuple[ErrorRow, ...]
+    table2: tuple[ErrorRow, ...]
+    table3: tuple[GlideRow, ...]
+    sparse: tuple[SparseRow, ...]
+    ensemble: str
+    truth: str
+    shown_truth: str
+    members: int
+    truths: int
+    grid: tuple[int, int]
+    levels: tuple[float, ...]
+    plan_modes: int | None
+    seed: int
+    noise: float
+    target_depth: float
+    coherence: float
+    level_correlation: tuple[float, float]
+    depth_kernel: DepthKernel
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What the figures show, of one truth.
+
+    Attributes:
+        case: Truth and members.
+        truth: The truth as the planner sees it.
+        observations: Profiles of Table II.
+        pairs: Starts and targets.
+        glides: Paths planned on each flow and flown in the truth.
+        config: Of the estimators.
+    """
+
+    case: Case
+    truth: FlowEstimate
+    observations: tuple[Observation, ...]
+    pairs: tuple[Pair, ...]
+    glides: tuple[Glides, ...]
+    config: EstimatorConfig
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfCase:
+    """Tables I and II of one truth, and the runs whose estimates are planned on."""
+
+    table1: tuple[ErrorRow, ...]
+    table2: tuple[ErrorRow, ...]
+    sparse: tuple[SparseRow, ...]
+    planned: Mapping[str, FlowEstimate | None]
+    observations: tuple[Observation, ...]
+
+
+def run_paper(
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: PaperJob,
+    calls: tuple[PlanGlide, FlyGlide],
+    progress: Progress | None = None,
+) -> tuple[PaperTables, Shown]:
+    """Return the study's tables, and what its figures show.
+
+    Args:
+        ensemble: All members.
+        truth: An ensemble of one; None to leave members out.
+        config: Everything but preset, modes, length and the paper's error.
+        job: What to study.
+        calls: ``plan(flow, start, goal)`` and ``fly(flow, plan)``.
+        progress: Called with steps done, steps in all, and what is being run.
+
+    Raises:
+        ConfigError: An option is wrong.
+        ForecastError: The truth has no water, or too little to glide in.
+        MeasurementError: No point of the truth lies in the region.
+    """
+    _check(job)
+    began = time.perf_counter()
+    each = list(cases(ensemble, truth, job.leave_out))
+    shown_at = most_distant(ensemble) if job.leave_out == "all" else 0
+    # before the hours of work, because too small a region is said here
+    truth_flow, pairs = _targets(each[shown_at], config, job)
+    advance = _counter(_total(each, job), progress)
+    tables, shown_of = [], None
+    for k, case in enumerate(each):
+        of_case = _run_case(case, config, job, advance)
+        if k == shown_at:
+            shown_of = of_case
+        # only the shown truth's profiles and estimates are needed later
+        tables.append(replace(of_case, planned={}, observations=()))
+    assert shown_of is not None
+    measured = time.perf_counter()
+    flows = {"truth": truth_flow, "depth_averaged_truth": average_over_depth(truth_flow, pairs[0].target.depth), **shown_of.planned}
+    glides = run_glides(flows, truth_flow, pairs, calls, advance)
+    shown = Shown(each[shown_at], truth_flow, shown_of.observations, pairs, glides, config)
+    seconds = {"tables": measured - began, "glides": time.perf_counter() - measured}
+    return _tables(tables, shown, ensemble, job, seconds), shown
+
+
+def check_folder(out: Path) -> None:
+    """Raise ConfigError when a folder for the results cannot be."""
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"{out}: is a file; give the name of a folder")
+    if not out.parent.is_dir():
+        raise ConfigError(f"{out}: there is no folder {out.parent}; make it, or choose another place")
+
+
+def _check(job: PaperJob) -> None:
+    if not job.pings or min(job.pings) < 1 or list(job.pings) != sorted(set(job.pings)):
+        raise ConfigError(f"pings: expected increasing numbers of at least 1, got {job.pings}")
+    if job.pairs < 1 or job.seed < 0:
+        raise ConfigError(f"paper: expected --pairs >= 1 and --seed >= 0, got pairs {job.pairs} and seed {job.seed}")
+
+
+def _total(each: list[Case], job: PaperJob) -> int:
+    steps = sum(len(rungs(case.ensemble, job.most_modes)) * (int(case.truth.grid.wet[0].sum()) + job.pings[-1]) for case in each)
+    methods = {rung.method for rung in rungs(each[0].ensemble, job.most_modes)}
+    # beside the methods: the truth and its depth average
+    return steps + (len(methods) + 2) * job.pairs
+
+
+def _counter(total: int, progress: Progress | None) -> Advance:
+    done = 0
+
+    def advance(what: str, n: int) -> None:
+        nonlocal done
+        done += n
+        if progress is not None:
+            progress(done, total, what)
+
+    return advance
+
+
+def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advance) -> _OfCase:
+    ideal = Survey("Table I", grid_observations(case.truth), IDEAL_ERROR_STD)
+    noisy = Survey(
+        "Table II", random_observations(build_field(case.truth), job.pings[-1], NOISE, job.seed), config.paper_error_std, job.pings
+    )
+    table1 = tuple(run.row for run in run_table(case, ideal, config, job.most_modes, advance))
+    rows, planned = [], {}
+    for run in run_table(case, noisy, config, job.most_modes, advance):
+        rows.append(run.row)
+        # the limit is on modes a level; those of the naive basis are whole flows
+        few_enough = not run.row.rung or (run.row.modes or 0) <= (job.plan_modes or inf)
+        if run.row.method not in planned and few_enough:
+            planned[run.row.method] = run
+    sparse = sparse_rows(list(planned.values()), noisy)
+    return _OfCase(table1, tuple(rows), sparse, {name: run.flow for name, run in planned.items()}, noisy.observations)
+
+
+def _targets(case: Case, config: EstimatorConfig, job: PaperJob) -> tuple[FlowEstimate, tuple[Pair, ...]]:
+    """Return the truth as the planner sees it, and the starts and targets of Table III."""
+    truth = embed_member(case.truth, 0, config)
+    return truth, draw_pairs(build_field(case.truth), truth, case.ensemble.grid, job.pairs, job.seed)
+
+
+def _tables(tables: list[_OfCase], shown: Shown, ensemble: Ensemble, job: PaperJob, seconds: Mapping[str, float]) -> PaperTables:
+    grid = shown.case.ensemble.grid
+    depth = shown.pairs[0].target.depth
+    return PaperTables(
+        table1=over_truths([of_case.table1 for of_case in tables]),
+        table2=over_truths([of_case.table2 for of_case in tables]),
+        table3=tuple(glides.row for glides in shown.glides),
+        sparse=sparse_over_truths([of_case.sparse for of_case in tables]),
+        ensemble=ensemble.source,
+        truth="all" if job.leave_out == "all" else shown.case.truth.source,
+        shown_truth=shown.case.truth.source,
+        members=shown.case.ensemble.n_members,
+        truths=len(tables),
+        grid=(grid.east.shape[0], grid.east.shape[1]),
+        levels=tuple(float(level) for level in grid.levels),
+        plan_modes=job.plan_modes,
+        seed=job.seed,
+        noise=NOISE,
+        target_depth=depth,
+        coherence=coherence(shown.truth, depth),
+        level_correlation=level_correlation(shown.case.ensemble),
+        depth_kernel=depth_kernel(grid.levels, shown.config.length_vertical),
+        seconds=seconds,
+    )

@@ -1,0 +1,200 @@
+"""Tables I and II: every estimator on one truth, with each grid point measured once, or with random noisy pings."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.core.observation import Observation
+from replay_kit.estimator import Estimator, ReducedBasisEstimator, embed_member
+from replay_kit.estimator.baselines.naive import Naive3D
+from replay_kit.estimator.basis.modes import cell_size
+from replay_kit.studies.accuracy import build_method
+from replay_kit.studies.bound import bound
+from replay_kit.studies.paper.rows import ErrorRow, SparseRow
+from replay_kit.studies.truths import Case
+from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
+
+# The paper's numbers of modes below the full rank; one for each member comes with them.
+NUMBERS_OF_MODES = (400, 300, 200)
+# The paper's cells, 8.6 x 11 km [m]; a grid is coarser when its cells are a tenth larger than these.
+_PAPER_CELL = float(np.sqrt(8.6e3 * 11e3))
+Advance = Callable[[str, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """The profiles that every row of a table is given, in their order.
+
+    Attributes:
+        name: What the table is called while it runs.
+        observations: The profiles.
+        paper_error_std: Error of every bin under the paper's error model [m/s].
+        counts: Numbers of profiles at which estimates are scored on the way, increasing.
+    """
+
+    name: str
+    observations: tuple[Observation, ...]
+    paper_error_std: float
+    counts: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """A row asked for.
+
+    Attributes:
+        method: Of ``ErrorRow``.
+        name: Of the number of modes: ``full``, ``members``, a number; empty without a choice.
+        modes: Most basis flows a level; None for all.
+    """
+
+    method: str
+    name: str
+    modes: int | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """What a row left behind.
+
+    Attributes:
+        row: Its figures.
+        flow: The estimate after all profiles, without its uncertainty; None when it failed.
+        on_the_way: Relative errors at ``Survey.counts``; NaN from where it failed.
+    """
+
+    row: ErrorRow
+    flow: FlowEstimate | None
+    on_the_way: tuple[float, ...]
+
+
+def methods_with_modes(grid: Grid) -> tuple[str, ...]:
+    """Return the 2.5D methods: the paper's with its length in cells too, where the grid is coarser than the paper's."""
+    coarser = float(np.sqrt(np.prod(cell_size(grid)))) > 1.1 * _PAPER_CELL
+    return ("paper", "paper_cells", "default") if coarser else ("paper", "default")
+
+
+def rungs(ensemble: Ensemble, most_modes: int | None) -> tuple[Rung, ...]:
+    """Return the rows of Tables I and II; fewer come out where a full rank turns out lower.
+
+    Args:
+        ensemble: The members.
+        most_modes: No row has more modes; None for no limit.
+    """
+    slices = ensemble.n_members * ensemble.grid.levels.size
+    most = min(2 * ensemble.grid.nodes.shape[0], slices, most_modes or slices)
+    fewer = {str(n): n for n in NUMBERS_OF_MODES} | {"members": ensemble.n_members}
+    below = sorted(((n, name) for name, n in fewer.items() if n < most), reverse=True)
+    first = Rung("", "full" if most_modes is None else str(most_modes), most_modes)
+    ladder = (first, *(Rung("", name, n) for n, name in below))
+    reduced = (replace(rung, method=method) for method in methods_with_modes(ensemble.grid) for rung in ladder)
+    return (Rung("naive3d", "", None), *reduced, Rung("nearest", "", None), Rung("ensemble_mean", "", None))
+
+
+def run_table(case: Case, survey: Survey, config: EstimatorConfig, most_modes: int | None, advance: Advance) -> Iterator[Run]:
+    """Yield the rows of a table.
+
+    Args:
+        case: Truth and members.
+        survey: What is measured.
+        config: Everything but preset, modes, length and the paper's error.
+        most_modes: No row has more modes; None for no limit.
+        advance: Called with what is being run, and the number of profiles done.
+    """
+    at = scored_points(case.ensemble.grid, case.truth)
+    ranks: dict[str, int] = {}
+    for rung in rungs(case.ensemble, most_modes):
+        what = f"{case.truth.source} {survey.name} {rung.method} {rung.name}"
+        if rung.method in ranks and rung.modes is not None and rung.modes >= ranks[rung.method]:
+            advance(what, len(survey.observations))
+            continue
+        run = _run(rung, case, survey, config, at, partial(advance, what))
+        if run.row.modes is not None:
+            ranks.setdefault(rung.method, run.row.modes)
+        yield run
+
+
+def sparse_rows(runs: Sequence[Run], survey: Survey) -> tuple[SparseRow, ...]:
+    """Return the errors on the way of the 2.5D methods and of the ensemble's mean.
+
+    Args:
+        runs: One of each method.
+        survey: What they were given.
+    """
+    shown = [run for run in runs if run.on_the_way and run.row.method not in ("naive3d", "nearest")]
+    return tuple(
+        SparseRow(n, run.row.method, run.row.modes, run.on_the_way[k], run.on_the_way[k])
+        for k, n in enumerate(survey.counts)
+        for run in shown
+    )
+
+
+def mean_flow(ensemble: Ensemble, config: EstimatorConfig) -> FlowEstimate:
+    """Return the mean of an ensemble's members as a flow without uncertainty."""
+    mean = replace(ensemble, velocity=ensemble.velocity.mean(axis=0, keepdims=True))
+    return embed_member(mean, 0, config)
+
+
+def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: ScoredPoints, advance: Callable[[int], None]) -> Run:
+    """Return a row's run; what its numerics cannot do is the row's note."""
+    began, done = time.perf_counter(), 0
+    modes = elements = None
+    least, errors = np.nan, []
+    try:
+        if rung.method == "ensemble_mean":
+            flow = mean_flow(case.ensemble, config)
+            least = _rmse(flow, at)
+            errors = [least] * len(survey.counts)
+        else:
+            estimator = build_method(rung.method, case.ensemble, _config(rung, config, survey))
+            modes, elements = _size(estimator)
+            least = bound(estimator, at)
+            state = estimator.initial()
+            for done, (after, _) in enumerate(estimator.steps(state, survey.observations), start=1):
+                state = after
+                advance(1)
+                if done in survey.counts:
+                    errors.append(_rmse(estimator.flow(state), at))
+            flow = _certain(estimator.flow(state))
+        rmse = _rmse(flow, at)
+        note = "" if np.isfinite(rmse) else "the estimate is not a number"
+    except ValueError as error:
+        # NumPy's LinAlgError is one, and so is SciPy's refusal of numbers that are not finite
+        flow, rmse, note = None, np.nan, f"failed at profile {done + 1}: {error}" if done else f"cannot be built: {error}"
+    advance(len(survey.observations) - done)
+    speed = rms_length(at.velocity)
+    relative = rmse / speed
+    seconds = time.perf_counter() - began
+    row = ErrorRow(rung.method, rung.name, modes, elements, relative, rmse, least, relative, rmse, (relative,), seconds, note)
+    on_the_way = [*errors, *[np.nan] * (len(survey.counts) - len(errors))]
+    return Run(row, flow if not note else None, tuple(error / speed for error in on_the_way))
+
+
+def _config(rung: Rung, config: EstimatorConfig, survey: Survey) -> EstimatorConfig:
+    # the naive basis takes its error model from the preset, and the paper's is the one it was compared under
+    return config.model_copy(update={"preset": "paper", "modes": rung.modes, "paper_error_std": survey.paper_error_std})
+
+
+def _size(estimator: Estimator[Any]) -> tuple[int | None, int | None]:
+    """Return the number of modes and of elements of an estimator's basis; None without one."""
+    if isinstance(estimator, ReducedBasisEstimator):
+        return estimator.basis.n_modes, int(estimator.basis.modes.size)
+    if isinstance(estimator, Naive3D):
+        return int(estimator.velocity.shape[0]), int(estimator.velocity.size)
+    return None, None
+
+
+def _certain(flow: FlowEstimate) -> FlowEstimate:
+    """Return a flow without its uncertainty: at full rank the covariance takes 300 MB."""
+    return flow.certain()
+
+
+def _rmse(flow: FlowEstimate, at: ScoredPoints) -> float:
+    return rms_length(flow.velocity(*at.place) - at.velocity)

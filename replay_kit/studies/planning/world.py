@@ -1,0 +1,150 @@
+"""What the studies share: truths withheld in turn, the estimates that do not know them, the planner, the progress."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Observation
+from replay_kit.estimator import embed_member
+from replay_kit.estimator.baselines import average_over_depth
+from replay_kit.studies.accuracy import build_method
+from replay_kit.studies.pings import random_observations
+from replay_kit.studies.planning.calls import Calls
+from replay_kit.studies.planning.job import PlanningJob
+from replay_kit.studies.truths import Case, leave_out
+from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
+
+TRUTH, AVERAGED = "truth", "depth_averaged_truth"
+METHODS = ("default", "naive3d", "ensemble_mean", "nearest")
+LABELS = {
+    TRUTH: "truth",
+    AVERAGED: "depth-averaged truth",
+    "default": "2.5D default",
+    "naive3d": "naive 3D basis",
+    "ensemble_mean": "ensemble mean",
+    "nearest": "nearest member",
+}
+# The naive basis has the paper's errors of a bin, under which it was published.
+_PRESETS = {"naive3d": "paper"}
+
+
+@dataclass(frozen=True, eq=False)
+class Withheld:
+    """A truth, and what can be known of it.
+
+    Attributes:
+        case: The truth and the members that do not know it.
+        config: Of the estimators.
+        job: How many pings.
+    """
+
+    case: Case
+    config: EstimatorConfig
+    job: PlanningJob
+
+    @property
+    def member(self) -> int:
+        """Position of the member left out; for a truth of its own the number of members."""
+        return self.case.ensemble.n_members if self.case.member is None else self.case.member
+
+    @cached_property
+    def truth(self) -> FlowEstimate:
+        """The truth as the planner sees it."""
+        return embed_member(self.case.truth, 0, self.config)
+
+    @cached_property
+    def field(self) -> Field:
+        """The truth as instruments see it."""
+        return build_field(self.case.truth)
+
+    @cached_property
+    def observations(self) -> tuple[Observation, ...]:
+        """Profiles at random places of the truth."""
+        return random_observations(self.field, self.job.pings, self.job.noise, self.job.seed)
+
+    def estimate(self, method: str = "default") -> FlowEstimate:
+        """Return a method's estimate after all profiles, with its uncertainty."""
+        config = self.config.model_copy(update={"preset": _PRESETS.get(method, "default")})
+        estimator = build_method(method, self.case.ensemble, config)
+        state = estimator.initial()
+        for after, _ in estimator.steps(state, self.observations):
+            state = after
+        return estimator.flow(state)
+
+    @cached_property
+    def estimated(self) -> Mapping[str, FlowEstimate]:
+        """Each method's estimate, without its uncertainty."""
+        return {method: self.estimate(method).certain() for method in METHODS}
+
+    def flows(self, depth: float) -> dict[str, FlowEstimate]:
+        """Return everything to plan on, for what goes down to a depth [m]."""
+        return {TRUTH: self.truth, AVERAGED: average_over_depth(self.truth, depth), **self.estimated}
+
+    @cached_property
+    def at(self) -> ScoredPoints:
+        """Where estimates are compared with the truth."""
+        return scored_points(self.case.ensemble.grid, self.case.truth)
+
+    def relative_error(self, flow: FlowEstimate, depth: float) -> float:
+        """Return a flow's RMS error over the truth's RMS speed, at the grid points down to a depth [m]."""
+        kept = self.at.depth <= depth
+        east, north, down = (values[kept] for values in self.at.place)
+        return rms_length(flow.velocity(east, north, down) - self.at.velocity[kept]) / rms_length(self.at.velocity[kept])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """What a study is given.
+
+    Attributes:
+        ensemble: All members.
+        truths: One for each member left out, or one of its own.
+        job: What is asked for.
+        calls: The planner.
+        say: Told what is being run, and how many steps are done.
+    """
+
+    ensemble: Ensemble
+    truths: tuple[Withheld, ...]
+    job: PlanningJob
+    calls: Calls
+    say: Callable[[str, int], None]
+
+    def shares(self, count: int) -> tuple[int, ...]:
+        """Return how many of so many cases each truth has: as alike as can be."""
+        return tuple(len(part) for part in np.array_split(np.arange(count), len(self.truths)))
+
+    @property
+    def depth(self) -> float:
+        """Of a mission's dives [m]: as asked, or the deepest level."""
+        return min(self.job.depth, float(self.truths[0].case.ensemble.grid.levels[-1]))
+
+
+def build_world(
+    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PlanningJob, calls: Calls, say: Callable[[str, int], None]
+) -> World:
+    """Return the world of an ensemble; estimates are made when they are first asked for.
+
+    Args:
+        ensemble: All members.
+        truth: An ensemble of one; None to leave members out.
+        config: Of the estimators.
+        job: What is asked for.
+        calls: The planner.
+        say: Told what is being run.
+
+    Raises:
+        ConfigError: A member does not exist, too few are left, or members are to be left out beside a truth.
+    """
+    if truth is not None and job.leave_out is not None:
+        raise ConfigError("planning: expected one of --truth and --leave-out")
+    members = job.members(ensemble.n_members)
+    cases = [leave_out(ensemble, member) for member in members] if truth is None else [Case(None, truth, ensemble)]
+    return World(ensemble, tuple(Withheld(case, config, job) for case in cases), job, calls, say)

@@ -1,0 +1,209 @@
+"""A sawtooth glider flown through a truth: carried by the current, logging what a glider knows of where it is."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.geodesy import grid_bearing_of_true_north, rotate_to_geographic, to_geographic
+from replay_kit.studies.twins.field import Field, grid_indices
+from replay_kit.studies.twins.vehicle import Dive, Mission, Pings, Position, log_position
+
+STEP_S = 120
+_STEP_NS = STEP_S * 1_000_000_000
+PING_STEPS = 5  # a ping every ten minutes
+SURFACE_STEPS = 2
+_REACHED = 5_000.0  # m; a waypoint this near counts as reached: one dive goes half as far
+_EDGE = 0.1  # of the grid; a surfacing nearer to the edge than this turns the glider to the centre
+
+# Corners of a course over the grid, in fractions of its rows and columns; it starts at any of them and goes round.
+_COURSE = np.array([(0.2, 0.2), (0.8, 0.8), (0.8, 0.2), (0.2, 0.8)])
+_CENTRE = np.array([0.5, 0.5])
+
+
+@dataclass(frozen=True, slots=True)
+class GliderLimits:
+    """How a glider flies.
+
+    Attributes:
+        speed: Through water [m/s].
+        glide_angle_deg: Below and above the horizontal.
+        max_depth: Of a dive [m]; the truth's last level when that is shallower.
+    """
+
+    speed: float = 0.3
+    glide_angle_deg: float = 20.0
+    max_depth: float = 500.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flight:
+    """One dive, or one stay at the surface, step by step.
+
+    Attributes:
+        place: shape (steps + 1, 2) [m], local east and north.
+        depth: shape (steps + 1,) [m].
+        through_water: shape (2,) [m/s], local; zero at the surface.
+        pitch_deg: shape (steps + 1,).
+    """
+
+    place: Array
+    depth: Array
+    through_water: Array
+    pitch_deg: Array
+
+    @property
+    def steps(self) -> int:
+        return len(self.depth) - 1
+
+
+def mission(
+    field: Field,
+    pings: int,
+    start_ns: int,
+    rng: np.random.Generator,
+    limits: GliderLimits = GliderLimits(),
+    ping_steps: int = PING_STEPS,
+    to_the_end: bool = False,
+) -> Mission:
+    """Return a glider's mission: dives along a course over the region, a ping every ten minutes, a fix at each surfacing.
+
+    Between fixes the logged positions are dead-reckoned as a shore station does after the dive: through-water motion plus the
+    depth-averaged current that makes the track end at the next fix. The last dive is flown to its end.
+
+    Args:
+        field: The truth.
+        pings: Number of pings.
+        start_ns: Time of the first ping [ns, UTC].
+        rng: Chooses the corner at which the course starts.
+        limits: How it flies.
+        ping_steps: From one ping to the next [steps of 120 s].
+        to_the_end: Whether positions are logged to the end of the last dive, and not to the last ping only.
+
+    Raises:
+        ForecastError: The current carried the glider out of the truth's water.
+    """
+    flights: list[_Flight] = []
+    corner = int(rng.integers(len(_COURSE)))
+    place, target = _place_of(field, _COURSE[corner]), corner + 1
+    # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
+    flights.append(_surface(field, place, start_ns))
+    flown = flights[-1].steps
+    while flown <= (pings - 1) * ping_steps:
+        place = flights[-1].place[-1]
+        aim, target = _aim(field, place, target)
+        dive = _dive(field, place, start_ns + flown * _STEP_NS, aim, limits)
+        surface = _surface(field, dive.place[-1], start_ns + (flown + dive.steps) * _STEP_NS)
+        flights += [dive, surface]
+        flown += dive.steps + surface.steps
+    return _logged(field, flights, np.arange(pings) * ping_steps, start_ns, to_the_end)
+
+
+def _place_of(field: Field, fraction: Array) -> Array:
+    rows, columns = field.grid.east.shape
+    return np.asarray(field.place_spline(fraction * [rows - 1.0, columns - 1.0]), dtype=np.float64).reshape(2)
+
+
+def _aim(field: Field, place: Array, target: int) -> tuple[Array, int]:
+    """Return the place to head for, and the corner of the course that is next."""
+    rows, columns = field.grid.east.shape
+    j, i, _ = grid_indices(field, place[:1], place[1:])
+    fraction = np.array([j[0] / (rows - 1), i[0] / (columns - 1)])
+    if (fraction < _EDGE).any() or (fraction > 1.0 - _EDGE).any():
+        return _place_of(field, _CENTRE), target
+    corner = _place_of(field, _COURSE[target % len(_COURSE)])
+    if np.hypot(*(corner - place)) < _REACHED:
+        target += 1
+        corner = _place_of(field, _COURSE[target % len(_COURSE)])
+    return corner, target
+
+
+def _dive(field: Field, place: Array, start_ns: int, aim: Array, limits: GliderLimits) -> _Flight:
+    angle = np.deg2rad(limits.glide_angle_deg)
+    bottom = min(limits.max_depth, float(field.grid.levels[-1]))
+    leg = max(1, round(bottom / (limits.speed * np.sin(angle) * STEP_S)))
+    down = np.linspace(0.0, bottom, leg + 1)
+    depth = np.concatenate([down, down[-2::-1]])
+    pitch = np.concatenate([np.full(leg + 1, -limits.glide_angle_deg), np.full(leg, limits.glide_angle_deg)])
+    towards = (aim - place) / np.hypot(*(aim - place))
+    through_water = limits.speed * np.cos(angle) * towards
+    return _Flight(_advected(field, place, start_ns, depth, through_water), depth, through_water, pitch)
+
+
+def _surface(field: Field, place: Array, start_ns: int) -> _Flight:
+    depth = np.zeros(SURFACE_STEPS + 1)
+    return _Flight(_advected(field, place, start_ns, depth, np.zeros(2)), depth, np.zeros(2), depth)
+
+
+def _advected(field: Field, place: Array, start_ns: int, depth: Array, through_water: Array) -> Array:
+    """Return the track, shape (steps + 1, 2), by the midpoint rule."""
+    track = [place]
+    for k, (start, end) in enumerate(pairwise(depth)):
+        here, now = track[-1], start_ns + k * _STEP_NS
+        middle = here + 0.5 * STEP_S * (through_water + field.velocity(here[0], here[1], start, now))
+        at_middle = field.velocity(middle[0], middle[1], 0.5 * (start + end), now + _STEP_NS // 2)
+        track.append(here + STEP_S * (through_water + at_middle))
+        if not np.isfinite(track[-1]).all():
+            longitude, latitude = to_geographic(field.grid.projection, here[0], here[1])
+            raise ForecastError(
+                f"the current carried the glider out of the truth's water at {longitude:.3f} E, {latitude:.3f} N, {end:.0f} m; "
+                "use another seed, fewer pings or a larger region"
+            )
+    return np.array(track)
+
+
+def _logged(field: Field, flights: list[_Flight], ping_steps: NDArray[np.int64], start_ns: int, to_the_end: bool) -> Mission:
+    """Return what is logged of the flights."""
+    end = sum(flight.steps for flight in flights) if to_the_end else int(ping_steps[-1])
+    logged_steps = np.union1d(np.arange(0, end + 1, PING_STEPS), ping_steps)
+    positions: dict[int, Position] = {}
+    dives: list[Dive] = []
+    parts: list[tuple[Array, ...]] = []
+    step = 0
+    for flight in flights:
+        last = step + flight.steps
+        inside, logged = (steps[(steps >= step) & (steps < last)] - step for steps in (ping_steps, logged_steps))
+        times = start_ns + (step + np.arange(flight.steps + 1)) * _STEP_NS
+        if flight.depth.any():
+            dive, reckoned = _dead_reckoned(field, flight, times, logged, len(dives) + 1)
+            dives.append(dive)
+        else:
+            # the first and the last moment at the surface are fixes, and so is each ping there
+            steps = sorted({0, flight.steps, *logged.tolist()})
+            reckoned = [log_position(field, int(times[k]), flight.place[k], 0.0, False) for k in steps]
+        positions.update((position.time_ns, position) for position in reckoned)
+        heading = _heading(field, flight)
+        through_water = np.tile(flight.through_water, (inside.size, 1))
+        parts.append((flight.place[inside], flight.depth[inside], heading[inside], flight.pitch_deg[inside], through_water))
+        step = last
+    place, depth, heading, pitch, through_water = (np.concatenate(column) for column in zip(*parts, strict=True))
+    times = start_ns + ping_steps * _STEP_NS
+    over_ground = through_water + field.velocity(place[:, 0], place[:, 1], depth, times)
+    track = Pings(times, place[:, 0], place[:, 1], depth, heading, pitch, over_ground)
+    return Mission(track, tuple(positions[t] for t in sorted(positions)), tuple(dives))
+
+
+def _dead_reckoned(
+    field: Field, flight: _Flight, times: NDArray[np.int64], steps: NDArray[np.int64], number: int
+) -> tuple[Dive, list[Position]]:
+    """Return the dive and the positions logged at the given steps of it."""
+    seconds = np.arange(flight.steps + 1) * float(STEP_S)
+    current = (flight.place[-1] - flight.place[0]) / seconds[-1] - flight.through_water
+    reckoned = flight.place[0] + seconds[:, None] * (flight.through_water + current)
+    start, end = (log_position(field, int(times[k]), flight.place[k], 0.0, False) for k in (0, -1))
+    dac = rotate_to_geographic(field.grid.projection, start.longitude, start.latitude, current[0], current[1])
+    logged = [log_position(field, int(times[k]), reckoned[k], flight.depth[k], True) for k in steps if k > 0]
+    return Dive(number, start, end, (float(dac[0]), float(dac[1]))), logged
+
+
+def _heading(field: Field, flight: _Flight) -> Array:
+    """Return the heading at each step, clockwise from true north; adrift at the surface, north by convention."""
+    if not flight.through_water.any():
+        return np.zeros(flight.steps + 1)
+    longitude, latitude = to_geographic(field.grid.projection, flight.place[:, 0], flight.place[:, 1])
+    bearing = np.arctan2(flight.through_water[0], flight.through_water[1])
+    true = bearing - grid_bearing_of_true_north(field.grid.projection, longitude, latitude)
+    return np.asarray(np.mod(np.rad2deg(true), 360.0), dtype=np.float64)

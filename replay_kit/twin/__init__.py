@@ -1,8 +1,0 @@
-"""Twin experiments: logs of simulated vehicles in a known current, and the synthetic ensemble that the samples come from."""
-
-from replay_kit.twin.ensemble import synthesize, write_ensemble
-from replay_kit.twin.faults import Faults
-from replay_kit.twin.make import Options, TwinSummary, Vehicle, make_twin
-from replay_kit.twin.vehicle import EPOCH
-
-__all__ = ["EPOCH", "Faults", "Options", "TwinSummary", "Vehicle", "make_twin", "synthesize", "write_ensemble"]

@@ -1,0 +1,1 @@
+"""Each command's work, one file or folder a command."""

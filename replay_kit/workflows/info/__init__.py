@@ -1,0 +1,1 @@
+"""What a log holds and whether it can be believed."""

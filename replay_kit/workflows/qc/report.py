@@ -1,0 +1,164 @@
+"""How the quality control of logs is told: tables for a person, JSON for a program."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.observation import Flag, Reason
+from replay_kit.logs.losses import loss_json, loss_words
+from replay_kit.measurements.vehicle.segments import What
+from replay_kit.workflows.info.inspect import iso
+from replay_kit.workflows.qc.check import QualityReport, TestCount, TopicQuality
+
+# of a topic, printed; JSON has all
+_LOST_SHOWN = 5
+_WHAT = {
+    What.SURFACE: "at the surface",
+    What.NO_DEPTH: "without a depth",
+    What.TIME_BACK: "not later than the one before",
+    What.NOT_TOLD: "in no leg that can be told",
+}
+
+
+def limits_of(test: str, settings: MeasurementConfig) -> tuple[str, str]:
+    """Return the thresholds of a test in words, suspect and fail; empty where it has none."""
+    quality = settings.quality
+    edge = "edge > range x cos(beam angle)"
+    surface = f"depth < {settings.surface_depth:g} m"
+    special = {
+        "above_surface": ("", "depth < 0 m"),
+        "max_speed": ("", f"component > {settings.max_speed:g} m/s"),
+        "bottom": ("", edge),
+        "sidelobe": ("", edge if quality.sidelobe else ""),
+        "at_surface": (surface if quality.at_surface == "suspect" else "", surface if quality.at_surface == "fail" else ""),
+    }
+    return special[test] if test in special else quality.limits_in_words(test)
+
+
+def names_of(reasons: Reason) -> list[str]:
+    """Return the names of the bits of a mask."""
+    return [str(reason.name).lower() for reason in Reason if reason and reason in reasons]
+
+
+def quality_json(report: QualityReport) -> dict[str, Any]:
+    """Return a quality control for JSON, with every threshold it was made with."""
+    return {
+        "exit_code": report.exit_code,
+        "logs": [log.path for log in report.logs],
+        "settings": report.settings.model_dump(mode="json", exclude={"map"}),
+        "topics": [_topic_json(name, topic, report.settings) for name, topic in report.topics.items()],
+        "not_used": {topic: dict(reasons) for topic, reasons in report.not_used.items()},
+        "track": _track_json(report),
+        "late": report.late,
+        "losses": [{"file": log.path, **loss_json(loss)} for log in report.logs for loss in log.losses],
+    }
+
+
+def _topic_json(name: str, topic: TopicQuality, settings: MeasurementConfig) -> dict[str, Any]:
+    return {
+        "topic": name,
+        "pings": topic.pings,
+        "bins": {flag.name.lower(): topic.flags[flag] for flag in Flag},
+        "tests": [_test_json(test, count, settings) for test, count in topic.tests.items()],
+        "pings_lost": [
+            {"time": iso(time_ns), "input": log, "position": position, "reasons": names_of(reasons)}
+            for time_ns, log, position, reasons in topic.lost
+        ],
+    }
+
+
+def _test_json(test: str, count: TestCount, settings: MeasurementConfig) -> dict[str, Any]:
+    suspect, fail = limits_of(test, settings)
+    return {
+        "test": test,
+        "reason": str(count.reason.name).lower(),
+        "bit": int(count.reason),
+        "suspect_when": suspect or None,
+        "fail_when": fail or None,
+        "evaluated": count.evaluated,
+        "suspect": count.suspect,
+        "failed": count.failed,
+        "not_evaluated": dict(count.not_evaluated),
+    }
+
+
+def _track_json(report: QualityReport) -> dict[str, Any]:
+    track, legs = report.track, []
+    # the samples of a leg stand together
+    numbers, first = np.unique(track.profile, return_index=True)
+    for number, begin in zip(numbers.tolist(), first.tolist(), strict=True):
+        if number:
+            end = int(np.flatnonzero(track.profile == number)[-1])
+            legs.append(
+                {
+                    "profile": number,
+                    "dive": int(track.dive[begin]),
+                    "yo": int(track.yo[begin]),
+                    "profile_direction": int(track.direction[begin]),
+                    "start": iso(int(report.time_ns[begin])),
+                    "end": iso(int(report.time_ns[end])),
+                    "depths": [float(report.depth[begin]), float(report.depth[end])],
+                }
+            )
+    return {
+        "depths": len(report.depth),
+        **_numbers(report),
+        "profiles": legs,
+        "apogees": [{"time": iso(int(report.time_ns[k])), "depth": float(report.depth[k])} for k in track.apogees],
+        "surfacings": [iso(int(report.time_ns[k])) for k in track.surfacings],
+        "in_no_profile": {words: track.count(what) for what, words in _WHAT.items()},
+    }
+
+
+def _numbers(report: QualityReport) -> dict[str, int]:
+    track = report.track
+    return {"dives": int(track.dive.max(initial=0)), "yos": int(track.yo.max(initial=0)), "legs": int(track.profile.max(initial=0))}
+
+
+def print_quality(report: QualityReport, console: Console) -> None:
+    """Print a table for each topic, and what is to be known beside it."""
+    for name, topic in report.topics.items():
+        _print_topic(name, topic, report.settings, console)
+    track, numbers = report.track, _numbers(report)
+    console.print(
+        f"Track: {numbers['dives']} dives, {numbers['yos']} yos, {numbers['legs']} profiles, {len(track.surfacings)} surfacings "
+        f"in {len(report.depth)} depths; in no profile: {_counts({words: track.count(what) for what, words in _WHAT.items()})}",
+        soft_wrap=True,
+    )
+    for topic_name, reasons in report.not_used.items():
+        for reason, count in reasons.items():
+            console.print(f"Not used: {count} x {topic_name}: {reason}", soft_wrap=True)
+    for log in report.logs:
+        for loss in log.losses:
+            console.print(f"LOST: {log.path}: {loss_words(loss)}", soft_wrap=True)
+    if report.late:
+        console.print(f"LOST: {report.late} messages came later than the reorder window allows; widen logs.reorder_window", soft_wrap=True)
+
+
+def _print_topic(name: str, topic: TopicQuality, settings: MeasurementConfig, console: Console) -> None:
+    columns = ("test", "suspect when", "fails when", "bins tested", "suspect", "failed", "not tested")
+    table = Table(*columns, title=f"{name}: {topic.pings} pings", title_justify="left")
+    for test, count in topic.tests.items():
+        numbers = (str(number) for number in (count.evaluated, count.suspect, count.failed))
+        table.add_row(test, *limits_of(test, settings), *numbers, _counts(count.not_evaluated, nothing=""))
+    console.print(table)
+    use = "used" if settings.quality.use_suspect else "not used, as quality.use_suspect says"
+    flags = topic.flags
+    console.print(
+        f"Bins: {flags[Flag.GOOD]} good, {flags[Flag.SUSPECT]} suspect ({use}), {flags[Flag.FAIL]} failed, {flags[Flag.MISSING]} missing",
+        soft_wrap=True,
+    )
+    if topic.lost:
+        console.print(f"Pings that lose every bin: {len(topic.lost)}", soft_wrap=True)
+    for time_ns, log, position, reasons in topic.lost[:_LOST_SHOWN]:
+        console.print(f"  {iso(time_ns)} (log {log}, position {position}): {', '.join(names_of(reasons))}", soft_wrap=True)
+    if len(topic.lost) > _LOST_SHOWN:
+        console.print(f"  and {len(topic.lost) - _LOST_SHOWN} more, all in --json", soft_wrap=True)
+
+
+def _counts(counts: Mapping[str, int], nothing: str = "none") -> str:
+    return ", ".join(f"{count} {what}" for what, count in counts.items() if count) or nothing

@@ -1,0 +1,105 @@
+"""From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator import Estimator, FilterState, means_of
+from replay_kit.estimator.baselines import build_named
+from replay_kit.estimator.evolving import EvolvingEstimator, build_evolving
+from replay_kit.forecast import read_ensemble, read_series
+
+_OWN = "reduced_basis"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Forecasts:
+    """The part of a forecast that a run estimates with.
+
+    Attributes:
+        series: The forecast at the times that are used, in order.
+        ensemble: The one of them nearest to the log's beginning.
+        evolves: Whether the estimate goes through time.
+    """
+
+    series: tuple[Ensemble, ...]
+    ensemble: Ensemble
+    evolves: bool
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of how the file was read."""
+        return self.series[0].notes
+
+    def nearest(self, time_ns: int | None) -> Ensemble:
+        """Return the forecast nearest to a time [ns, UTC]; the first without one."""
+        if time_ns is None:
+            return self.series[0]
+        return min(self.series, key=lambda forecast: abs((forecast.time_ns or 0) - time_ns))
+
+
+def read_forecasts(path: Path, config: RunConfig, near_ns: int | None, place_at: tuple[float, float] | None) -> Forecasts:
+    """Return the forecast at the time, or the times, that the settings ask for.
+
+    The estimate goes through time where the forecast has several dated times (unless one is chosen, or ``time.scale`` is static), and
+    where a time scale, oscillations or biases are asked for. Else it is static.
+
+    Args:
+        path: The ensemble.
+        config: The run's settings.
+        near_ns: Time of the logs' first message [ns, UTC].
+        place_at: (longitude, latitude) to move the ensemble's centre to.
+
+    Raises:
+        ForecastError: The ensemble cannot be used.
+        ConfigError: An estimator that knows no time is asked for what needs it.
+    """
+    own = config.estimator.name == _OWN and config.estimator.preset == "default"
+    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases or config.time.window)
+    if asked and not own:
+        what = config.estimator.name if config.estimator.name != _OWN else f"preset {config.estimator.preset}"
+        raise ConfigError(
+            f"{what} is static: it takes no time.scale, oscillators, biases or window; leave them out, or the estimator's name"
+        )
+    if own and (asked or config.time.scale == "auto"):
+        series = read_series(path, config.forecast, near_ns=near_ns, place_at=place_at)
+        forecasts = Forecasts(series, series[0], asked or len(series) > 1)
+        return replace(forecasts, ensemble=forecasts.nearest(near_ns))
+    ensemble = read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at)
+    return Forecasts((ensemble,), ensemble, False)
+
+
+def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> Estimator[Any]:
+    """Return the estimator of a run.
+
+    Args:
+        forecasts: What it is built from.
+        config: The run's settings.
+        goal_depth: [m]; ``depth_average`` alone needs it.
+
+    Raises:
+        ConfigError: The estimator's name is unknown.
+    """
+    if forecasts.evolves:
+        return build_evolving(forecasts.series, config.estimator, config.time, config.trust)
+    return build_named(forecasts.ensemble, config.estimator, goal_depth, config.trust)
+
+
+def weights_of(estimator: Any, states: Sequence[Any]) -> Sequence[Array | None]:
+    """Return the mean weights of states, where they have weights of the run's basis."""
+    if states and isinstance(states[0], FilterState):
+        return list(means_of(states))
+    if isinstance(estimator, EvolvingEstimator):
+        return [estimator.weights(state) for state in states]
+    return [None] * len(states)
+
+
+def flow_at(estimator: Any, state: Any, time_ns: int) -> FlowEstimate:
+    """Return the current estimate of a state for a time at or after its last observation [ns, UTC]; a static one is as it was."""
+    return estimator.at(state, time_ns) if isinstance(estimator, EvolvingEstimator) else estimator.flow(state)

@@ -1,0 +1,118 @@
+"""What a replay would use, and about how much memory and time, without writing anything."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.observation import Observation
+from replay_kit.estimator import BLOCK
+from replay_kit.logs import merge
+from replay_kit.measurements import observations
+from replay_kit.workflows.replay.build import build, read_forecasts, weights_of
+from replay_kit.workflows.replay.job import ReplayJob, look_ahead, open_readers
+
+# What the interpreter and the libraries take before the first array.
+_BASE_MB = 250.0
+# The covariance before an update, after it, and the half gains' product between them, with one to spare for the output.
+_COVARIANCES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """What a replay would use.
+
+    Attributes:
+        profiles: Profiles the logs give.
+        profiles_used: Those with a usable bin in the region.
+        members: Ensemble members.
+        grid: Points along the grid's two directions.
+        levels: Levels used [m].
+        modes: Basis flows a level.
+        state_size: Weights in the filter's state.
+        memory_mb: Memory expected at the peak.
+        seconds: Time expected for all updates, from the profiles stepped through here.
+    """
+
+    profiles: int
+    profiles_used: int
+    members: int
+    grid: tuple[int, int]
+    levels: tuple[float, ...]
+    modes: int
+    state_size: int
+    memory_mb: float
+    seconds: float
+
+
+def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehearsal:
+    """Return what a replay would use; the logs are read to their end, but only a few updates are made.
+
+    Args:
+        job: The replay.
+        config: Its settings.
+        n_timed: Profiles stepped through to learn how long one takes.
+
+    Raises:
+        ReplayKitError: As the replay itself would, for logs and ensembles that cannot be used.
+    """
+    if config.estimator.name != "reduced_basis":
+        raise ConfigError(f"--dry-run describes the reduced basis, not {config.estimator.name}; leave one of the two out")
+    with threadpool_limits(limits=config.output.threads):
+        place_at, near_ns = look_ahead(job.logs, config)
+        forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+        ensemble = forecasts.ensemble
+        # Any: a baseline was refused above, and the two that are left have what is asked for here
+        estimator: Any = build(forecasts, config, None)
+        profiles, used = 0, 0
+        timed: list[Observation] = []
+        for observation in _profiles(job, config):
+            profiles += 1
+            used += estimator.usable(observation)
+            if len(timed) < n_timed and estimator.usable(observation):
+                timed.append(observation)
+        began = time.perf_counter()
+        if states := [state for state, _ in estimator.steps(estimator.initial(), timed)]:
+            weights_of(estimator, states)
+        spent = time.perf_counter() - began
+    size = estimator.state_size
+    return Rehearsal(
+        profiles=profiles,
+        profiles_used=used,
+        members=ensemble.n_members,
+        grid=(ensemble.grid.east.shape[0], ensemble.grid.east.shape[1]),
+        levels=tuple(float(level) for level in ensemble.grid.levels),
+        modes=estimator.basis.n_modes,
+        state_size=size,
+        memory_mb=_BASE_MB + _COVARIANCES * 8e-6 * size**2 + 2e-6 * ensemble.velocity.nbytes,
+        seconds=used * spent / len(timed) if timed else 0.0,
+    )
+
+
+def _profiles(job: ReplayJob, config: RunConfig) -> Iterator[Observation]:
+    logs = config.logs
+    messages = merge(open_readers(job.logs, config), logs.reorder_window, logs.start_ns, logs.end_ns)
+    return (found for found in observations(messages, config.measurements) if isinstance(found, Observation))
+
+
+def rehearsal_json(rehearsal: Rehearsal) -> dict[str, Any]:
+    """Return a rehearsal for JSON."""
+    return {"status": "dry run", "exit_code": 0, **asdict(rehearsal)}
+
+
+def print_rehearsal(rehearsal: Rehearsal, console: Console) -> None:
+    """Print a rehearsal as a sentence."""
+    rows, columns = rehearsal.grid
+    levels = rehearsal.levels
+    console.print(
+        f"Would use {rehearsal.profiles_used} of {rehearsal.profiles} profiles with {rehearsal.members} members "
+        f"on {rows} x {columns} points and {len(levels)} levels ({levels[0]:g} to {levels[-1]:g} m): "
+        f"{rehearsal.modes} modes a level, a state of {rehearsal.state_size} weights. "
+        f"Expected: {rehearsal.memory_mb:.0f} MB, {rehearsal.seconds:.0f} s for the updates. Nothing was written.",
+        soft_wrap=True,
+    )

@@ -1,0 +1,131 @@
+"""What a result says of how it was made: input hashes, versions, the region, the configuration."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from replay_kit import __version__
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator import FilterState, ReducedBasisEstimator
+from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
+from replay_kit.estimator.prior.hybrid import HybridPrior
+from replay_kit.estimator.update.biases import in_words
+
+_BLOCK = 1 << 20
+_PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a store in the order of their names."""
+    digest = hashlib.sha256()
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for part in files:
+        with part.open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble, options: Mapping[str, str]) -> dict[str, Mapping[str, str]]:
+    """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
+
+    Args:
+        logs: The inputs.
+        ensemble_path: The ensemble's file or store.
+        ensemble: What was read of it.
+        options: What the run was asked for beyond its configuration.
+
+    Raises:
+        ConfigError: Two logs hold the same bytes.
+    """
+    grid = ensemble.grid
+    hashes = [file_hash(path) for path in logs]
+    for i, digest in enumerate(hashes):
+        if digest in hashes[:i]:
+            raise ConfigError(f"{logs[i]}: the same bytes as {logs[hashes.index(digest)]}; a log given twice would count twice")
+    inputs = {f"log{i}": f"{path.name} sha256:{digest}" for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))}
+    inputs["ensemble"] = f"{ensemble_path.name} sha256:{file_hash(ensemble_path)}"
+    region = {
+        "projection": "azimuthal equidistant, WGS84",
+        "centre_longitude": repr(grid.projection.longitude),
+        "centre_latitude": repr(grid.projection.latitude),
+        "levels": ", ".join(repr(float(level)) for level in grid.levels),
+        "grid": " x ".join(str(n) for n in grid.east.shape),
+        "members": str(ensemble.n_members),
+    }
+    return {"replay_kit.inputs": inputs, "replay_kit.options": options, "replay_kit.region": region, "replay_kit.versions": _versions()}
+
+
+def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, Mapping[str, str]]:
+    """Return the metadata records of a plan made on its own: its inputs' names and hashes, the options, the versions.
+
+    Args:
+        inputs: What was read, by what it is; None for what was not given.
+        options: What was asked for beyond the configuration; None for what was not given.
+    """
+    hashes = {name: f"{path.name} sha256:{file_hash(path)}" for name, path in inputs.items() if path is not None}
+    asked = {name: str(value) for name, value in options.items() if value is not None}
+    return {"replay_kit.inputs": hashes, "replay_kit.options": asked, "replay_kit.versions": _versions()}
+
+
+def _versions() -> dict[str, str]:
+    return {"replay-kit": __version__, **{name: version(name) for name in _PACKAGES}}
+
+
+def run_settings_toml(config: RunConfig) -> str:
+    """Return the configuration as TOML, every value given; what is unset is left out, as TOML has no null."""
+    lines: list[str] = []
+    for section, values in config.model_dump(mode="json").items():
+        lines += [f"[{section}]", *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""]
+    return "\n".join(lines)
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # TOML's escapes are those of JSON
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_toml(key)} = {_toml(item)}" for key, item in value.items() if item is not None) + "}"
+    return repr(value)
+
+
+def prior_notes(estimator: object) -> list[str]:
+    """Say what the prior was made with, for it may have been fitted."""
+    if isinstance(estimator, EvolvingEstimator):
+        return [f"through time: {estimator.model.sea}"]
+    if not isinstance(estimator, ReducedBasisEstimator) or not isinstance(estimator.prior, HybridPrior):
+        return []
+    return [f"prior: {estimator.prior.settings}"] if estimator.prior.settings else []
+
+
+# Of the prior's standard deviation, above which nothing was learnt.
+_HEARD = 0.95
+
+
+def bias_notes(estimator: object, state: object) -> list[str]:
+    """Say which errors of the instrument were estimated, and which the log speaks of though no state stands for them."""
+    notes: list[str] = []
+    estimated: tuple[str, ...] = ()
+    if isinstance(estimator, EvolvingEstimator) and isinstance(state, EvolvingState):
+        estimated = estimator.model.biases.names
+        of, values = estimator.model.biases, estimator.biases(state)
+        heard = [name for name, std in zip(of.names, of.std, strict=True) if values[name][1] < _HEARD * std]
+        found = [in_words(name, *values[name]) for name in heard]
+        notes += [f"the instrument's errors, estimated: {', '.join(found)}"] if found else []
+        if silent := [name for name in of.names if name not in heard]:
+            notes.append(f"the log says nothing of errors in {', '.join(silent)}: no profile says how its platform moved, or too few do")
+    if isinstance(state, EvolvingState | FilterState):
+        suspected = {name: value for name, value in state.evidence.suspected().items() if name not in estimated}
+        if suspected:
+            words = ", ".join(in_words(name, *value) for name, value in suspected.items())
+            names = ", ".join(f'"{name}"' for name in suspected)
+            notes.append(f"the log speaks of errors of the instrument: {words}; time.biases = [{names}] estimates them")
+    return notes

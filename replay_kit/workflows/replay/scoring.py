@@ -1,0 +1,113 @@
+"""An estimate against a known truth, at the truth's wet grid points."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
+from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.estimator import embed_member
+from replay_kit.results.summary import TruthScore
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredPoints:
+    """The truth's wet grid points inside a region and its levels.
+
+    Attributes:
+        points: shape (P, 2) [m], local east and north of the region's frame.
+        depth: shape (P,) [m].
+        velocity: shape (P, 2) [m/s], the truth there, along the region's axes.
+        index: Three of shape (P,), the points' positions in the truth's grid: level, row, column.
+    """
+
+    points: Array
+    depth: Array
+    velocity: Array
+    index: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
+
+    @property
+    def place(self) -> tuple[Array, Array, Array]:
+        """East, north and depth [m], as a flow asks for them."""
+        return self.points[:, 0], self.points[:, 1], self.depth
+
+
+def score_against_truth(
+    flow: FlowEstimate,
+    ensemble: Ensemble,
+    truth: Ensemble,
+    positions: Sequence[tuple[float, float]],
+    radius_km: float | None,
+    config: EstimatorConfig,
+) -> tuple[TruthScore, FlowEstimate]:
+    """Return the scores, without closest approaches, and the truth as a flow.
+
+    The truth is compared at its own grid points that lie inside the ensemble's region and levels: RMSE is the root mean square
+    length of the error vector, unweighted, and the relative error is over the truth's RMS speed there.
+
+    Args:
+        flow: The estimate.
+        ensemble: Whose mean is scored beside it.
+        truth: An ensemble of one.
+        positions: (longitude, latitude) of the profiles used.
+        radius_km: Only points this near to a profile count; None counts all.
+        config: For the truth's embedding.
+
+    Raises:
+        MeasurementError: No grid point of the truth is left to score.
+    """
+    near = None if radius_km is None else (np.array(positions), 1e3 * radius_km)
+    at = scored_points(flow.grid, truth, near)
+    mean = _ensemble_mean_at(ensemble, truth, config, at)
+    rmse, speed = rms_length(flow.velocity(*at.place) - at.velocity), rms_length(at.velocity)
+    score = TruthScore(rmse, rmse / speed, rms_length(mean - at.velocity), int(at.depth.size), float("nan"), float("nan"))
+    return score, embed_member(truth, 0, config)
+
+
+def scored_points(grid: Grid, truth: Ensemble, near: tuple[Array, float] | None = None) -> ScoredPoints:
+    """Return where a truth is compared with an estimate on a grid, and the truth there along the grid's axes.
+
+    Args:
+        grid: The estimate's.
+        truth: An ensemble of one; its frame may have another centre, and its vectors are turned.
+        near: Longitudes and latitudes, shape (n, 2), and a radius [m]: only points this near to one of them; None for all.
+
+    Raises:
+        MeasurementError: No wet point of the truth is left.
+    """
+    east, north = to_local(grid.projection, truth.grid.longitude, truth.grid.latitude)
+    levels = truth.grid.levels
+    deep = (levels >= grid.levels[0] - 1e-6) & (levels <= grid.levels[-1] + 1e-6)
+    scored = truth.grid.wet & deep[:, None, None] & inside_grid(grid, east, north)
+    if near is not None:
+        positions, radius = near
+        distance, _ = cKDTree(np.column_stack(to_local(grid.projection, *positions.T))).query(np.stack([east, north], axis=-1))
+        scored &= distance <= radius
+    z, j, i = np.nonzero(scored)
+    if z.size == 0:
+        raise MeasurementError(f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; of another place?")
+    u, v = truth.velocity[0][:, z, j, i]
+    at = truth.grid.longitude[j, i], truth.grid.latitude[j, i]
+    turned = rotate_to_local(grid.projection, *at, *rotate_to_geographic(truth.grid.projection, *at, u, v))
+    return ScoredPoints(np.column_stack([east[j, i], north[j, i]]), levels[z], np.column_stack(turned), (z, j, i))
+
+
+def rms_length(vectors: Array) -> float:
+    """Return the root mean square length of vectors, shape (P, 2)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))
+
+
+def _ensemble_mean_at(ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig, at: ScoredPoints) -> Array:
+    """Return the ensemble's mean at scored points: as it is where the grids agree, else through its embedding."""
+    same = ensemble.grid.wet.shape == truth.grid.wet.shape and np.allclose(ensemble.grid.levels, truth.grid.levels)
+    if same and np.allclose(ensemble.grid.longitude, truth.grid.longitude) and np.allclose(ensemble.grid.latitude, truth.grid.latitude):
+        return np.asarray(ensemble.velocity.mean(axis=0)[:, *at.index].T)
+    mean = Ensemble(ensemble.grid, ensemble.velocity.mean(axis=0, keepdims=True), ensemble.time_ns, ensemble.source)
+    return embed_member(mean, 0, config).velocity(*at.place)

@@ -1,0 +1,185 @@
+"""Whether a result can be made again: its inputs are replayed with its configuration, and the first difference is named.
+
+The composer of ``replay-kit verify``. The result carries digests of its messages every few hours of log time; the repetition is
+stopped at the first that differs.
+"""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from replay_kit import __version__
+from replay_kit.config.planner import PlannerConfig
+from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.errors import LogError
+from replay_kit.core.plan import Place
+from replay_kit.results import Difference, Digest, Recorded, first_difference, read_recorded
+from replay_kit.workflows.replay.job import Planner, ReplayJob
+from replay_kit.workflows.replay.provenance import file_hash
+from replay_kit.workflows.replay.replay import replay
+
+_VERSIONS = "replay_kit.versions"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What came of making a result again.
+
+    Attributes:
+        result: The result.
+        messages: Number of messages found the same.
+        difference: The first message that is not; None when all are.
+        others: Attachments and metadata records that are not the same.
+        notes: What may explain a difference: other versions.
+    """
+
+    result: Path
+    messages: int
+    difference: Difference | None
+    others: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether the result was made again, bit for bit."""
+        return self.difference is None and not self.others
+
+
+class _DivergedError(Exception):
+    """The repetition gave another digest."""
+
+
+def verify(
+    result: Path, folders: Sequence[Path], planner_of: Callable[[PlannerConfig], Planner], on_message: Callable[[int], None] | None = None
+) -> Verdict:
+    """Return what comes of making a result again from its inputs and the configuration in it.
+
+    Args:
+        result: A result of ``replay``.
+        folders: Where the inputs are looked for, by name and content; then beside the result, then here.
+        planner_of: Makes the planner of a configuration.
+        on_message: Called with each message's time [ns], for progress.
+
+    Raises:
+        LogError: The result cannot be read, or an input is not found.
+    """
+    recorded = read_recorded(result)
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Path(folder) / "config.toml"
+        settings.write_text(recorded.config_toml, encoding="utf-8")
+        config = load_config(settings)
+        again = Path(folder) / "again.mcap"
+        job = _job(result, recorded, [*folders, result.parent, Path()], again)
+        planner = planner_of(config.planner)
+        made, stopped = _repeat(job, config, planner, recorded.digests, on_message)
+        difference = None
+        if stopped is not None:
+            difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages)
+        if stopped is not None and difference is None:
+            # the digest itself is what differs: nothing less than everything must be compared
+            made, _ = _repeat(job, config, planner, (), on_message)
+        others: tuple[str, ...] = ()
+        if difference is None:
+            difference = first_difference(result, again)
+            others = _others_that_differ(recorded, read_recorded(again))
+    return Verdict(result, difference.index if difference else made, difference, others, _other_versions(recorded))
+
+
+def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:
+    """Return attachments and metadata records that are not the same, but for versions and what a truth is scored with."""
+    attachments = [f"attachment {name}" for name in _unequal(one.attachments, other.attachments)]
+    ours, theirs = ({name: _without_truth(values) for name, values in recorded.metadata.items()} for recorded in (one, other))
+    metadata = [f"metadata {name}" for name in _unequal(ours, theirs) if name != _VERSIONS]
+    digests = ["the digests"] if one.digests != other.digests else []
+    return (*attachments, *metadata, *digests)
+
+
+def _unequal(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    return sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
+
+
+def _without_truth(values: Mapping[str, str]) -> dict[str, str]:
+    return {key: value for key, value in values.items() if key not in ("truth", "truth_radius_km")}
+
+
+def _repeat(
+    job: ReplayJob, config: RunConfig, planner: Planner, expected: Sequence[Digest], on_message: Callable[[int], None] | None
+) -> tuple[int, Digest | None]:
+    """Replay until a digest differs; return the number of messages made, and that digest, None when all are the same.
+
+    Without expected digests there is nothing to stop at.
+    """
+    made, other = 0, None
+    remaining = list(expected)
+
+    def compare(digest: Digest) -> None:
+        nonlocal made, other
+        made = digest.messages
+        if expected and (not remaining or remaining.pop(0) != digest):
+            other = digest
+            raise _DivergedError
+
+    with suppress(_DivergedError):
+        replay(job, config, planner, on_message, compare)
+    return made, other
+
+
+def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -> ReplayJob:
+    named = recorded.metadata["replay_kit.inputs"]
+    options = recorded.metadata.get("replay_kit.options", {})
+    found = {key: _find(result, key, text, folders) for key, text in named.items()}
+    logs = tuple(found[f"log{i}"] for i in range(len(found) - 1))
+    goal = options.get("goal")
+    where = Place(*(float(part) for part in goal.split(","))) if goal else None
+    return ReplayJob(logs, found["ensemble"], out, goal=where, include_inputs=options.get("include_inputs") == "true")
+
+
+def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Path:
+    """Return the input of a recorded name and hash."""
+    name, _, digest = recorded.rpartition(" sha256:")
+    others = []
+    for folder in folders:
+        if (path := folder / name).exists():
+            if file_hash(path) == digest:
+                return path
+            others.append(str(path))
+    what = f"found only other contents: {', '.join(others)}" if others else "there is none"
+    raise LogError(f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; say with --inputs in which folder it is")
+
+
+def _other_versions(recorded: Recorded) -> tuple[str, ...]:
+    """Say which of the packages that matter to the last bit are not those the result was made with."""
+    notes = []
+    for package, made_with in recorded.metadata.get(_VERSIONS, {}).items():
+        try:
+            here = __version__ if package == "replay-kit" else version(package)
+        except PackageNotFoundError:
+            here = "none"
+        if here != made_with:
+            notes.append(f"made with {package} {made_with}, here it is {here}: last bits may differ")
+    return tuple(notes)
+
+
+def verdict_json(verdict: Verdict) -> dict[str, Any]:
+    """Return the JSON object of ``--json``."""
+    return {**asdict(verdict), "result": str(verdict.result), "same": verdict.same}
+
+
+def print_verdict(verdict: Verdict, console: Console) -> None:
+    """Print whether the result was made again, or where not."""
+    if verdict.same:
+        console.print(f"{verdict.result}: made again bit for bit, {verdict.messages} messages", soft_wrap=True)
+    if (first := verdict.difference) is not None:
+        console.print(f"{verdict.result}: message {first.index} differs: {first.topic} at {first.time_ns} ns", soft_wrap=True)
+        for field in first.fields:
+            console.print(f"  {field}  (recorded | made again)", soft_wrap=True)
+    for name in verdict.others:
+        console.print(f"{verdict.result}: differs: {name}", soft_wrap=True)
+    for note in verdict.notes:
+        console.print(f"note: {note}", soft_wrap=True)

@@ -1,0 +1,219 @@
+"""The command line: exit codes, what it says, and the paths it refuses before it reads anything.
+
+A process is started only where it matters that there is one: pipes, signals, the interpreter's end.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit.cli import make as cli_make
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.message import Message
+from replay_kit.forecast import read_truth
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins import make_twin
+from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.replay.job import check_paths
+from tests import synthetic
+from tests.command import run_command
+from tests.places import ROOT
+
+COMMAND = [sys.executable, "-c", "from replay_kit.cli.app import main; main()"]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "160"}
+
+
+def process(folder, *arguments):
+    return subprocess.run([*COMMAND, *arguments], cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("ocean")
+    ds = synthetic.dataset(seed=4, n_members=21, shape=(6, 7))
+    ds.isel(member=slice(20)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=20, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    truth = read_truth(str(folder / "truth.nc"), RunConfig().forecast)
+    make_twin(truth, "vessel", 20, 0.05, 1, folder / "survey.mcap")
+    (folder / "run.toml").write_text("[output]\ninterval = 1.0\n")
+    (folder / "store.zarr").mkdir()
+    (folder / "folder.mcap").mkdir()
+    (folder / "there.json").write_text("precious")
+    return folder
+
+
+REPLAY = ["replay", "survey.mcap", "--ensemble", "ensemble.nc"]
+
+
+REFUSED = [
+    ([*REPLAY, "-o", "survey.mcap", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--netcdf", "ensemble.nc", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--truth", "truth.nc#3", "--save-estimate", "truth.nc", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--config", "there.json", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
+    (["replay", "survey.mcap", "--ensemble", "store.zarr", "-o", "store.zarr/o.mcap", "--overwrite"], "an input is never overwritten"),
+    ([*REPLAY, "-o", "o.mcap", "--json", "there.json"], "--overwrite"),
+    ([*REPLAY, "-o", "o.mcap", "--save-estimate", "o.nc", "--netcdf", "./o.nc"], "two outputs"),
+    ([*REPLAY, "-o", "absent/o.mcap"], "there is no folder absent"),
+    ([*REPLAY, "-o", "folder.mcap", "--overwrite"], "is a folder"),
+    ([*REPLAY, "-o", "o.mcap", "--truth-radius", "0"], "--truth-radius"),
+    ([*REPLAY, "-o", "o.mcap", "--truth-radius", "nan"], "--truth-radius"),
+    ([*REPLAY, "-o", "o.mcap", "--goal", "nan,0,0"], "--goal"),
+    ([*REPLAY, "-o", "o.mcap", "--start", "yesterday"], "'logs.start': 'yesterday' is no time"),
+    ([*REPLAY, "-o", "o.mcap", "--modes", "some"], "estimator.modes"),
+    (["info", "there.json", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
+    (["info", "survey.mcap", "--json", "there.json"], "--overwrite"),
+    (["info", "survey.mcap", "--suggest", "run.toml"], "--overwrite"),
+    (["info", "survey.mcap", "--suggest", "run.toml", "--config", "run.toml", "--overwrite"], "an input is never overwritten"),
+    (["info", "survey.mcap", "--suggest", "-", "--json", "-"], "only one of them"),
+    (["convert", "there.json", "-o", "o.mcap", "--json", "there.json", "--overwrite"], "an input is never overwritten"),
+    (["info", "survey.mcap", "--suggest", "o", "--json", "./o"], "two outputs"),
+    (["twin", "--truth", "survey.mcap", "-o", "survey.mcap", "--overwrite"], "an input is never overwritten"),
+    (["synthesize", "--ensemble", "e.nc", "--truth", "e.nc"], "two outputs"),
+    (["synthesize", "--ensemble", "e.nc", "--truth", "truth.nc"], "--overwrite"),
+    (
+        ["experiment", "accuracy", "--ensemble", "there.json", "--leave-out", "0", "--json", "there.json", "--overwrite"],
+        "an input is",
+    ),
+    (["experiment", "accuracy", "--ensemble", "ensemble.nc", "--leave-out", "0", "--json", "there.json"], "--overwrite"),
+]
+
+
+@pytest.fixture(scope="module")
+def refusals(ocean):
+    """Return what each case of REFUSED ended with, and the folder's files and their times before and after."""
+    before = {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
+    answers = [run_command(ocean, arguments) for arguments, _ in REFUSED]
+    return answers, before, {path: path.stat().st_mtime_ns for path in ocean.rglob("*")}
+
+
+@pytest.mark.parametrize("k", range(len(REFUSED)), ids=[" ".join(arguments) for arguments, _ in REFUSED])
+def test_wrong_paths_and_options_are_refused_with_exit_2(refusals, k):
+    answer = refusals[0][k]
+    assert answer.returncode == 2
+    assert REFUSED[k][1] in answer.stderr
+
+
+def test_a_refusal_touches_no_file(refusals):
+    _, before, after = refusals
+    assert before == after
+
+
+def test_a_refused_path_is_exit_2_of_the_process_and_no_traceback(ocean):
+    done = process(ocean, *REFUSED[0][0])
+    assert done.returncode == 2
+    assert done.stderr.startswith("replay-kit: survey.mcap: is an input of this run")
+
+
+def test_links_and_part_files_of_inputs_are_inputs_too(tmp_path):
+    (tmp_path / "log.mcap").write_text("x")
+    (tmp_path / "link.mcap").symlink_to(tmp_path / "log.mcap")
+    (tmp_path / "hard.mcap").hardlink_to(tmp_path / "log.mcap")
+    for name in ("link.mcap", "hard.mcap"):
+        with pytest.raises(ConfigError, match="never overwritten"):
+            check_paths([tmp_path / "log.mcap"], [tmp_path / name], overwrite=True)
+    with pytest.raises(ConfigError, match="never overwritten"):
+        check_paths([tmp_path / "o.mcap.part"], [tmp_path / "o.mcap"], overwrite=True)
+    with pytest.raises(ConfigError, match="two outputs"):
+        check_paths([], [tmp_path / "o.nc", tmp_path / "o.nc.part"], overwrite=True)
+    check_paths([tmp_path / "log.mcap", None], [tmp_path / "new.mcap", None, Path("-"), Path("-")], overwrite=False)
+
+
+def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
+    for arguments, code, said in (
+        (["twin", "--nope"], 2, "No such option"),
+        (["twin", "--truth", "t.nc", "-o", "x.mcap", "--pings", "0"], 2, "--pings"),
+        (["info", "absent.mcap"], 3, "no such file"),
+        ([], 2, ""),
+    ):
+        done = run_command(tmp_path, arguments)
+        assert done.returncode == code, done.stderr
+        assert said in done.stderr
+        assert "Traceback" not in done.stderr
+    assert run_command(tmp_path, ["--version"]).stdout.startswith("replay-kit ")
+
+
+def test_help_keeps_units(tmp_path):
+    twin, replay = run_command(tmp_path, ["twin", "--help"]), run_command(tmp_path, ["replay", "--help"])
+    assert twin.returncode == replay.returncode == 0
+    for said in ("[m/s]", "[m]", "[degrees]"):
+        assert said in twin.stdout
+    for said in ("[degrees, degrees, m]", "[km]", "--level-step"):
+        assert said in replay.stdout
+
+
+def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path, monkeypatch):
+    def bad(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(cli_make, "write_ensemble", bad)
+    done = run_command(tmp_path, ["synthesize", "--ensemble", "e.nc", "--truth", "t.nc"])
+    assert done.returncode == 1
+    assert done.stderr == "replay-kit: [Errno 28] No space left on device\n"
+
+
+def test_json_replaces_whole_files_only_when_asked_and_goes_to_pipes(ocean, tmp_path):
+    log, answer = str(ocean / "survey.mcap"), tmp_path / "i.json"
+    answer.write_text("old")
+    assert run_command(tmp_path, ["info", log, "--json", "i.json", "--overwrite"]).returncode == 0
+    assert json.loads(answer.read_text())["logs"][0]["profiles"] == 20
+    assert [path.name for path in tmp_path.iterdir()] == ["i.json"]
+    assert json.loads(run_command(tmp_path, ["info", log, "--json", "-"]).stdout)["logs"][0]["profiles"] == 20
+    piped = process(tmp_path, "info", log, "--json", "/dev/stderr")
+    assert json.loads(piped.stderr)["logs"][0]["profiles"] == 20
+
+
+def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
+    part = tmp_path / "out.mcap.part"
+    inputs = [str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc")]
+    # the process interrupts itself at its tenth message: a signal from outside may come before the run begins or after it ended
+    code = (
+        "import signal, os, replay_kit.cli.app as c, replay_kit.workflows.replay.replay as r\n"
+        "met, real = [], r.interpret\n"
+        "def counted(*a):\n"
+        "    met.append(1)\n"
+        "    if len(met) == 10: os.kill(os.getpid(), signal.SIGINT)\n"
+        "    return real(*a)\n"
+        "r.interpret = counted\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
+    )
+    command = [sys.executable, "-c", code, "replay", *inputs, "-o", "out.mcap"]
+    done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert done.returncode == 130
+    assert done.stderr == "replay-kit: interrupted; what was written so far is in out.mcap.part\n"
+    assert part.exists()
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_ctrl_c_elsewhere_names_no_part(tmp_path, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli_make, "write_ensemble", stop)
+    done = run_command(tmp_path, ["synthesize", "--ensemble", "e.nc", "--truth", "t.nc"])
+    assert (done.returncode, done.stderr) == (130, "replay-kit: interrupted\n")
+
+
+def test_a_reader_that_leaves_early_is_no_traceback(ocean):
+    line = f"{sys.executable} -c 'from replay_kit.cli.app import main; main()' info {ocean / 'survey.mcap'} | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", line], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == ""
+
+
+def test_the_box_of_a_track_across_the_antimeridian_is_narrow(tmp_path):
+    places = [(179.5, -20.0), (-179.75, -20.5), (179.25, -19.5)]
+    messages = [
+        Message(k * 10**9, "/vehicle/fix", "foxglove.LocationFix", {"longitude": lon, "latitude": lat}, 0, k)
+        for k, (lon, lat) in enumerate(places)
+    ]
+    write_mcap_log(tmp_path / "log.mcap", messages)
+    found = inspect_log(tmp_path / "log.mcap", RunConfig())
+    assert found.positions == 3
+    np.testing.assert_allclose(found.box, (179.25, -20.5, 180.25, -19.5), rtol=0, atol=1e-12)
+    assert found.depths is None

@@ -1,0 +1,207 @@
+"""The command that plans a mission: what it writes, and what it refuses."""
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from typer.testing import CliRunner
+
+from planners import MissionSettings
+from replay_kit import __version__
+from replay_kit.cli.app import app
+from replay_kit.cli.plan_inputs import read_areas, read_bathymetry
+from replay_kit.config.run import load_config
+from replay_kit.core.errors import ForecastError, LogError, PlanError
+from replay_kit.results import first_difference, read_recorded
+from tests.planners.flow_samples import eddying_flow
+
+ASK = ["--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", "390"]
+
+
+@pytest.fixture(scope="module")
+def flow(tmp_path_factory):
+    made = eddying_flow(12)
+    # two modes with an uncertainty, so that it can be sampled
+    modes = np.random.default_rng(0).standard_normal((len(made.latent), 2)) * np.abs(made.latent).max()
+    path = tmp_path_factory.mktemp("plan") / "flow.nc"
+    replace(made, modes=modes, covariance=0.01 * np.eye(2 * made.levels.size), time_ns=10**18).save(path)
+    return path
+
+
+def run(*arguments, code=0):
+    done = CliRunner().invoke(app, ["plan", *map(str, arguments)], catch_exceptions=True)
+    if code == 0:
+        assert done.exit_code == 0, done.output
+    return done
+
+
+def test_everything_it_writes_agrees(flow, tmp_path):
+    out, geojson, table, answer = (tmp_path / name for name in ("plan.mcap", "plan.geojson", "plan.csv", "plan.json"))
+    done = run(flow, *ASK, "-o", out, "--geojson", geojson, "--csv", table, "--json", answer, "--samples", 10)
+    said = json.loads(answer.read_text())
+    assert said["status"] == "reached"
+    assert said["message"] in done.output
+    assert said["samples"]["count"] == 10
+    assert len(table.read_text().splitlines()) == len(said["legs"]) + 1
+    assert said["legs"][-1]["ellipse_major_m"] > 0.0
+    assert json.loads(geojson.read_text())["features"][0]["properties"]["duration_s"] == said["duration_s"]
+    with out.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        ((_, _, message, controls),) = reader.iter_decoded_messages(topics="/plan/controls")
+    assert (message.log_time, controls.status) == (10**18, "reached")
+    assert controls.duration == pytest.approx(said["duration_s"])
+
+
+def recorded(path):
+    """Return the metadata and the attached configuration of a plan's result."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
+        (config,) = [record.data.decode() for record in reader.iter_attachments() if record.name == "config.toml"]
+    return metadata, config
+
+
+def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
+    config, areas, out = (tmp_path / name for name in ("run.toml", "areas.geojson", "plan.mcap"))
+    config.write_text("[planner]\nmax_angle = 30.0\n[measurements]\nsurface_depth = 4.0\n")
+    far = [[150.0, -45.0], [150.1, -45.0], [150.1, -44.9], [150.0, -45.0]]
+    areas.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [far]}}))
+    run(flow, *ASK, "--config", config, "--no-go", areas, "--objective", "energy", "--legs", 3, "-o", out)
+    metadata, settings = recorded(out)
+    hashes = {"flow0": flow, "no_go": areas}
+    expected = {name: f"{path.name} sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" for name, path in hashes.items()}
+    assert metadata["replay_kit.inputs"] == expected
+    assert metadata["replay_kit.options"]["start"] == "152.42,-40.0,0"
+    assert metadata["replay_kit.options"]["goals"] == "152.52,-39.96,0"
+    assert metadata["replay_kit.versions"]["replay-kit"] == __version__
+    (tmp_path / "attached.toml").write_text(settings)
+    attached = load_config(tmp_path / "attached.toml")
+    assert (attached.planner.kind, attached.planner.objective, attached.planner.legs) == ("mission", "energy", 3)
+    assert (attached.planner.max_angle, attached.planner.depth, attached.measurements.surface_depth) == (30.0, 390.0, 4.0)
+    assert attached.planner.max_duration == MissionSettings().max_duration
+    again = tmp_path / "again.mcap"
+    run(flow, *ASK[:2], "--config", tmp_path / "attached.toml", "--no-go", areas, "-o", again)
+    assert recorded(again)[1] == settings
+    assert first_difference(out, again) is None
+    with pytest.raises(LogError, match="result of replay-kit replay"):
+        read_recorded(out)
+
+
+def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
+    corners = [[152.46, -40.06], [152.475, -40.06], [152.475, -39.97], [152.46, -39.97], [152.46, -40.06]]
+    area = {"type": "Feature", "properties": {"name": "range"}, "geometry": {"type": "Polygon", "coordinates": [corners]}}
+    areas = tmp_path / "areas.geojson"
+    areas.write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
+    assert read_areas(areas)[0].name == "range"
+    longitude, latitude = np.linspace(152.0, 153.0, 41), np.linspace(-40.4, -39.6, 33)
+    bottom = np.where((longitude[None] > 152.455) & (longitude[None] < 152.48) & (latitude[:, None] < -39.97), -100.0, -4000.0)
+    grid = xr.Dataset({"elevation": (("lat", "lon"), bottom)}, {"lon": longitude, "lat": latitude})
+    grid.to_netcdf(tmp_path / "bottom.nc", engine="h5netcdf")
+    read = read_bathymetry(tmp_path / "bottom.nc")
+    assert (read.depth.shape, read.depth.max()) == ((33, 41), 4000.0)
+    free, past = (json.loads(run(flow, *ASK, "--json", "-", *more).stdout) for more in ([], ["--no-go", areas, "--samples", 5]))
+    assert past["status"] == "reached"
+    assert past["duration_s"] > free["duration_s"]
+    assert (past["samples"]["safe"] == 1.0) == (past["samples"]["trespass"] == {})
+    assert past["samples"]["allowed"] is None
+    done = run(flow, *ASK, "--json", "-", "--no-go", areas, "--samples", 5, "--risk", 0.2, "--legs", len(past["legs"]))
+    wide = json.loads(done.stdout)
+    assert wide["duration_s"] >= past["duration_s"] * (1.0 - 1e-4)
+    trespassing = 1.0 - wide["samples"]["safe"]
+    assert f"{100.0 * trespassing:.0f} % of them trespass" in done.stderr
+    assert (trespassing == 0.0) == (wide["samples"]["trespass"] == {})
+
+
+def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path):
+    here = ["--start=152.5,-40.0,0", "--goal=152.5,-40.0,0", "--depth", "390", "--json", "-"]
+    done = run(flow, *here, "--mooring", "2000,4", "--surfacings-only", "--samples", 4)
+    moored = json.loads(done.stdout)
+    assert "% stay within the radius" in done.stderr
+    assert moored["duration_s"] >= 4 * 3600.0 * (1.0 - 1e-9)
+    assert (moored["status"] == "reached") == (moored["statistics"]["farthest_m"] <= 2000.0)
+    assert moored["samples"]["miss_median_m"] >= 0.5 * moored["statistics"]["farthest_m"]
+    places = tmp_path / "goto_l10.ma"
+    lined = run(
+        flow, *ASK, "--json", "-", "--line", "--line-weight", 20, "--objective", "time=1,energy=0.01", "--waypoints", places, "--spline", 2
+    )
+    said = json.loads(lined.stdout)
+    assert 0.0 < said["statistics"]["spline_error"] < 0.01
+    assert said["statistics"]["rms_m"] <= said["statistics"]["farthest_m"]
+    assert said["waypoints"]["message"] in places.read_text()
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "words"),
+    [
+        (["--angles", "15"], 2, "--angles"),
+        (["--samples", "2"], 2, "three or more"),
+        (["--csv", "-", "--json", "-"], 2, "standard output"),
+        (["--risk", "0.1"], 2, "--samples"),
+        (["--objective", "time=1,speed=2"], 2, "--objective"),
+        (["--objective", "time=0"], 2, "--objective"),
+        (["--mooring", "500"], 2, "RADIUS,HOURS"),
+        (["--mooring", "500,2", "--line"], 2, "one or the other"),
+        (["--line", "--goal=152.5,-40,0"], 2, "one --goal"),
+        (["--mooring", "500,2", "--waypoints", "a.csv"], 2, "has none"),
+        (["--waypoints", "a.txt"], 2, "ends in one of"),
+        (["--surfacings-only"], 2, "expected --mooring"),
+        (["--line-weight", "5"], 2, "expected --line"),
+        (["--waypoint-tolerance", "5"], 2, "expected --waypoints"),
+        (["--mooring", "500,2", "--objective", "energy"], 2, "a mooring has none"),
+        (["--objective", "time=1,closest=0"], 3, "a weight of 0"),
+        (["--depth", "4000"], 3, "deepest level"),
+        (["--goal=170,-40,0"], 3, "outside the forecast"),
+    ],
+)
+def test_what_it_refuses(flow, more, code, words):
+    # an option that is given anew here is not given twice
+    asked = ASK[:2] if "--depth" in more else ASK
+    done = run(flow, *asked, *more, code=code)
+    assert words in str(done.exception)
+    assert getattr(done.exception, "exit_code", None) == code
+
+
+def test_a_configuration_counts_here_too_and_options_win(flow, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text("[planner]\ndepth = 300.0\nmax_angle = 20.0\nsamples = 3\n")
+    near = ["--start=152.42,-40.0,0", "--goal=152.46,-40.0,0", "--config", config, "--json", "-"]
+    configured = json.loads(run(flow, *near).stdout)
+    said = json.loads(run(flow, *near, "--depth", 200, "--samples", 0).stdout)
+    assert {leg["depth_m"] for leg in configured["legs"]} == {300.0}
+    assert {leg["depth_m"] for leg in said["legs"]} == {200.0}
+    assert max(leg["glide_angle_deg"] for leg in said["legs"]) <= 20.0 + 1e-6
+    assert (configured["samples"]["count"], said["samples"]) == (3, None)
+
+
+def test_samples_of_a_flow_that_changes_are_refused(flow):
+    done = run(flow, flow, *ASK, "--samples", 5, code=2)
+    assert "give one estimate" in str(done.exception)
+
+
+def test_files_that_hold_no_areas_or_depths(tmp_path):
+    for text in ("{}", "[1]", '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}'):
+        path = tmp_path / "areas.geojson"
+        path.write_text(text)
+        with pytest.raises(PlanError, match="expected GeoJSON"):
+            read_areas(path)
+    path.write_bytes(b"\x89" + bytes(1000))
+    with pytest.raises(PlanError, match="expected GeoJSON") as told:
+        read_areas(path)
+    assert len(str(told.value)) < 400
+    polygon = {"type": "Polygon", "coordinates": [[[1, 2], [2, 2], [2, 3]]]}
+    for value, below in ((True, True), (0, False), (None, False)):
+        path.write_text(json.dumps({"type": "Feature", "properties": {"surface_only": value}, "geometry": polygon}))
+        assert read_areas(path)[0].surface_only == below
+    path.write_text(json.dumps({"type": "Feature", "properties": {"surface_only": "false"}, "geometry": polygon}))
+    with pytest.raises(PlanError, match="neither true nor false"):
+        read_areas(path)
+    xr.Dataset({"speed": (("y", "x"), np.zeros((2, 2)))}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    with pytest.raises(ForecastError, match="expected one of"):
+        read_bathymetry(tmp_path / "other.nc")
+    with pytest.raises(ForecastError, match="cannot read"):
+        read_bathymetry(tmp_path / "missing.nc")

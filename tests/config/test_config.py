@@ -1,0 +1,113 @@
+import pytest
+
+from replay_kit.config.run import RunConfig, load_config, parse_time
+from replay_kit.core.errors import ConfigError
+from replay_kit.workflows.replay.provenance import run_settings_toml
+
+
+def test_an_unknown_key_is_an_error_that_names_the_known_ones(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text("[planner]\nspeeed = 0.4\n")
+    with pytest.raises(ConfigError, match=r"unknown key 'planner\.speeed'; known here: .*speed"):
+        load_config(path)
+    path.write_text("[plannner]\nspeed = 0.4\n")
+    with pytest.raises(ConfigError, match=r"unknown key 'plannner'"):
+        load_config(path)
+
+
+@pytest.mark.parametrize("text", ["[planner]\nspeed = -1\n", "[planner\n", "[estimator]\npreset = 'best'\n"])
+def test_bad_values_and_bad_syntax(tmp_path, text):
+    path = tmp_path / "run.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"run\.toml"):
+        load_config(path)
+
+
+def test_options_win_over_the_file_and_none_is_no_option(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text("[planner]\nspeed = 0.4\ntolerance = 10\n")
+    config = load_config(path, {"planner": {"speed": 0.5, "tolerance": None}})
+    assert (config.planner.speed, config.planner.tolerance) == (0.5, 10.0)
+
+
+def test_a_missing_file_is_said(tmp_path):
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_config(tmp_path / "absent.toml")
+
+
+def test_the_recorded_settings_read_back_as_the_same_configuration(tmp_path):
+    estimator = {"modes": "all", "name": 'a "quoted" \\ text'}
+    config = load_config(None, {"forecast": {"levels": (1.0, 20.0), "time": "2018-11-16"}, "estimator": estimator})
+    assert config.estimator.modes is None
+    path = tmp_path / "run.toml"
+    path.write_text(run_settings_toml(config))
+    assert load_config(path) == config
+    path.write_text(run_settings_toml(RunConfig()))
+    assert load_config(path) == RunConfig()
+
+
+@pytest.mark.parametrize(
+    ("text", "time_ns"),
+    [
+        ("1970-01-01T00:00:01Z", 10**9),
+        ("1970-01-01T00:00:01", 10**9),
+        ("1970-01-01 01:00:01+01:00", 10**9),
+        ("1969-12-31T23:00:00-01:00", 0),
+        ("1970-01-02", 86_400 * 10**9),
+        ("1970-01-01T00:00:00.5", 5 * 10**8),
+        ("1970-01-01T00:00:00.000001234Z", 1234),
+        ("1970-01-01T00:00:00.00000123Z", 1230),
+        ("2262-04-11T23:47:16.854775807Z", 2**63 - 1),
+    ],
+)
+def test_times_are_utc_unless_they_say_otherwise(text, time_ns):
+    assert parse_time(text) == time_ns
+
+
+@pytest.mark.parametrize(
+    "text", ["yesterday", "now", "today", "NaT", "", "1542326400", "2018-13-01", "1969-12-31", "2262-04-12", "9999-12-31"]
+)
+def test_other_times_are_refused_when_the_configuration_is_made(text):
+    with pytest.raises(ConfigError, match=r"ISO 8601|1970\.\.2262"):
+        parse_time(text)
+    for section, key in (("logs", "start"), ("logs", "end"), ("forecast", "time"), ("forecast", "reference_time")):
+        with pytest.raises(ConfigError, match=rf"'{section}\.{key}': '{text}' is"):
+            load_config(None, {section: {key: text}})
+
+
+def test_a_start_after_the_end_is_refused():
+    with pytest.raises(ConfigError, match=r"start .* is after end"):
+        load_config(None, {"logs": {"start": "2018-11-16T00:00:00+00:00", "end": "2018-11-16T00:30:00+01:00"}})
+    load_config(None, {"logs": {"start": "2018-11-16T00:00Z", "end": "2018-11-16T01:00+01:00"}})
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("output", "interval", "inf"),
+        ("output", "depths", "[-0.5]"),
+        ("planner", "interval", "nan"),
+        ("logs", "reorder_window", "inf"),
+        ("forecast", "region", "[150.0, nan, 151.0, 2.0]"),
+        ("forecast", "levels", "[10.0, -1.0]"),
+        ("forecast", "levels", "[inf]"),
+        ("forecast", "level_step", "0"),
+        ("measurements", "max_speed", "0.0"),
+        ("estimator", "speed", "0.0"),
+        ("estimator", "modes", "0"),
+        ("estimator", "modes", "'most'"),
+    ],
+)
+def test_numbers_outside_their_bounds_are_refused(tmp_path, section, key, value):
+    path = tmp_path / "run.toml"
+    path.write_text(f"[{section}]\n{key} = {value}\n")
+    with pytest.raises(ConfigError, match=rf"'{section}\.{key}"):
+        load_config(path)
+
+
+def test_all_modes_from_a_file_and_from_an_option(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text("[estimator]\nmodes = 'all'\n")
+    assert load_config(path).estimator.modes is None
+    assert load_config(path, {"estimator": {"modes": "20"}}).estimator.modes == 20
+    assert load_config(None, {"estimator": {"modes": "all"}}).estimator.modes is None

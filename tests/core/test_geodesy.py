@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from replay_kit.core.geodesy import (
+    distance,
+    heading_deg,
+    inside_grid,
+    rotate_to_geographic,
+    rotate_to_local,
+    to_geographic,
+    to_local,
+    unwrap_longitude,
+)
+from replay_kit.core.grid import Projection
+from tests import synthetic
+
+CENTRE = Projection(152.5, -40.0)
+
+
+@given(st.floats(-3e5, 3e5), st.floats(-3e5, 3e5))
+def test_local_frame_round_trip(east, north):
+    # PROJ takes points within 1e-10 radian of the centre for the centre itself
+    back = to_local(CENTRE, *to_geographic(CENTRE, east, north))
+    np.testing.assert_allclose(back, (east, north), atol=1e-3)
+
+
+@pytest.mark.parametrize("longitude", [151.0, 152.5, 154.0, 154.0 - 360.0])
+def test_true_north_and_east_turn_as_the_map_does(longitude):
+    latitude, step = -39.2, 1e-5
+    at = np.array(to_local(CENTRE, longitude, latitude))
+    northward = np.array(to_local(CENTRE, longitude, latitude + step)) - at
+    np.testing.assert_allclose(rotate_to_local(CENTRE, longitude, latitude, 0.0, 1.0), northward / np.hypot(*northward), atol=1e-6)
+    back = rotate_to_geographic(CENTRE, longitude, latitude, *rotate_to_local(CENTRE, longitude, latitude, 0.3, -0.2))
+    np.testing.assert_allclose(back, (0.3, -0.2), atol=1e-15)
+
+
+def test_distance_from_the_centre_is_kept_by_the_projection():
+    east, north = to_local(CENTRE, 153.7, -39.1)
+    assert distance(152.5, -40.0, 153.7, -39.1) == pytest.approx(np.hypot(east, north), rel=1e-9)
+
+
+@pytest.mark.parametrize(("east", "north", "expected"), [(0, 1, 0), (1, 0, 90), (0, -1, 180), (-1, 0, 270), (-1e-9, 1, 360)])
+def test_headings_are_clockwise_from_north(east, north, expected):
+    assert heading_deg(east, north) == pytest.approx(expected, abs=1e-6)
+
+
+def test_unwrapping_brings_longitudes_near():
+    np.testing.assert_allclose(unwrap_longitude([181.0, -179.0, 359.0], 180.0), [181.0, 181.0, 359.0])
+
+
+def test_inside_the_outline_of_a_grid():
+    grid = synthetic.ensemble().grid
+    assert inside_grid(grid, 0.0, 0.0)
+    assert inside_grid(grid, grid.east, grid.north).all()
+    beyond = 1.2 * grid.east[:, -1]
+    assert not inside_grid(grid, beyond, grid.north[:, -1]).any()
+    assert not inside_grid(grid, np.array([0.0]), np.array([1.2 * grid.north.max()])).any()

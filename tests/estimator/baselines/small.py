@@ -1,0 +1,66 @@
+"""One small ensemble, profiles of it, and its members interpolated by the slow twin: shared by the tests of the baselines."""
+
+import numpy as np
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS, cell_size, ensemble_slices
+from tests import synthetic
+from tests.reference import baselines as slow
+
+SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
+GRID = SMALL.grid
+MEMBERS = ensemble_slices(SMALL)
+LENGTHS = tuple(DEFAULT_LENGTH_IN_CELLS * size for size in cell_size(GRID))
+# a nugget so small that a flow at the nodes is what it was made of, to the tolerances below
+CONFIG = EstimatorConfig(nugget=1e-9)
+DEPTHS = np.array([20.0, 100.0, 200.0])
+STD = 0.05
+
+
+def profiles(n, seed=0):
+    """Profiles of three bins, their places, and their local values."""
+    rng = np.random.default_rng(seed)
+    out, places, values = [], [], []
+    for k in range(n):
+        place = rng.uniform(-1.2e4, 1.2e4, 2)
+        value = 0.2 * rng.standard_normal((DEPTHS.size, 2))
+        out.append(synthetic.profile(GRID, *place, DEPTHS, value, STD, time_ns=k + 1))
+        places.append(place)
+        values.append(value)
+    return out, places, values
+
+
+def run(estimator, observations):
+    state, said = estimator.initial(), []
+    for observation in observations:
+        state, innovation = estimator.step(state, observation)
+        said.append(innovation)
+    return state, said
+
+
+def at_nodes(flow):
+    """Velocity at all nodes and levels, shape (Z, 2N)."""
+    nodes = GRID.nodes
+    both = flow.velocity(nodes[:, 0], nodes[:, 1], GRID.levels[:, None])
+    return np.moveaxis(both, -1, 1).reshape(GRID.levels.size, -1)
+
+
+def std_at_nodes(flow):
+    nodes = GRID.nodes
+    both = flow.standard_error(nodes[:, 0], nodes[:, 1], GRID.levels[:, None])
+    return np.moveaxis(both, -1, 1).reshape(GRID.levels.size, -1)
+
+
+def members_at(place):
+    return slow.design_of_members(MEMBERS, GRID.nodes, GRID.levels, LENGTHS, place, DEPTHS, CONFIG.nugget)
+
+
+def local_twin(places, values, radius, column):
+    """The slow local analysis at one node: mean (Z, 2) and anomalies (E, Z, 2)."""
+    n_nodes = len(GRID.nodes)
+    here = MEMBERS[:, :, [column, column + n_nodes]].reshape(5, -1)
+    observed = np.concatenate([members_at(place).reshape(5, -1) for place in places], axis=1)
+    taper = [slow.gaspari_cohn(np.hypot(*(GRID.nodes[column] - place)), radius) for place in places]
+    precision = np.repeat(np.array(taper) / STD**2, 2 * DEPTHS.size)
+    mean, anomalies = slow.letkf_column(here, observed, np.concatenate([v.ravel() for v in values]), precision)
+    return mean.reshape(-1, 2), anomalies.reshape(5, -1, 2)

@@ -1,0 +1,132 @@
+"""The prior's fit: the score against a slow twin, what it must prefer, and the command."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from replay_kit.cli.app import main
+from replay_kit.config.run import EstimatorConfig, load_config
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.basis.modes import correlation_length
+from replay_kit.estimator.prior.fit import (
+    SHARES,
+    Members,
+    best,
+    choose_settings,
+    fit_settings,
+    fit_steps,
+    measure_columns,
+    score_shares,
+    score_the_rest,
+)
+from replay_kit.estimator.prior.hybrid import PriorSettings
+from tests import synthetic
+from tests.reference import baselines as slow_scores
+from tests.reference import estimator as slow
+
+ERROR_STD = 0.05
+
+
+def members_of(seed, n_members, latent, n_side=6, n_levels=2):
+    """Members on a square of nodes; ``latent(rng)`` draws one level of one component."""
+    rng = np.random.default_rng(seed)
+    east, north = np.meshgrid(np.arange(n_side) * 1e4, np.arange(n_side) * 1e4)
+    nodes = np.column_stack([east.ravel(), north.ravel()])
+    fields = np.array([[np.concatenate([latent(rng, nodes), latent(rng, nodes)])] * n_levels for _ in range(n_members)])
+    return Members(fields, np.eye(2 * len(nodes)), nodes)
+
+
+def test_the_score_equals_a_textbook_update_and_quadrature():
+    rng = np.random.default_rng(3)
+    members = members_of(0, 5, lambda r, nodes: r.standard_normal(len(nodes)), n_side=2)
+    truth = rng.standard_normal((2, 8))
+    factor = rng.standard_normal((16, 16))
+    prior = factor @ factor.T
+    precision, information = measure_columns(members, truth, 3, np.random.default_rng(1))
+    again = np.random.default_rng(1)
+    at = again.integers(4, size=3)
+    rows = np.concatenate([members.velocity_modes[at], members.velocity_modes[at + 4]])
+    design = np.kron(np.eye(2), rows)
+    values = design @ truth.ravel() + ERROR_STD * again.standard_normal(12)
+    mean, cov, _, _ = slow.kalman_update(np.zeros(16), prior, design, values, ERROR_STD**2 * np.eye(12))
+    log_score, inside = score_the_rest(members, truth, prior, precision, information)
+    error, std = mean - truth.ravel(), np.sqrt(np.diag(cov))
+    by_hand = np.mean([slow_scores.crps_by_quadrature(e, s) for e, s in zip(error, std, strict=True)])
+    assert log_score == pytest.approx(np.log(by_hand / np.mean(np.abs(truth))), abs=1e-5)
+    assert inside == pytest.approx(np.mean(np.abs(error) <= 1.6448536 * std))
+
+
+def test_members_of_one_shape_want_the_sample_covariance_and_noise_does_not():
+    def long_waves(rng, nodes):
+        a, b = rng.standard_normal(2)
+        return a * np.sin(nodes[:, 0] / 2e4) + b * np.cos(nodes[:, 1] / 2e4)
+
+    settings = PriorSettings(0.5, 0.0, 3e4)
+    waves = best(score_shares(members_of(0, 12, long_waves), settings, SHARES, 6))
+    noise = best(score_shares(members_of(0, 12, lambda rng, nodes: rng.standard_normal(len(nodes))), settings, SHARES, 6))
+    assert waves.sample_share == max(SHARES)
+    assert noise.sample_share == min(SHARES)
+
+
+def test_what_is_set_is_kept_and_what_is_open_is_chosen_alike_each_time():
+    members = members_of(0, 6, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
+    fixed = EstimatorConfig(sample_share=0.4, shift_distance=0.0, localisation_radius=5e4)
+    assert choose_settings(members, 1e4, fixed) == PriorSettings(0.4, 0.0, 5e4)
+    chosen = choose_settings(members, 1e4, EstimatorConfig())
+    assert chosen == choose_settings(members, 1e4, EstimatorConfig())
+    assert chosen.shift == 1e4
+    assert chosen.sample_share in SHARES
+
+
+def test_three_members_are_too_few_to_spare_one():
+    three = members_of(0, 3, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
+    assert score_shares(three, PriorSettings(0.5, 0.0, 3e4), SHARES, 6) == []
+    assert choose_settings(three, 1e4, EstimatorConfig()).sample_share == pytest.approx(2 / 3)
+
+
+def test_every_step_is_told():
+    members = members_of(0, 5, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
+    told = []
+    rows = fit_settings(members, 1e4, 3, lambda: told.append(1))
+    assert len(told) == fit_steps(5, 3)
+    assert {row.settings.shift for row in rows} == {0.0, 5e3, 1e4, 1.5e4, 2e4}
+    assert len({row.settings.radius for row in rows if row.settings.shift == best(rows).shift}) == 3
+
+
+def test_the_command_writes_settings_that_the_estimator_takes(tmp_path, capsys):
+    ensemble, out = tmp_path / "e.nc", tmp_path / "params.toml"
+    synthetic.dataset(n_members=6).to_netcdf(ensemble)
+    assert run_cli(["fit", str(ensemble), "-o", str(out), "--left-out", "2", "--json", str(tmp_path / "fit.json")]) == 0
+    answer = json.loads((tmp_path / "fit.json").read_text())
+    section = tomllib.loads(out.read_text())["estimator"]
+    assert section["sample_share"] == answer["chosen"]["sample_share"]
+    assert min(row["score"] for row in answer["rows"]) == next(
+        row["score"] for row in answer["rows"] if row["settings"] == answer["chosen"]
+    )
+    assert "chosen: sample share" in capsys.readouterr().out
+    config = load_config(out).estimator
+    data = synthetic.ensemble(n_members=6)
+    factor = build_estimator(data, config).prior.factor
+    assert factor.shape[0] == (30 if config.shift_distance else 6)
+    assert answer["length"] == pytest.approx(correlation_length(data), rel=1e-3)
+
+
+def test_the_command_says_what_it_cannot_use(tmp_path, capsys):
+    few, out = tmp_path / "few.nc", tmp_path / "p.toml"
+    synthetic.dataset(n_members=3).to_netcdf(few)
+    assert run_cli(["fit", str(few), "-o", str(out)]) == 3
+    assert "at least 4, got 3" in capsys.readouterr().err
+    assert not out.exists()
+    out.write_text("mine")
+    assert run_cli(["fit", str(few), "-o", str(out)]) == 2
+    assert out.read_text() == "mine"
+
+
+def run_cli(arguments):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["replay-kit", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    return ended.value.code or 0

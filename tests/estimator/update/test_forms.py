@@ -1,0 +1,281 @@
+"""The two forms of the posterior against the textbook update and each other; states that share buffers and never change.
+
+| case | why the tolerance |
+|---|---|
+| mean 1e-8 of its norm, covariance 1e-6 of the prior's | directions are counted to 1e-10, and the covariance is a difference |
+| branches, pickles: bit for bit | nothing but copies lies between them |
+"""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.estimator import FilterState, build_estimator, means_of
+from replay_kit.estimator.update import forms
+from replay_kit.estimator.update.dense import DensePrior
+from replay_kit.estimator.update.directions import directions
+from replay_kit.estimator.update.dual import Dual, initial
+from replay_kit.estimator.update.forms import folded, in_cheaper_form
+from replay_kit.estimator.update.span import Span, mode_scale, span_of
+from tests import synthetic
+from tests.reference import estimator as slow
+
+LEVELS = np.array([5.0, 90.0, 220.0])
+WORLD = synthetic.ensemble(n_members=9, shape=(5, 7), levels=LEVELS)
+DEPTH = 10.0 + 20.0 * np.arange(11)
+ESTIMATORS = {name: build_estimator(WORLD, EstimatorConfig(preset=name, length_vertical=60.0, modes=20)) for name in ("default", "paper")}
+
+
+def observed(places, seed=0, depth=DEPTH):
+    rng = np.random.default_rng(seed)
+    noise = 0.2 * rng.standard_normal((len(places), depth.size, 2))
+    return [synthetic.profile(WORLD.grid, *place, depth, v, time_ns=k) for k, (place, v) in enumerate(zip(places, noise, strict=True))]
+
+
+def places(kind, n):
+    rng = np.random.default_rng(1)
+    along = np.linspace(-1.0, 1.0, n)[:, None]
+    return {
+        "track": along * np.array([1.8e4, 1.2e4]) + 2e3 * np.sin(5.0 * along),
+        "dense track": along * np.array([300.0, 200.0]),
+        "repeated": np.tile(rng.uniform(-1.5e4, 1.5e4, (3, 2)), (n, 1))[:n],
+        "scattered": rng.uniform(-1.0, 1.0, (n, 2)) * np.array([2.2e4, 1.6e4]),
+    }[kind]
+
+
+def textbook(estimator, observations, inflation):
+    mean, cov = estimator.prior.mean, estimator.prior.dense()
+    for observation, factor in zip(observations, inflation, strict=True):
+        rows, values = estimator.rows(observation, np.arange(observation.depth.size))
+        design = np.vstack([np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)])
+        noise = np.diag(np.tile(rows.noise.std**2 * factor, 2))
+        mean, cov, _, _ = slow.kalman_update(mean, cov, design, values.T.ravel(), noise)
+    return mean, cov
+
+
+def assert_is(estimator, state, mean, cov):
+    scale = np.abs(estimator.prior.dense()).max()
+    assert np.linalg.norm(state.mean - mean) < 1e-8 * np.linalg.norm(mean)
+    np.testing.assert_allclose(state.posterior.covariance(), cov, atol=1e-6 * scale)
+
+
+def standard_error(flow, east, north, depth):
+    """Root of diag(H P H'), shape (n, 2), from one dense H."""
+    rows = []
+    for point in zip(east, north, depth, strict=True):
+        kernel = velocity_kernel(flow.kernel, np.array([point[:2]]), flow.nodes)
+        weights = depth_weights(flow.depth_functions, np.array([point[2]]), flow.levels)
+        rows.append([np.kron(weights[0], kernel[c] @ flow.modes) for c in range(2)])
+    design = np.array(rows)
+    return np.sqrt(np.einsum("pcn,nm,pcm->pc", design, flow.weight_cov, design))
+
+
+def run(estimator, observations, state=None):
+    state, said = state or estimator.initial(), []
+    for observation in observations:
+        state, innovation = estimator.step(state, observation)
+        said.append(innovation)
+    return state, said
+
+
+@pytest.fixture
+def spans_stay(monkeypatch):
+    """Let a span form keep nearly all directions, which these small worlds soon have."""
+    monkeypatch.setattr(forms, "_NEARLY_ALL", 1.0)
+
+
+def as_span(state):
+    """The same state in the span form, whatever the log."""
+    dual = state.posterior
+    std = mode_scale(dual.prior)
+    return FilterState(span_of(dual, directions(dual.places * std), std), state.time_ns)
+
+
+@pytest.mark.parametrize("preset", ESTIMATORS)
+@pytest.mark.parametrize("kind", ["track", "dense track", "repeated", "scattered"])
+@pytest.mark.parametrize("n", [5, 33, 120])
+def test_any_log_gives_the_textbook_s_posterior(preset, kind, n):
+    estimator = ESTIMATORS[preset]
+    observations = observed(places(kind, n))
+    state, said = run(estimator, observations)
+    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
+
+
+@pytest.mark.parametrize("switch", [1, 2, 7, 11])
+@pytest.mark.usefixtures("spans_stay")
+def test_the_form_may_change_after_any_ping(switch):
+    estimator = ESTIMATORS["default"]
+    observations = observed(places("track", 12))
+    state, _ = run(estimator, observations[:switch])
+    expected, expected_said = run(estimator, observations)
+    assert isinstance(expected.posterior, Dual)
+    other, said = run(estimator, observations[switch:], as_span(state))
+    assert isinstance(other.posterior, Span)
+    assert_is(estimator, other, expected.mean, expected.posterior.covariance())
+    for ours, theirs in zip(said, expected_said[switch:], strict=True):
+        assert ours.nis == pytest.approx(theirs.nis, rel=1e-7)
+        for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-9)
+
+
+@pytest.mark.parametrize("preset", ESTIMATORS)
+def test_hundreds_of_pings_need_no_more_than_the_covariance(preset):
+    estimator = ESTIMATORS[preset]
+    observations = observed(places("track", 600))
+    state, said = run(estimator, observations)
+    assert state.posterior.n_rows <= 1024 + 6
+    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
+
+
+def test_rows_in_few_directions_take_the_span_form_and_more_than_the_weights_begin_anew():
+    estimator = ESTIMATORS["default"]
+    assert isinstance(run(estimator, observed(places("scattered", 12)))[0].posterior, Dual)
+    assert isinstance(run(estimator, observed(places("repeated", 13)))[0].posterior, Span)  # 78 rows, 60 weights
+    everywhere = run(estimator, observed(places("scattered", 13)))[0].posterior
+    assert isinstance(everywhere.prior, DensePrior)
+    assert everywhere.n_rows == 0
+    many = build_estimator(synthetic.ensemble(n_members=40, shape=(8, 9), levels=LEVELS), EstimatorConfig(modes=None))
+    observations = observed(places("repeated", 40))
+    assert isinstance(run(many, observations[:31])[0].posterior, Dual)
+    assert isinstance(run(many, observations)[0].posterior, Span)
+    assert isinstance(run(many, observed(places("scattered", 33)))[0].posterior, Dual)
+    assert in_cheaper_form(initial(many.prior, np.zeros((3, 3, many.prior.mean.size // 3)))).n == 0
+
+
+@pytest.mark.parametrize("preset", ESTIMATORS)
+@pytest.mark.parametrize("kind", ["track", "repeated", "scattered"])
+def test_blocks_give_what_single_steps_give(preset, kind):
+    estimator = ESTIMATORS[preset]
+    observations = observed(places(kind, 75))
+    observations[5] = replace(observations[5], flags=np.full(DEPTH.size, 4, dtype=np.int8))  # nothing of it is used
+    one_by_one, said = [estimator.initial()], []
+    for observation in observations:
+        state, innovation = estimator.step(one_by_one[-1], observation)
+        one_by_one.append(state)
+        said.append(innovation)
+    in_blocks = list(estimator.steps(estimator.initial(), iter(observations)))
+    assert [i.accepted for _, i in in_blocks] == [i.accepted for i in said] == [k != 5 for k in range(75)]
+    means = means_of([state for state, _ in in_blocks])
+    for mean, (state, innovation), alone, expected in zip(means, in_blocks, one_by_one[1:], said, strict=True):
+        tolerance = 1e-8 * np.linalg.norm(alone.mean)
+        assert np.linalg.norm(mean - alone.mean) < tolerance
+        assert np.linalg.norm(mean - state.mean) < tolerance
+        assert innovation.nis == pytest.approx(expected.nis, rel=1e-6, nan_ok=True)
+        np.testing.assert_allclose(innovation.prior_innovation, expected.prior_innovation, atol=1e-12)
+
+
+def test_what_is_folded_into_the_prior_is_kept():
+    estimator = ESTIMATORS["default"]
+    first, second = observed(places("scattered", 9)), observed(places("track", 5), seed=4)
+    expected, _ = run(estimator, [*first, *second])
+    for state in (run(estimator, first)[0], as_span(run(estimator, first)[0])):
+        new = folded(state.posterior)
+        assert new.n_rows == 0
+        np.testing.assert_allclose(new.mean, state.mean, atol=1e-12)
+        again = folded(run(estimator, second, FilterState(new, None))[0].posterior)
+        assert_is(estimator, FilterState(again, None), expected.mean, expected.posterior.covariance())
+
+
+@pytest.mark.parametrize("form", ["dual", "span"])
+@pytest.mark.usefixtures("spans_stay")
+def test_a_state_never_changes_and_branches_are_independent(form):
+    estimator = ESTIMATORS["default"]
+    first, second = observed(places("scattered", 20)), observed(places("track", 20), seed=5)
+    state, _ = run(estimator, first[:6])
+    if form == "span":
+        state = as_span(state)
+    before = state.mean.copy(), state.posterior.covariance()
+    states = [state]
+    for observation in first[6:]:
+        states.append(estimator.step(states[-1], observation)[0])
+    means = [(s.mean.copy(), s.posterior.covariance()) for s in states]
+    fresh, _ = run(estimator, second, pickle.loads(pickle.dumps(state)))
+    branch, _ = run(estimator, second, state)
+    np.testing.assert_array_equal(branch.mean, fresh.mean)
+    twice, _ = run(estimator, second, states[3])
+    assert np.any(twice.mean != branch.mean)
+    for (mean, cov), old in zip(means, states, strict=True):
+        again = pickle.loads(pickle.dumps(old.posterior))
+        again.__dict__.pop("mean", None)
+        np.testing.assert_array_equal(again.mean, mean)
+        np.testing.assert_array_equal(old.posterior.covariance(), cov)
+    np.testing.assert_array_equal(before[0], states[0].mean)
+    np.testing.assert_array_equal(before[1], states[0].posterior.covariance())
+    redone, _ = run(estimator, first[6:], states[0])
+    np.testing.assert_array_equal(redone.mean, states[-1].mean)
+
+
+@pytest.mark.parametrize("form", ["dual", "span"])
+def test_inflated_errors_count_once_and_less(form):
+    estimator = ESTIMATORS["default"]
+    depth = np.arange(5.0, 220.0, 2.0)
+    wiggle = 0.3 * np.column_stack([np.sin(depth / 12.0), np.cos(depth / 12.0)])
+    smooth = synthetic.profile(WORLD.grid, 1e3, 2e3, depth, wiggle)
+    earlier = observed(places("scattered", 4))
+    state, said = run(estimator, earlier)
+    after, innovation = estimator.step(as_span(state) if form == "span" else state, smooth)
+    assert innovation.error_inflation > 2.0
+    factors = [i.error_inflation for i in (*said, innovation)]
+    assert_is(estimator, after, *textbook(estimator, [*earlier, smooth], factors))
+
+
+def test_profiles_of_few_bins_among_full_ones():
+    estimator = ESTIMATORS["default"]
+    where = places("scattered", 40)
+    observations = [
+        observation
+        for k, place in enumerate(where)
+        for observation in observed(place[None], k, DEPTH[3:4] if k % 3 == 0 else DEPTH[4:6] if k % 3 == 1 else DEPTH)
+    ]
+    state, said = run(estimator, observations)
+    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
+
+
+def test_modes_without_prior_variance_harm_nothing():
+    estimator = ESTIMATORS["paper"]
+    variance = estimator.prior.variance.copy()
+    variance[:, 5] = 0.0
+    without = replace(estimator, prior=replace(estimator.prior, variance=variance))
+    observations = observed(places("track", 40))
+    state, said = run(without, observations)
+    assert_is(without, state, *textbook(without, observations, [i.error_inflation for i in said]))
+
+
+@pytest.mark.parametrize("preset", ESTIMATORS)
+def test_the_modes_scale_is_the_root_mean_square_of_the_prior_s_diagonal(preset):
+    prior = ESTIMATORS[preset].prior
+    expected = np.sqrt(np.diag(prior.dense()).reshape(3, -1).mean(axis=0))
+    np.testing.assert_allclose(mode_scale(prior), expected, rtol=1e-12)
+
+
+def test_a_flow_computes_its_covariance_once_and_carries_it_when_pickled():
+    estimator = ESTIMATORS["default"]
+    state, _ = run(estimator, observed(places("scattered", 4)))
+    flow = estimator.flow(state)
+    assert flow.weight_cov is flow.weight_cov
+    later, _ = run(estimator, observed(places("track", 9)), state)
+    copy = pickle.loads(pickle.dumps(estimator.flow(state)))
+    assert isinstance(copy.covariance, np.ndarray)
+    np.testing.assert_array_equal(copy.weight_cov, flow.weight_cov)
+    assert later.time_ns == 8
+    with pytest.raises(Exception, match="carries none"):
+        flow.certain().standard_error(0.0, 0.0, 5.0)
+
+
+def test_standard_errors_of_points_that_share_places_are_diag_hph():
+    estimator = ESTIMATORS["paper"]
+    flow = estimator.flow(run(estimator, observed(places("scattered", 4)))[0])
+    rng = np.random.default_rng(2)
+    where = np.repeat(rng.uniform(-1.5e4, 1.5e4, (5, 2)), 4, axis=0)
+    depth = rng.uniform(0.0, 220.0, 20)
+    order = rng.permutation(20)
+    east, north, depth = where[order, 0], where[order, 1], depth[order]
+    expected = standard_error(flow, east, north, depth)
+    np.testing.assert_allclose(flow.standard_error(east, north, depth), expected, rtol=1e-10)
+    one_by_one = [flow.velocity(*point) for point in zip(east, north, depth, strict=True)]
+    np.testing.assert_allclose(flow.velocity(east, north, depth), one_by_one, atol=1e-12)

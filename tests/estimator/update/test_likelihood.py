@@ -1,0 +1,68 @@
+"""The joint likelihood of profiles against one dense Gaussian, and against the filter that takes them one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.update.likelihood import predict_jointly
+from tests import synthetic
+from tests.reference import estimator as slow
+
+SMALL = synthetic.ensemble(n_members=6, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
+ESTIMATOR = build_estimator(SMALL, EstimatorConfig(modes=10))
+PROFILES = synthetic.random_profiles(SMALL.grid, 4)
+BINS = [np.flatnonzero(profile.depth <= SMALL.grid.levels[-1]) for profile in PROFILES]
+
+
+def dense(profiles, bins):
+    """Return values, their mean and their covariance, number by number."""
+    basis, grid = ESTIMATOR.basis, SMALL.grid
+    rows, values, offsets, errors = [], [], [], []
+    for profile, used in zip(profiles, bins, strict=True):
+        place = np.array([to_local(grid.projection, profile.longitude, profile.latitude)], float)
+        kernel = velocity_kernel(basis.kernel, place, grid.nodes)
+        weights = depth_weights(basis.depth_functions, profile.depth[used], grid.levels)
+        measured = rotate_to_local(grid.projection, profile.longitude, profile.latitude, *profile.velocity[used].T)
+        for k, bin_at in enumerate(used):
+            for component in range(2):
+                rows.append(np.kron(weights[k], (kernel @ basis.modes)[component]))
+                offsets.append(weights[k] @ (kernel @ basis.offset)[component])
+                values.append(measured[component][k])
+                representation = np.interp(profile.depth[bin_at], grid.levels, ESTIMATOR.representation_std)
+                errors.append(np.hypot(profile.error_std[bin_at], representation))
+    h = np.array(rows)
+    mean = np.array(offsets) + h @ ESTIMATOR.prior.mean
+    return np.array(values), mean, h @ ESTIMATOR.prior.dense() @ h.T + np.diag(np.square(errors))
+
+
+def test_it_is_the_density_of_one_dense_gaussian():
+    found = predict_jointly(ESTIMATOR, PROFILES, BINS).of(PROFILES)
+    values, mean, cov = dense(PROFILES, BINS)
+    assert found.log == pytest.approx(slow.log_density(values, mean, cov), rel=1e-9)
+    assert found.nis == pytest.approx((values - mean) @ np.linalg.solve(cov, values - mean), rel=1e-9)
+    assert found.dof == values.size
+
+
+def test_other_velocities_need_no_other_prediction():
+    turned = [replace(profile, velocity=profile.velocity[:, ::-1]) for profile in PROFILES]
+    ours = predict_jointly(ESTIMATOR, PROFILES, BINS).of(turned)
+    assert ours.log == pytest.approx(predict_jointly(ESTIMATOR, turned, BINS).of(turned).log, rel=1e-12)
+
+
+def test_one_profile_is_what_the_filter_says_of_it():
+    state, used = ESTIMATOR.initial(), BINS[0]
+    _, innovation = ESTIMATOR.step(state, PROFILES[0])
+    found = predict_jointly(ESTIMATOR, PROFILES[:1], [used]).of(PROFILES[:1])
+    assert (found.nis, found.dof) == (pytest.approx(innovation.nis, rel=1e-9), innovation.dof)
+
+
+def test_a_profile_without_bins_says_nothing():
+    none = [np.array([], dtype=np.intp), *BINS[1:]]
+    ours, theirs = predict_jointly(ESTIMATOR, PROFILES, none), predict_jointly(ESTIMATOR, PROFILES[1:], BINS[1:])
+    assert ours.of(PROFILES) == theirs.of(PROFILES[1:])

@@ -1,0 +1,161 @@
+"""Small raw ADCP files with a known truth: Teledyne PD0 with bottom track and WinRiver's GPS, and bare Nortek records."""
+
+import struct
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.message import Message
+from replay_kit.logs import open_log
+from tests.reference import frames as slow
+
+FIRST_CELL, CELL, N_CELLS, ANGLE = 2.0, 1.0, 12, 20.0
+START = datetime(2019, 6, 2, 4, 0, tzinfo=UTC)
+CLOCK_BEHIND = timedelta(hours=8)  # the instrument runs on local time, a day earlier
+LATITUDE, LONGITUDE = 48.0, -123.0
+METRES_PER_DEGREE = 111_200.0
+_MISSING = -32768
+_SYSTEMS = {"beam": 0, "instrument": 1, "ship": 2, "earth": 3}
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A vessel on a straight course over a current that is linear in depth; the heading is magnetic."""
+
+    system: str = "beam"
+    water: tuple[float, float, float] = (0.6, -0.3, 0.01)
+    shear: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    vessel: tuple[float, float, float] = (1.5, 0.8, 0.0)
+    heading: float = 70.0
+    pitch: float = 6.0
+    roll: float = -9.0
+    declination: float = 15.8
+    bottom_track: bool = True
+    gps: bool = True
+    stated_declination: float = 0.0
+    bad_beam: int | None = None
+    bottom: float = 50.0
+    up: bool = False
+    n: int = 30
+
+
+def write(folder: Path, data: bytes) -> Path:
+    """Return the path of a file that holds the data."""
+    path = folder / "survey.pd0"
+    path.write_bytes(data)
+    return path
+
+
+def adcp_messages(path: Path) -> tuple[list[Message], list[Message]]:
+    """Return a log's pings and fixes."""
+    messages = list(open_log(path).messages())
+    return [m for m in messages if m.topic == "/adcp"], [m for m in messages if m.topic == "/vehicle/fix"]
+
+
+def vectors() -> Array:
+    """Return Teledyne's convex beams, towards the transducer."""
+    s, c = np.sin(np.deg2rad(ANGLE)), np.cos(np.deg2rad(ANGLE))
+    return np.array([[s, 0, c], [-s, 0, c], [0, -s, c], [0, s, c]])
+
+
+def pd0(survey: Survey) -> bytes:
+    """Return a file of ``n`` ensembles, one a second."""
+    return b"".join(ensemble(survey, k) for k in range(survey.n))
+
+
+def ensemble(survey: Survey, k: int) -> bytes:
+    """Return one ensemble with its checksum."""
+    types = [_fixed_leader(survey), _variable_leader(survey, k), _velocity(survey)]
+    types += [struct.pack("<H", kind) + bytes([value]) * 4 * N_CELLS for kind, value in ((0x0200, 128), (0x0300, 100), (0x0400, 100))]
+    types += [_bottom_track(survey)] if survey.bottom_track else []
+    types += [_gga(survey, k)] if survey.gps else []
+    offsets = 6 + 2 * len(types) + np.cumsum([0, *(len(part) for part in types)])
+    header = struct.pack(f"<2sHBB{len(types)}H", b"\x7f\x7f", int(offsets[-1]) + 2, 0, len(types), *offsets[:-1].tolist())
+    body = header + b"".join(types) + b"\x00\x00"
+    return body + struct.pack("<H", sum(body) & 0xFFFF)
+
+
+def nortek_record(kind: int, content: bytes, long: bool = False) -> bytes:
+    """Return an AD2CP record with its two checksums."""
+    size = struct.pack("<I" if long else "<H", len(content))
+    head = bytes([0xA5, 12 if long else 10, kind, 0x10]) + size + struct.pack("<H", _nortek_sum(content))
+    return head + struct.pack("<H", _nortek_sum(head)) + content
+
+
+def _nortek_sum(content: bytes) -> int:
+    total = 0xB58C
+    for k in range(0, len(content) - 1, 2):
+        total += content[k] + 256 * content[k + 1]
+    return (total + (256 * content[-1] if len(content) % 2 else 0)) & 0xFFFF
+
+
+def _fixed_leader(survey: Survey) -> bytes:
+    turned = 0b111 if survey.system in ("ship", "earth") else 0b010
+    sizes = (1, 100 * CELL, 100, 1, 64, 5, 0, 2000, 0, 1, 0)
+    head = struct.pack("<H5BBBB", 0, 51, 40, 0b00001011 | (0x80 if survey.up else 0), 0x41, 0, 0, 4, N_CELLS)
+    setup = struct.pack("<HHHBBBBH3B", *(int(value) for value in sizes))
+    coordinates = struct.pack("<Bhh", _SYSTEMS[survey.system] << 3 | turned, 0, round(100 * survey.stated_declination))
+    sensors = struct.pack("<BBHH2BBBH", 0b01111101, 0b00011101, int(100 * FIRST_CELL), 100, 1, 5, 50, 0, 20)
+    return head + setup + coordinates + sensors + bytes(8) + struct.pack("<HBBIB", 0, 255, 0, 1234, int(ANGLE))
+
+
+def _variable_leader(survey: Survey, k: int) -> bytes:
+    clock = START - CLOCK_BEHIND + timedelta(seconds=k)
+    rtc = (clock.month, clock.day, clock.hour, clock.minute, clock.second, 0)
+    magnetic = (survey.heading - survey.declination) % 360.0
+    attitude = (round(100 * magnetic), round(100 * survey.pitch), round(100 * survey.roll))
+    part = struct.pack("<HH7BBHHHHhhhh", 0x0080, k + 1, clock.year % 100, *rtc, 0, 0, 1500, 7, *attitude, 35, 1200)
+    century = struct.pack("<BB7B", 0, 20, clock.year % 100, *rtc)
+    return part + bytes(3 + 3 + 8) + struct.pack("<I2xII", 0, 0, 0) + century
+
+
+def _rotation(survey: Survey) -> Array:
+    return slow.teledyne(survey.heading, survey.pitch, survey.roll, survey.up)
+
+
+def _in_system(survey: Survey, beams: Array) -> Array:
+    """Return beam velocities, shape (4,), as the instrument would store them in its coordinate system."""
+    if survey.system == "beam":
+        return beams
+    solved = slow.janus(beams, ANGLE, True)
+    if survey.system == "instrument":
+        return solved
+    magnetic_east = slow.about(2, survey.declination - survey.stated_declination) @ _rotation(survey) @ solved[:3]
+    if survey.system == "ship":
+        magnetic_east = slow.about(2, survey.heading) @ _rotation(survey) @ solved[:3]
+    return np.array([*magnetic_east, solved[3]])
+
+
+def _velocity(survey: Survey) -> bytes:
+    along = vectors() @ _rotation(survey).T
+    stretch = np.abs(along[:, 2]) / vectors()[:, 2]
+    rows = []
+    for cell in range(N_CELLS):
+        distance = (FIRST_CELL + CELL * cell) * stretch
+        water = np.array(survey.water) + distance[:, None] * np.array(survey.shear) - np.array(survey.vessel)
+        row = np.round(1000.0 * _in_system(survey, np.sum(along * water, axis=1)))
+        if survey.bad_beam is not None and cell == 3:
+            row[survey.bad_beam] = _MISSING
+        rows.append(row)
+    return struct.pack("<H", 0x0100) + np.array(rows).astype("<i2").tobytes()
+
+
+def _bottom_track(survey: Survey) -> bytes:
+    beams = -(vectors() @ _rotation(survey).T) @ np.array(survey.vessel)
+    velocity = np.round(1000.0 * _in_system(survey, beams)).astype("<i2").tobytes()
+    distance = struct.pack("<4H", *[round(100 * survey.bottom)] * 4)
+    return struct.pack("<H", 0x0600) + bytes(14) + distance + velocity + bytes([255] * 4 + [90] * 4 + [100] * 4) + bytes(26 + 7 + 4 + 4)
+
+
+def _gga(survey: Survey, k: int) -> bytes:
+    when = START + timedelta(seconds=k)
+    latitude = LATITUDE + survey.vessel[1] * k / METRES_PER_DEGREE
+    longitude = LONGITUDE + survey.vessel[0] * k / (METRES_PER_DEGREE * np.cos(np.deg2rad(LATITUDE)))
+    sentence = b"$GPGGA," + when.strftime("%H%M%S.00,").encode()
+    position = struct.pack("<dcdc", latitude, b"N", -longitude, b"W")
+    rest = struct.pack("<BBffcfcfH", 2, 8, 1.0, 0.0, b"M", 0.0, b"M", 0.0, 0)
+    content = sentence + position + rest
+    return struct.pack("<HHHd", 0x2022, 104, len(content) + 8, 0.0) + content

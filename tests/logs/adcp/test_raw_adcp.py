@@ -1,0 +1,242 @@
+"""Raw Teledyne and Nortek files made with a known truth, whole and damaged."""
+
+import sys
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.config.run import LogConfig, MeasurementConfig, RunConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Flag, Observation
+from replay_kit.core.vessel import Track, vessel_velocity
+from replay_kit.logs import open_log
+from replay_kit.logs.adcp.gps import clock_offset_ns, declination_deg
+from replay_kit.logs.adcp.profiles import raw_profiles
+from replay_kit.logs.adcp.records import AD2CP_TEXT, scan
+from replay_kit.measurements import observations
+from replay_kit.workflows.convert import convert
+from replay_kit.workflows.info.inspect import inspect_log
+from tests.logs.adcp import raw_adcp_samples as samples
+from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
+
+SECOND = 1_000_000_000
+START_NS = int(samples.START.timestamp()) * SECOND
+
+
+def _profiles(folder: Path, survey: Survey) -> list[Observation]:
+    return list(observations(open_log(write(folder, samples.pd0(survey))).messages()))
+
+
+@pytest.mark.parametrize(
+    "survey",
+    [
+        Survey(shear=(0.02, -0.01, 0.0)),
+        Survey(bad_beam=2),
+        Survey(up=True),
+        Survey(shear=(0.02, -0.01, 0.0), system="instrument"),
+        Survey(system="ship"),
+        Survey(system="earth"),
+        Survey(system="earth", stated_declination=15.8),
+    ],
+    ids=lambda survey: f"{survey.system}, {survey.shear[0]}, {survey.bad_beam}, {survey.up}, {survey.stated_declination}",
+)
+def test_a_vessels_file_gives_the_current_over_the_ground(tmp_path, survey):
+    profiles = _profiles(tmp_path, survey)
+    assert len(profiles) == survey.n
+    profile = profiles[15]
+    distance = samples.FIRST_CELL + samples.CELL * np.arange(samples.N_CELLS)
+    np.testing.assert_allclose(profile.depth, 0.7 + (-distance if survey.up else distance), atol=1e-9)
+    truth = np.array(survey.water) + distance[:, None] * np.array(survey.shear)
+    # a millimetre per second of rounding in each beam, twice; the model's declination is within 0.1 degree of the survey's
+    # cells that no beam reaches for the tilt are missing, at the far end only
+    reached = np.isfinite(profile.velocity).all(axis=1)
+    assert reached[:10].all()
+    np.testing.assert_allclose(profile.velocity[reached], truth[reached, :2], atol=0.006)
+    # the error stated for the bins, and bottom track's, which is one for all of them
+    np.testing.assert_allclose(profile.error_std, 0.09)
+    assert profile.common_std == 0.03
+
+
+def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
+    path = write(tmp_path, samples.pd0(Survey(bottom_track=False)))
+    pings, _ = adcp_messages(path)
+    own = pings[15].payload["platform_velocity"]
+    assert own["source"] == "gps"
+    assert (own["east"], own["north"]) == pytest.approx((1.5, 0.8), abs=3.0 * own["velocity_std"])
+    profile = list(observations(open_log(path).messages()))[15]
+    np.testing.assert_allclose(profile.velocity[:10], np.tile([0.6, -0.3], (10, 1)), atol=0.02)
+    assert profile.common_std == own["velocity_std"]
+    assert profile.platform_velocity == (own["east"], own["north"])
+
+
+def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
+    path = write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False)))
+    info = inspect_log(path, RunConfig(measurements=MeasurementConfig(use_relative=False)))
+    assert info.not_used == {"/adcp": {"velocity relative to the platform, whose own motion is not known": 30}}
+
+
+def test_a_magnetic_heading_without_a_declination_is_refused_until_one_is_given(tmp_path):
+    path = write(tmp_path, samples.pd0(Survey(gps=False)))
+    (reason,) = inspect_log(path, RunConfig()).not_used["/adcp"]
+    assert "measurements.magnetic_declination" in reason
+    stated = RunConfig(measurements=MeasurementConfig(magnetic_declination=15.8))
+    (reason,) = inspect_log(path, stated).not_used["/adcp"]
+    assert reason == "no position within 600 s"
+
+
+def test_cells_that_the_bottom_spoils_are_flagged(tmp_path):
+    flags = _profiles(tmp_path, Survey(bottom=9.0, pitch=0.0, roll=0.0))[15].flags
+    # the side lobe comes back from 9 m * cos(20 degrees) = 8.46 m: the cell centred at 7 m ends above it, that at 8 m does not
+    assert flags.tolist() == [Flag.GOOD] * 6 + [Flag.FAIL] * 6
+
+
+def test_gps_sets_the_clock_right_over_midnight(tmp_path):
+    pings, fixes = adcp_messages(write(tmp_path, samples.pd0(Survey())))
+    assert pings[3].payload["clock_offset"] == samples.CLOCK_BEHIND.total_seconds()
+    assert [m.time_ns for m in pings] == [START_NS + k * SECOND for k in range(30)] == [m.time_ns for m in fixes]
+    assert fixes[0].payload["latitude"] == pytest.approx(samples.LATITUDE)
+    assert fixes[0].payload["longitude"] == pytest.approx(samples.LONGITUDE)
+    pings, _ = adcp_messages(write(tmp_path, samples.pd0(Survey(gps=False))))
+    assert pings[0].payload["clock_offset"] is None
+    assert pings[0].time_ns == START_NS - samples.CLOCK_BEHIND // timedelta(seconds=1) * SECOND
+
+
+def test_what_is_converted_reads_as_the_file_itself(tmp_path):
+    path = write(tmp_path, samples.pd0(Survey()))
+    summary = convert([path], tmp_path / "survey.mcap", False, LogConfig())
+    assert summary.messages == {"/adcp": 30, "/vehicle/fix": 30}
+    ours, again = (list(observations(open_log(log).messages())) for log in (path, summary.out))
+    for one, other in zip(ours, again, strict=True):
+        np.testing.assert_array_equal(one.velocity, other.velocity)
+
+
+def test_an_ensemble_that_fails_its_checksum_is_lost_alone(tmp_path):
+    parts = [samples.ensemble(Survey(), k) for k in range(12)]
+    damaged = bytearray(parts[4])
+    damaged[200] ^= 0x10
+    reader = open_log(write(tmp_path, b"".join([*parts[:4], damaged, *parts[5:], parts[0][:100]])))
+    times = [m.time_ns for m in reader.messages() if m.topic == "/adcp"]
+    assert times == [START_NS + k * SECOND for k in range(12) if k != 4]
+    assert [(loss.offset, loss.bytes) for loss in reader.report().losses] == [(4 * len(parts[0]), len(parts[0])), (12 * len(parts[0]), 100)]
+
+
+def test_one_ensemble_is_a_file(tmp_path):
+    pings, fixes = adcp_messages(write(tmp_path, samples.pd0(Survey(n=1))))
+    assert (len(pings), len(fixes)) == (1, 1)
+    # one fix says where, not how fast
+    assert pings[0].payload["platform_velocity"] is None
+
+
+@pytest.mark.parametrize("data", [b"\x7f\x7f", b"\x7f\x7f" * 4000, b"\xa5\x0a" + bytes(500), samples.nortek_record(0x15, bytes(80))])
+def test_a_file_without_a_sound_ensemble_is_an_error(tmp_path, data):
+    with pytest.raises(LogError, match=r"no sound ensemble|configuration is missing"):
+        open_log(write(tmp_path, data))
+
+
+def test_what_mhkit_cannot_read_is_our_error(tmp_path):
+    records = samples.nortek_record(AD2CP_TEXT, b"\x10no configuration\x00") + 3 * samples.nortek_record(0x15, bytes(80))
+    with pytest.raises(LogError, match="MHKiT cannot read"):
+        open_log(write(tmp_path, records))
+
+
+def test_without_mhkit_the_extra_is_named(tmp_path, monkeypatch):
+    for name in ("mhkit", "mhkit.dolfyn.io.nortek2", "mhkit.dolfyn.io.rdi"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(LogError, match=r"pip install 'replay-kit\[adcp\]'"):
+        open_log(write(tmp_path, samples.pd0(Survey(n=2))))
+
+
+def _nortek_dataset(**attributes: Any) -> xr.Dataset:
+    """Return what MHKiT makes of the averaging mode of a Nortek in earth coordinates: two pings of two cells."""
+    time = np.array(["2024-05-01T00:00:00.1234", "2024-05-01T00:10:00"], "datetime64[ns]")
+    velocity = np.array([[[0.1, 0.2], [0.3, -32.768]], [[0.4, 0.5], [0.6, 0.7]], [[0.01, 0.02], [0.03, 0.04]], [[0.03, 0.02], [0.01, 0.0]]])
+    beams = np.linalg.inv(np.array([[0.5, 0, 0.8, 0], [0, -0.5, 0, 0.8], [-0.5, 0, 0.8, 0], [0, 0.5, 0, 0.8]]))
+    names = {"heading_avg": -90.0, "pitch_avg": 1.0, "roll_avg": 2.0, "temp_avg": 12.0, "c_sound_avg": 1490.0, "pressure_avg": 100.0}
+    variables = {
+        "vel_avg": (("dir", "range_avg", "time_avg"), velocity),
+        "status_avg": (("time_avg",), np.array([1, 0])),
+        "beam2inst_orientmat": (("x1", "x2"), beams),
+        **{name: (("time_avg",), np.full(2, value)) for name, value in names.items()},
+    }
+    settings = {"inst_make": "Nortek", "coord_sys": "earth", "orientation": "down", "cell_size_avg": 4.0}
+    return xr.Dataset(
+        variables,
+        {"time_avg": time, "range_avg": [5.0, 9.0]},
+        {**settings, "filehead_config": '{"USER": {"DECL": 3.5}}', **attributes},
+    )
+
+
+def test_nortek_averages_in_earth_coordinates_have_one_vertical_and_a_true_heading():
+    profiles = raw_profiles(_nortek_dataset(), "_avg")
+    np.testing.assert_allclose(profiles.per_ping["velocity"][0], [[0.1, 0.4, 0.02], [0.3, 0.6, 0.02]])
+    np.testing.assert_array_equal(np.isnan(profiles.per_ping["velocity"][1]), [[False] * 3, [True, False, False]])
+    assert profiles.per_ping["heading"].tolist() == [270.0, 270.0]
+    # the second ping was skipped by the instrument
+    assert profiles.known.tolist() == [True, False]
+    assert profiles.time_ns[0] == 1_714_521_600_123_400_000
+    stated = {
+        "coordinate_system": "earth",
+        "declination_applied": True,
+        "magnetic_declination": 3.5,
+        "bin0_distance": 5.0,
+        "cell_size": 4.0,
+    }
+    assert stated.items() <= profiles.common.items()
+    np.testing.assert_allclose(np.linalg.norm(profiles.common["beam_unit_vectors"], axis=1), 1.0)
+
+
+def test_a_horizontal_instrument_is_refused():
+    with pytest.raises(LookupError, match="horizontal"):
+        raw_profiles(_nortek_dataset(orientation="horizontal"), "_avg")
+
+
+@pytest.mark.parametrize("long", [False, True])
+def test_nortek_records_are_found_and_checked(long):
+    records = [samples.nortek_record(kind, bytes(range(40 + kind % 2)), long) for kind in (0xA0, 0x15, 0x16)]
+    data = b"".join([records[0], b"\xa5\x0arubbish", records[1], records[2]])
+    found, gaps = scan(data)
+    assert [record.kind for record in found] == [0xA0, 0x15, 0x16]
+    assert [(gap.start, gap.size) for gap in gaps] == [(len(records[0]), 9)]
+    for offset in range(len(records[0]), len(records[0]) + 9 + len(records[1])):
+        damaged = bytearray(data)
+        damaged[offset] ^= 0x40
+        kinds = [record.kind for record in scan(bytes(damaged))[0]]
+        assert kinds == ([0xA0, 0x15, 0x16] if offset < len(records[0]) + 9 else [0xA0, 0x16])
+
+
+def test_the_vessels_velocity_is_the_slope_of_its_fixes():
+    rng = np.random.default_rng(3)
+    seconds = np.sort(rng.uniform(0.0, 300.0, 90))
+    place = seconds[:, None] * np.array([1.2, -0.4]) + rng.normal(0.0, 2.0, (90, 2))
+    longitude, latitude = to_geographic(Projection(20.0, 60.0), place[:, 0], place[:, 1])
+    track = Track((seconds * 1e9).astype(np.int64), longitude, latitude)
+    velocity, error = vessel_velocity(np.arange(0, 300, 30) * SECOND, track)
+    for k, time in enumerate(range(0, 300, 30)):
+        near = np.abs(seconds - time) <= 20.0
+        expected = np.polyfit(seconds[near], place[near], 1)[0]
+        np.testing.assert_allclose(velocity[k], expected, atol=1e-3)
+    # nine tenths of the components lie within 1.65 of their stated errors, but for the scatter of twenty
+    assert np.mean(np.abs(velocity - [1.2, -0.4]) < 1.65 * error[:, None]) >= 0.75
+    alone = vessel_velocity(np.array([900 * SECOND]), track)
+    assert np.isnan(alone[0]).all()
+    assert np.isnan(alone[1]).all()
+
+
+def test_a_clock_without_a_date_is_right_within_half_a_day():
+    gps, hour = np.arange(5) * SECOND, 3600 * SECOND
+    assert clock_offset_ns(gps, gps - 8 * hour, False) == 8 * hour
+    assert clock_offset_ns(gps, gps + 16 * hour, False) == 8 * hour
+    assert clock_offset_ns(gps, gps + 16 * hour, True) == -16 * hour
+
+
+def test_the_declination_is_that_of_the_time_and_none_before_2010():
+    # the vessel of vmdas01_wh.ENX stated 15.8 degrees for this place and day
+    assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) == pytest.approx(15.8, abs=0.1)
+    assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) != declination_deg(1_297_845_425 * SECOND, -123.04, 48.08)
+    assert declination_deg(1_100_000_000 * SECOND, 0.0, 0.0) is None

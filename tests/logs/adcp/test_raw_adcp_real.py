@@ -1,0 +1,119 @@
+"""Real raw ADCP files: against MHKiT's own rotation, bottom track against GPS, and damaged."""
+
+import contextlib
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.observation import Flag, Observation
+from replay_kit.logs import open_log
+from replay_kit.measurements import observations
+from replay_kit.measurements.ping.earth import earth_referenced
+from tests.logs.adcp.raw_adcp_samples import adcp_messages, write
+from tests.places import DATA
+
+ADCP = DATA / "adcp"
+real = pytest.mark.skipif(not ADCP.exists(), reason="../shared/data/adcp is not there")
+
+
+def _by_mhkit(path: Path) -> Any:
+    from mhkit import dolfyn
+
+    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        dataset = dolfyn.read(str(path), userdata=False)
+        if dataset.coord_sys != "earth":
+            dolfyn.rotate2(dataset, "earth")
+    return dataset
+
+
+@real
+@pytest.mark.parametrize(
+    ("name", "size", "atol"),
+    [
+        ("RDI_withBT.000", 60_000, 1e-6),
+        ("vmdas01_wh.ENX", 60_000, 1e-6),
+        ("winriver01.PD0", 120_000, 5e-6),  # MHKiT's matrices are 32-bit
+        ("winriver02_transect.PD0", 120_000, 5e-6),
+        ("BenchFile01.ad2cp", 100_000, 1e-3),  # the file rounds the beams' matrix to four digits, ours are unit vectors
+    ],
+)
+def test_velocities_turn_to_earth_as_mhkit_turns_them(tmp_path, name, size, atol):
+    path = tmp_path / name
+    path.write_bytes((ADCP / name).read_bytes()[:size])
+    pings, _ = adcp_messages(path)
+    assert sorted(tmp_path.iterdir()) == [path]
+    theirs = _by_mhkit(path).vel.values[:2].transpose(2, 1, 0)
+    config = MeasurementConfig()
+    # as MHKiT does: no declination but what the file applied, no bin mapping, relative to the platform
+    plain = {"declination_applied": True, "bin_mapped": True, "reference": "earth", "bottom_track": None, "platform_velocity": None}
+    ours = [earth_referenced({**m.payload, **plain}, config)["velocity"] for m in pings[: len(theirs)]]
+    assert len(ours) >= 30
+    for one, other in zip(ours, theirs, strict=True):
+        mine = np.array([[np.nan if x is None else x for x in cell[:2]] for cell in one])
+        np.testing.assert_allclose(mine, other, atol=atol)
+
+
+@real
+def test_a_bottom_that_was_not_found_is_no_bottom(tmp_path):
+    pings, fixes = adcp_messages(write(tmp_path, (ADCP / "RDI_withBT.000").read_bytes()[:30_000]))
+    assert fixes == []
+    assert pings[0].payload["bottom_track"] is None
+    assert {m.payload["reference"] for m in pings} == {"platform"}
+
+
+@real
+def test_a_ping_without_its_vertical_beam_keeps_its_pressure():
+    """MHKiT halves pressure and tilt where the fifth beam's record of a ping was skipped; only the four beams' records are used."""
+    pings, _ = adcp_messages(ADCP / "Sig_SkippedPings01.ad2cp")
+    pressure, pitch = (np.array([m.payload[name] for m in pings]) for name in ("pressure", "pitch"))
+    assert len(pings) == 100
+    np.testing.assert_allclose(pressure, 60.56, atol=0.1)
+    np.testing.assert_allclose(pitch, -0.6, atol=0.1)
+    assert {m.payload["orientation"] for m in pings} == {"up"}
+
+
+@real
+@pytest.mark.parametrize(("name", "size", "agree"), [("winriver01.PD0", None, 0.35), ("winriver02_transect.PD0", 300_000, 0.1)])
+def test_bottom_track_and_gps_agree_on_the_river(tmp_path, name, size, agree):
+    """Water over ground by bottom track and by GPS are independent; in winriver01 the compass is 7 degrees off at 2 m/s."""
+    whole = list(open_log(write(tmp_path, (ADCP / name).read_bytes()[:size])).messages())
+    # every fifth ping is enough for a median
+    messages = [m for k, m in enumerate(whole) if m.topic != "/adcp" or k % 5 == 0]
+    blind = [
+        m._replace(payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}})
+        if m.payload.get("bottom_track")
+        else m
+        for m in messages
+    ]
+    by_bottom, by_gps = (_median_current(list(observations(source))) for source in (messages, blind))
+    assert np.hypot(*(by_bottom - by_gps)) < agree
+    assert 0.4 < np.hypot(*by_bottom) < 1.5
+
+
+def _median_current(profiles: list[Observation]) -> Any:
+    return np.median(np.concatenate([p.velocity[p.flags == Flag.GOOD] for p in profiles]), axis=0)
+
+
+@real
+@pytest.mark.parametrize("path", sorted(ADCP.iterdir()) if ADCP.exists() else [], ids=lambda path: path.name)
+def test_a_flipped_bit_costs_one_ping_and_many_flips_are_no_foreign_error(tmp_path, path):
+    whole = path.read_bytes()[:40_000]
+    rng = np.random.default_rng(len(path.name))
+    before = sum(message.topic == "/adcp" for message in open_log(write(tmp_path, whole)).messages())
+    for flips in (1, 30):
+        data = bytearray(whole)
+        for at in rng.integers(8_000, 39_000, flips):
+            data[at] ^= 1 << int(rng.integers(8))
+        # flips that cancel in the sum of bytes pass the checksum; what MHKiT makes of them is an error of ours at worst
+        with contextlib.suppress(LogError) if flips > 1 else contextlib.nullcontext():
+            reader = open_log(write(tmp_path, bytes(data)))
+            after = sum(message.topic == "/adcp" for message in reader.messages())
+            assert before - flips <= after < before + (path.suffix == ".ad2cp")
+            assert reader.report().losses

@@ -1,0 +1,209 @@
+"""Telemetry logs: as pymavlink's own reader gives them, and what is bad is counted and stepped over."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import LogReport, Message
+from replay_kit.logs import open_log
+from replay_kit.logs.mavlink.reader import TlogReader
+from tests.logs.log_samples import SHARED, attitude, json_mcap, tlog, tlog_entry
+
+START = 1_700_000_000_000_000
+SMALL = SHARED / "ardusub" / "small.tlog"
+
+broken = settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def read(folder: Path, data: bytes, wanted: frozenset[str] | None = None) -> tuple[list[Message], LogReport]:
+    file = folder / "log"
+    file.write_bytes(data)
+    reader = open_log(file, 1, wanted=wanted)
+    return list(reader.messages()), reader.report()
+
+
+def boots(messages: list[Message]) -> list[int]:
+    return [m.payload["time_boot_ms"] for m in messages]
+
+
+def test_both_versions_come_back(tmp_path: Path) -> None:
+    messages, report = read(tmp_path, b"".join(tlog(10)))
+    assert boots(messages) == list(range(10))
+    first = messages[0]
+    assert (first.time_ns, first.topic, first.schema, first.input) == (START * 1000, "mavlink/1/1/ATTITUDE", "ATTITUDE", 1)
+    assert [m.position for m in messages] == list(range(10))
+    assert first.payload["yaw"] == 1.5
+    assert "mavpackettype" not in first.payload
+    assert report == LogReport(str(tmp_path / "log"), "tlog", {"mavlink/1/1/ATTITUDE": 10}, {}, (), unchecked={"stamps of frames": 10})
+
+
+def test_text_arrays_and_nan(tmp_path: Path) -> None:
+    values = [0.5, math.nan, *[0.0] * 56]
+    profile = dialect.MAVLink_debug_float_array_message(START, b"ADCP_E", 17, values)
+    text = dialect.MAVLink_statustext_message(6, b"hello")
+    messages, _ = read(tmp_path, tlog_entry(START, profile, system=3, component=7) + tlog_entry(START + 1, text))
+    assert messages[0].topic == "mavlink/3/7/DEBUG_FLOAT_ARRAY"
+    payload = messages[0].payload
+    assert (payload["time_usec"], payload["name"], payload["array_id"], len(payload["data"])) == (START, "ADCP_E", 17, 58)
+    assert payload["data"][0] == 0.5
+    assert math.isnan(payload["data"][1])
+    assert messages[1].payload["text"] == "hello"
+
+
+def test_unwanted_frames_are_counted_only(tmp_path: Path) -> None:
+    text = tlog_entry(START, dialect.MAVLink_statustext_message(6, b"hello"))
+    data = b"".join(tlog(5)) + text
+    messages, report = read(tmp_path, data, wanted=frozenset({"STATUSTEXT"}))
+    assert [m.schema for m in messages] == ["STATUSTEXT"]
+    assert messages[0].position == 5
+    assert report.read == {"mavlink/1/1/ATTITUDE": 5, "mavlink/1/1/STATUSTEXT": 1}
+    assert report.undecodable == {}
+
+
+def test_an_unknown_message_is_counted(tmp_path: Path) -> None:
+    entries = tlog(4)
+    unknown = START.to_bytes(8, "big") + bytes((0xFD, 3, 0, 0, 0, 1, 1, 0xF0, 0xFF, 0xFF, 1, 2, 3, 0, 0))
+    messages, report = read(tmp_path, entries[0] + unknown + b"".join(entries[1:]) + unknown)
+    assert boots(messages) == [0, 1, 2, 3]
+    topic = f"mavlink/1/1/UNKNOWN_{0xFFFFF0}"
+    assert report.read[topic] == 2
+    assert report.undecodable[topic][0] == 2
+    assert report.losses == ()
+
+
+def test_a_signed_frame(tmp_path: Path) -> None:
+    sender = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    sender.signing.secret_key = bytes(32)
+    sender.signing.sign_outgoing = True
+    signed = START.to_bytes(8, "big") + bytes(attitude(7).pack(sender))
+    messages, report = read(tmp_path, signed + b"".join(tlog(2)))
+    assert boots(messages) == [7, 0, 1]
+    assert report.losses == ()
+
+
+def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
+    entries = tlog(6)
+    damaged = bytearray(entries[2])
+    damaged[20] ^= 0x10
+    noise = b"\xfe\xfd\x00" * 9
+    data = noise + entries[0] + entries[1] + damaged + entries[3] + entries[4][:-3] + entries[5] + entries[0][:15]
+    messages, report = read(tmp_path, data)
+    assert boots(messages) == [0, 1, 3, 5]
+    sizes = [len(noise), len(damaged), len(entries[4]) - 3, 15]
+    assert [loss.bytes for loss in report.losses] == sizes
+    assert report.losses[0].offset == 0
+    assert report.losses[-1].offset + 15 == len(data)
+
+
+def test_a_stamp_that_holds_frame_markers(tmp_path: Path) -> None:
+    stamps = [0x0006_FDFE_FDFE_FDFE, 0x0006_FDFE_FE06_FD00]
+    messages, report = read(tmp_path, b"".join(tlog_entry(stamp, attitude(k)) for k, stamp in enumerate(stamps)))
+    assert [m.time_ns for m in messages] == [stamp * 1000 for stamp in stamps]
+    assert report.losses == ()
+
+
+@pytest.mark.parametrize("at", [0, 3])
+def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path: Path, at: int) -> None:
+    entries = tlog(6)
+    entries[at] = bytes((0, entries[at][1] ^ 0x10)) + entries[at][2:]
+    messages, report = read(tmp_path, b"".join(entries))
+    assert [m.time_ns // 1000 - START for m in messages] == [10**6 * (k + (k == at)) for k in range(6)]
+    assert report.notes == ("1 stamps far from those before and after were replaced by the one after",)
+
+
+def test_bad_bytes_longer_than_a_block(tmp_path: Path) -> None:
+    entries = tlog(4)
+    noise = bytes((1, 2, 3, 4, 0xFE)) * 500_000
+    messages, report = read(tmp_path, entries[0] + entries[1] + noise + entries[2] + entries[3])
+    assert boots(messages) == [0, 1, 2, 3]
+    assert [loss.bytes for loss in report.losses] == [len(noise)]
+
+
+def test_entries_across_the_blocks_of_reading(tmp_path: Path) -> None:
+    count = 60_000
+    entry = tlog_entry(START, attitude(1))
+    messages, report = read(tmp_path, entry * count)
+    assert len(entry) * count > 2 << 20
+    assert len(messages) == count
+    assert report.losses == ()
+
+
+@broken
+@given(part=st.floats(0.0, 1.0))
+def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path: Path, part: float) -> None:
+    entries = tlog(8)
+    whole = b"".join(entries)
+    cut = int(part * len(whole))
+    sizes = [sum(map(len, entries[:k])) for k in range(len(entries) + 1)]
+    try:
+        messages, report = read(tmp_path, whole[:cut])
+    except LogError:
+        assert cut < sizes[1]
+        return
+    used = max(size for size in sizes if size <= cut)
+    assert boots(messages) == list(range(sizes.index(used)))
+    assert [(loss.offset, loss.bytes) for loss in report.losses] == ([(used, cut - used)] if cut > used else [])
+
+
+@broken
+@given(at=st.integers(0, 10_000), value=st.integers(1, 255))
+def test_a_damaged_byte_costs_one_frame_at_most(tmp_path: Path, at: int, value: int) -> None:
+    whole = bytearray(b"".join(tlog(8)))
+    whole[at % len(whole)] ^= value
+    messages, report = read(tmp_path, bytes(whole))
+    missing = set(range(8)) - set(boots(messages))
+    assert len(missing) <= 1
+    assert boots(messages) == sorted(boots(messages))
+    # A byte of the message's number may make it a message that nobody knows, whose checksum nobody can verify.
+    assert len(missing) == len(report.losses) + len(report.undecodable)
+
+
+def test_an_mcap_file_is_no_tlog(tmp_path: Path) -> None:
+    file = tmp_path / "log"
+    file.write_bytes(json_mcap([1, 2]))
+    assert open_log(file).format == "mcap"
+    assert list(TlogReader(file).messages()) == []
+
+
+@pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
+def test_a_real_log_as_pymavlink_reads_it() -> None:
+    reader = open_log(SMALL)
+    ours = list(reader.messages())
+    report = reader.report()
+    assert len(ours) == sum(report.read.values()) == 35_912
+    assert len(report.losses) == 4
+    assert report.undecodable == {}
+    for mine, (time_us, theirs) in zip(ours, _slow_twin(SMALL, 4000), strict=False):
+        expected = theirs.to_dict()
+        assert expected.pop("mavpackettype") == mine.schema
+        assert repr(dict(mine.payload)) == repr(expected)
+        assert mine.topic == f"mavlink/{theirs.get_srcSystem()}/{theirs.get_srcComponent()}/{theirs.get_type()}"
+        assert abs(mine.time_ns - time_us * 1000) < 1000
+
+
+@pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
+def test_a_real_log_in_part() -> None:
+    whole = list(open_log(SMALL).messages())
+    wanted = frozenset({"GLOBAL_POSITION_INT", "GPS_RAW_INT"})
+    part = list(open_log(SMALL, wanted=wanted).messages())
+    assert repr(part) == repr([m for m in whole if m.schema in wanted])
+
+
+def _slow_twin(path: Path, count: int) -> list[tuple[int, Any]]:
+    """Read a log with pymavlink's own reader: (stamp in microseconds, message), bad data left out."""
+    link = mavutil.mavlink_connection(str(path), dialect="ardupilotmega", zero_time_base=False)
+    found = []
+    try:
+        while len(found) < count and (message := link.recv_match()) is not None:
+            if message.get_type() != "BAD_DATA":
+                found.append((round(message._timestamp * 1e6), message))
+    finally:
+        link.close()
+    return found

@@ -1,0 +1,74 @@
+"""Frames found and checked many at a time, as they are one by one."""
+
+import tracemalloc
+from io import BytesIO
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from replay_kit.core.message import LogReport
+from replay_kit.logs.chain import chain
+from replay_kit.logs.mavlink import frames as mavlink_frames
+from replay_kit.logs.mavlink.crc import PADDING, checksums
+from replay_kit.logs.statistics import Tally
+from tests.logs.log_samples import tlog
+from tests.reference.mavlink import slow_chain, slow_crc
+
+quick = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+@quick
+@given(data=st.binary(min_size=300, max_size=700), ends=st.lists(st.tuples(st.integers(0, 300), st.integers(0, 268)), max_size=30))
+def test_checksums_of_stretches_of_all_lengths(data: bytes, ends: list[tuple[int, int]]) -> None:
+    start = np.array([begin for begin, _ in ends], dtype=np.int64)
+    end = np.array([min(begin + length, len(data)) for begin, length in ends], dtype=np.int64)
+    extra = (7 * np.arange(len(ends)) % 256).astype(np.uint16)
+    crc = checksums(np.frombuffer(data + bytes(PADDING), dtype=np.uint8), start, end, extra)
+    assert crc.tolist() == [slow_crc(data[a:b] + bytes((e,))) for a, b, e in zip(start, end, extra.tolist(), strict=True)]
+
+
+def test_the_checksum_of_the_standard_check() -> None:
+    text = np.frombuffer(b"123456789" + bytes(PADDING), dtype=np.uint8)
+    crc = checksums(text, np.array([0]), np.array([8]), np.array([ord("9")], dtype=np.uint16))
+    assert crc.tolist() == [0x6F91]
+
+
+@quick
+@given(st.lists(st.tuples(st.integers(0, 400), st.integers(1, 60)), max_size=40, unique_by=lambda record: record[0]))
+def test_a_chain_is_what_one_walk_meets(records: list[tuple[int, int]]) -> None:
+    spans = sorted((start, start + length) for start, length in records)
+    start, end = np.array(spans, dtype=np.int64).reshape(-1, 2).T
+    assert chain(start, end).tolist() == slow_chain(spans)
+
+
+def places(data: bytes) -> tuple[list[int], LogReport, int]:
+    tally = Tally()
+    blocks = list(mavlink_frames.read_frames(BytesIO(data), tally))
+    found = [place + frames.offset for frames in blocks for place in frames.start.tolist()]
+    return found, tally.report("", ""), max(len(frames.data) for frames in blocks)
+
+
+@pytest.mark.parametrize("block", [1, 7, 64, 700])
+def test_any_size_of_block_finds_the_same(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    entries = tlog(30)
+    data = b"\xfe\xfd" + b"".join(entries[:11]) + bytes(400) + b"".join(entries[11:]) + entries[0][:-1]
+    whole, losses, _ = places(data)
+    assert len(whole) == 30
+    assert [loss.bytes for loss in losses.losses] == [2, 400, len(entries[0]) - 1]
+    monkeypatch.setattr(mavlink_frames, "BLOCK", block)
+    found, report, in_memory = places(data)
+    assert (found, report) == (whole, losses)
+    assert in_memory < 1500 + block
+
+
+def test_bytes_that_all_look_like_entries_are_read_in_bounded_memory() -> None:
+    noise = (b"\x00\xfd" * 100_000)[:-1]
+    tracemalloc.start()
+    found, report, _ = places(noise)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found == []
+    assert [(loss.offset, loss.bytes) for loss in report.losses] == [(0, len(noise))]
+    assert peak < 60e6

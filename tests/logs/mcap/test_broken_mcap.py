@@ -1,0 +1,225 @@
+"""Broken MCAP files: valid records and a Loss, or our LogError; nothing else, and nothing invented."""
+
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import pytest
+import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType
+
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import LogReport, Message
+from replay_kit.logs import open_log
+from replay_kit.logs.mcap.records import MAGIC, MAX_CONTENTS, MAX_SIZE
+from tests.logs.log_samples import json_mcap
+
+# Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
+broken = settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+SAMPLES = {
+    "none": json_mcap(range(40)),
+    "zstd": json_mcap(range(40), CompressionType.ZSTD),
+    "lz4": json_mcap(range(40), CompressionType.LZ4),
+    "one chunk": json_mcap(range(40), chunk_size=1 << 20),
+    "unchunked": json_mcap(range(40), use_chunking=False, data_crcs=True),
+}
+
+
+def read(folder: Path, data: bytes) -> tuple[list[Message], LogReport]:
+    file = folder / "log"
+    file.write_bytes(data)
+    reader = open_log(file)
+    return list(reader.messages()), reader.report()
+
+
+def numbers(messages: list[Message]) -> list[int]:
+    return [m.payload["n"] for m in messages]
+
+
+def content(messages: list[Message]) -> list[tuple[int, str, str, str]]:
+    return [(m.time_ns, m.topic, m.schema, repr(m.payload)) for m in messages]
+
+
+def chunk_record(data: bytes, claimed: int, compression: bytes = b"", crc: int = 0) -> bytes:
+    head = struct.pack("<QQQII", 0, 0, claimed, crc, len(compression)) + compression + struct.pack("<Q", len(data))
+    return struct.pack("<BQ", Opcode.CHUNK, len(head) + len(data)) + head + data
+
+
+def with_chunk_first(whole: bytes, chunk: bytes) -> bytes:
+    """Return a file with one more chunk, and without a summary, whose offsets would no longer be true."""
+    first, end = record_offsets(whole, Opcode.CHUNK)[0], record_offsets(whole, Opcode.DATA_END)[0]
+    tail = struct.pack("<BQI", Opcode.DATA_END, 4, 0) + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC
+    return whole[:first] + chunk + whole[first:end] + tail
+
+
+def record_offsets(data: bytes, opcode: Opcode) -> list[int]:
+    offsets, offset = [], len(MAGIC)
+    while offset + 9 <= len(data):
+        found, length = struct.unpack_from("<BQ", data, offset)
+        if found == opcode:
+            offsets.append(offset)
+        offset += 9 + length
+    return offsets
+
+
+@pytest.mark.parametrize("sample", list(SAMPLES))
+@broken
+@given(part=st.floats(0.0, 1.0))
+def test_a_cut_file_gives_a_prefix_and_a_loss(tmp_path: Path, sample: str, part: float) -> None:
+    whole = SAMPLES[sample]
+    cut = int(part * (len(whole) - 1))
+    try:
+        messages, report = read(tmp_path, whole[:cut])
+    except LogError:
+        assert cut < len(MAGIC)
+        return
+    assert numbers(messages) == list(range(len(messages)))
+    assert report.undecodable == {}
+    assert len(report.losses) == 1
+    assert report.losses[0].offset + report.losses[0].bytes == cut
+
+
+@pytest.mark.parametrize("sample", ["none", "one chunk", "unchunked"])
+def test_every_whole_record_before_the_cut_is_used(tmp_path: Path, sample: str) -> None:
+    whole = SAMPLES[sample]
+    end = whole.index(b'{"n":25') + len(b'{"n":25,"text":""}') + 20
+    messages, report = read(tmp_path, whole[:end])
+    assert numbers(messages) == list(range(26))
+    assert report.losses[0].offset == end
+    messages, report = read(tmp_path, whole[: end - 1])
+    assert numbers(messages) == list(range(25))
+    assert 0 < report.losses[0].bytes < 100
+
+
+def test_a_cut_compressed_chunk_gives_what_can_be_decompressed(tmp_path: Path) -> None:
+    whole = json_mcap(range(20_000), CompressionType.ZSTD, chunk_size=1 << 30)
+    chunk = record_offsets(whole, Opcode.CHUNK)[0]
+    (length,) = struct.unpack_from("<Q", whole, chunk + 1)
+    messages, report = read(tmp_path, whole[: chunk + length // 2])
+    assert 2000 < len(messages) < 18_000
+    assert numbers(messages) == list(range(len(messages)))
+    assert len(report.losses) == 1
+
+
+@pytest.mark.parametrize("sample", list(SAMPLES))
+@broken
+@given(part=st.floats(0.0, 1.0), bit=st.integers(0, 7))
+def test_a_flipped_bit_is_seen_or_harmless(tmp_path: Path, sample: str, part: float, bit: int) -> None:
+    undamaged = content(read(tmp_path, SAMPLES[sample])[0])
+    damaged = bytearray(SAMPLES[sample])
+    damaged[int(part * (len(damaged) - 1))] ^= 1 << bit
+    try:
+        messages, report = read(tmp_path, bytes(damaged))
+    except LogError:
+        assert not damaged.startswith(MAGIC)
+        return
+    found = content(messages)
+    if found != undamaged:
+        assert report.losses or report.undecodable
+    if sample != "unchunked":
+        assert set(found) <= set(undamaged)
+        assert len(set(found)) == len(found)
+
+
+@broken
+@given(data=st.binary(max_size=300))
+def test_noise_after_the_magic(tmp_path: Path, data: bytes) -> None:
+    messages, report = read(tmp_path, MAGIC + data)
+    assert messages == []
+    assert report.losses
+
+
+@pytest.mark.parametrize("sample", ["none", "zstd", "lz4"])
+def test_one_damaged_chunk_is_skipped(tmp_path: Path, sample: str) -> None:
+    whole = bytearray(SAMPLES[sample])
+    chunks = record_offsets(bytes(whole), Opcode.CHUNK)
+    assert len(chunks) > 4
+    for which in (0, 2):
+        damaged = bytearray(whole)
+        damaged[chunks[which] + 90] ^= 0xFF
+        messages, report = read(tmp_path, bytes(damaged))
+        missing = set(range(40)) - set(numbers(messages))
+        assert 1 < len(missing) < 12
+        assert sorted(missing) == list(range(min(missing), max(missing) + 1))
+        assert [loss.offset for loss in report.losses] == [chunks[which]]
+        # The first chunk also holds what the channels are: the summary says it again.
+        assert report.undecodable == {}
+
+
+def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path: Path) -> None:
+    whole = SAMPLES["none"]
+    chunks = record_offsets(whole, Opcode.CHUNK)
+    damaged = bytearray(whole)
+    damaged[chunks[2] + 6] = 0xFF
+    messages, report = read(tmp_path, bytes(damaged))
+    assert numbers(messages) == list(range(40))
+    assert len(report.losses) == 1
+    assert f"goes on at byte {chunks[3]}" in report.losses[0].what
+    assert report.losses[0].offset + report.losses[0].bytes == chunks[3]
+
+
+def test_a_file_without_its_end_keeps_all_messages(tmp_path: Path) -> None:
+    whole = SAMPLES["none"]
+    messages, report = read(tmp_path, whole[: record_offsets(whole, Opcode.DATA_END)[0]])
+    assert numbers(messages) == list(range(40))
+    assert [(loss.what.split(":")[0], loss.bytes) for loss in report.losses] == [("ends without a footer", 0)]
+
+
+def test_zeros_after_a_power_cut(tmp_path: Path) -> None:
+    whole = SAMPLES["none"]
+    end = record_offsets(whole, Opcode.CHUNK)[3]
+    messages, report = read(tmp_path, whole[:end] + bytes(100_000))
+    assert numbers(messages) == list(range(len(messages)))
+    assert [(loss.offset, loss.bytes) for loss in report.losses] == [(end, 100_000)]
+
+
+@pytest.mark.parametrize(
+    "chunk",
+    [
+        chunk_record(b"", MAX_SIZE + 1),
+        chunk_record(zstandard.compress(bytes(1 << 26)), MAX_CONTENTS + 1, b"zstd"),
+        chunk_record(zstandard.compress(bytes(1 << 26)), 1000, b"zstd"),
+        chunk_record(zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 26)), 1000, b"zstd"),
+        chunk_record(b"not lz4", 1000, b"lz4"),
+        chunk_record(b"abc", 3, b"brotli"),
+        chunk_record(b"abc", 3, crc=zlib.crc32(b"abd")),
+        chunk_record(b"abc", 4),
+        chunk_record(b"", 5, b"\xff\xfe"),
+    ],
+)
+def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path: Path, chunk: bytes) -> None:
+    data = with_chunk_first(SAMPLES["none"], chunk)
+    tracemalloc.start()
+    messages, report = read(tmp_path, data)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert numbers(messages) == list(range(40))
+    assert [loss.bytes for loss in report.losses] == [len(chunk)]
+    assert "chunk skipped" in report.losses[0].what
+    assert peak < 20_000_000
+
+
+def test_memory_is_one_chunk(tmp_path: Path) -> None:
+    file = tmp_path / "log"
+    file.write_bytes(json_mcap(range(60_000), chunk_size=100_000))
+    reader = open_log(file)
+    tracemalloc.start()
+    count = sum(1 for _ in reader.messages())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert count == 60_000
+    assert file.stat().st_size > 3_000_000
+    assert peak < 2_000_000
+
+
+def test_many_losses_are_summed(tmp_path: Path) -> None:
+    chunk = chunk_record(b"abc", 4)
+    _, report = read(tmp_path, with_chunk_first(SAMPLES["none"], chunk * 50))
+    assert len(report.losses) == 21
+    assert report.losses[-1].what.startswith("30 further")
+    assert sum(loss.bytes for loss in report.losses) == 50 * len(chunk)

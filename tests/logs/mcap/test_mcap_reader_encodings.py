@@ -1,0 +1,272 @@
+"""MCAP encodings: json, protobuf, ros2 (msg and idl) and ros1 payloads as plain dicts; what fits no decoder is counted with a reason."""
+
+import math
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from foxglove import messages as foxglove_messages
+from google.protobuf import descriptor_pb2, message_factory
+from google.protobuf.descriptor_pool import DescriptorPool
+from mcap.reader import make_reader
+from mcap.records import Schema
+from mcap_ros2.writer import Writer as Ros2Writer
+
+from replay_kit.core.message import LogReport, Message
+from replay_kit.logs import open_log
+from replay_kit.logs.decode.decoders import channel_decoder, decode_json
+from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
+from tests.logs.log_samples import one_channel_mcap
+
+
+def read(path: Path, data: bytes) -> tuple[list[Message], LogReport]:
+    file = path / "log.anything"
+    file.write_bytes(data)
+    reader = open_log(file)
+    return list(reader.messages()), reader.report()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('{"a": NaN, "b": inf, "c": -inf}', {"a": math.nan, "b": math.inf, "c": -math.inf}),
+        ('{"a": nan, "b": Infinity, "c": -Infinity}', {"a": math.nan, "b": math.inf, "c": -math.inf}),
+        ('{"a": NaN, "b": "say \\" inf NaN", "c": [inf]}', {"a": math.nan, "b": 'say " inf NaN', "c": [math.inf]}),
+    ],
+)
+def test_bare_numbers_of_json(text: str, expected: dict[str, object]) -> None:
+    assert repr(decode_json(text.encode())) == repr(expected)
+
+
+@pytest.mark.parametrize("data", [b"", b"[1]", b"7", b"{", b'{"a": infinite}', b"\xff\xfe", b"[" * 100_000])
+def test_no_json_object(tmp_path: Path, data: bytes) -> None:
+    messages, report = read(tmp_path, one_channel_mcap("json", None, [b'{"ok": 1}', data, b'{"ok": 2}']))
+    assert [m.payload["ok"] for m in messages] == [1, 2]
+    assert report.read == {"/x": 3}
+    assert report.undecodable["/x"][0] == 1
+
+
+def test_foxglove_protobuf(tmp_path: Path) -> None:
+    fix = foxglove_messages.LocationFix(
+        timestamp=foxglove_messages.Timestamp(1_700_000_000, 5),
+        latitude=47.5,
+        longitude=-23.25,
+        altitude=-1.0,
+        position_covariance=[1.0] * 9,
+        position_covariance_type=foxglove_messages.LocationFixPositionCovarianceType.Known,
+    )
+    schema = foxglove_messages.LocationFix.get_schema()
+    empty = foxglove_messages.LocationFix().encode()
+    messages, report = read(tmp_path, one_channel_mcap("protobuf", (schema.name, schema.encoding, schema.data), [fix.encode(), empty]))
+    assert report.undecodable == {}
+    full, unset = (m.payload for m in messages)
+    assert messages[0].schema == "foxglove.LocationFix"
+    assert full["timestamp"] == {"sec": 1_700_000_000, "nsec": 5}
+    assert (full["latitude"], full["longitude"], full["altitude"]) == (47.5, -23.25, -1.0)
+    assert full["position_covariance"] == [1.0] * 9
+    assert full["position_covariance_type"] == 3
+    assert unset["latitude"] == 0.0
+    assert unset["frame_id"] == ""
+    assert unset["timestamp"] is None
+    assert list(unset) == list(full)
+
+
+def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path: Path) -> None:
+    file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="t", syntax="proto3")
+    node = file.message_type.add(name="Node")
+    kind = descriptor_pb2.FieldDescriptorProto
+    entry = node.nested_type.add(name="NamedEntry")
+    entry.options.map_entry = True
+    entry.field.add(name="key", number=1, type=kind.TYPE_STRING, label=kind.LABEL_OPTIONAL)
+    entry.field.add(name="value", number=2, type=kind.TYPE_MESSAGE, type_name=".t.Node", label=kind.LABEL_OPTIONAL)
+    node.field.add(name="named", number=1, type=kind.TYPE_MESSAGE, type_name=".t.Node.NamedEntry", label=kind.LABEL_REPEATED)
+    node.field.add(name="children", number=2, type=kind.TYPE_MESSAGE, type_name=".t.Node", label=kind.LABEL_REPEATED)
+    node.field.add(name="value", number=3, type=kind.TYPE_DOUBLE, label=kind.LABEL_OPTIONAL)
+    node.oneof_decl.add(name="_depth")
+    node.field.add(name="depth", number=4, type=kind.TYPE_DOUBLE, label=kind.LABEL_OPTIONAL, proto3_optional=True, oneof_index=0)
+    pool = DescriptorPool()
+    pool.Add(file)
+    tree = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.Node"))()
+    tree.children.add(value=2.0).children.add(depth=0.0)
+    tree.named["a"].value = math.inf
+    data = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
+    messages, report = read(tmp_path, one_channel_mcap("protobuf", ("t.Node", "protobuf", data), [tree.SerializeToString(), b"\xff"]))
+    leaf = {"named": {}, "children": [], "value": 0.0, "depth": None}
+    child = {**leaf, "value": 2.0, "children": [{**leaf, "depth": 0.0}]}
+    assert [m.payload for m in messages] == [{**leaf, "children": [child], "named": {"a": {**leaf, "value": math.inf}}}]
+    assert report.undecodable["/x"][0] == 1
+
+
+ROS_FIX = """std_msgs/Header header
+float64[3] covariance
+uint8[] raw
+string[] names
+geometry_msgs/Point[] track
+float32 depth
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+"""
+
+
+def test_ros2(tmp_path: Path) -> None:
+    file = tmp_path / "ros2"
+    value = {
+        "header": {"stamp": {"sec": 12, "nanosec": 34}, "frame_id": "map"},
+        "covariance": [1.0, 2.0, 3.0],
+        "raw": b"\x01\x02",
+        "names": ["a", ""],
+        "track": [{"x": 1.0, "y": 2.0}, {"x": 3.0, "y": 4.0}],
+        "depth": -0.5,
+    }
+    with open(file, "wb") as out:
+        writer = Ros2Writer(out)
+        schema = writer.register_msgdef("test_msgs/msg/Fix", ROS_FIX)
+        for n in range(3):
+            writer.write_message("/fix", schema, value, log_time=n, publish_time=n)
+        writer.finish()
+    messages = list(open_log(file).messages())
+    assert [m.payload for m in messages] == [value] * 3
+    assert messages[0].schema == "test_msgs/msg/Fix"
+
+
+IDL = """// generated from rosidl_adapter/resource/msg.idl.em
+#include "std_msgs/msg/Header.idl"
+module test_msgs {
+  module msg {
+    module Fix_Constants {
+      const string UNIT = "m; // no comment";
+    };
+    typedef double double__3[3];
+    @verbatim (language="comment", text=
+      "several (words)" "\\n" "more")
+    struct Fix {
+      std_msgs::msg::Header header;
+      @unit (value="m")
+      double__3 covariance;
+      sequence<uint8> raw;
+      sequence<string, 5> names;
+      sequence<geometry_msgs::msg::Point> track;
+      @default (value=-0.5)
+      float depth;
+    };
+  };
+};
+================================================================================
+IDL: std_msgs/msg/Header
+module std_msgs { module msg { struct Header {
+  builtin_interfaces::msg::Time stamp; /* two
+  lines */ string<255> frame_id;
+}; }; };
+================================================================================
+IDL: geometry_msgs/msg/Point
+module geometry_msgs { module msg { struct Point { double x; double y; }; }; };
+"""
+
+
+def test_ros2_idl_gives_the_same_as_ros2_msg() -> None:
+    from_msg = channel_decoder("cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2msg", data=ROS_FIX.encode()))
+    from_idl = channel_decoder("cdr", Schema(id=1, name="test_msgs/msg/Fix", encoding="ros2idl", data=IDL.encode()))
+    assert callable(from_msg)
+    assert callable(from_idl), from_idl
+    value = {"covariance": [1.0, 2.0, 3.0], "raw": b"ab", "names": ["x"], "track": [{"x": 1.0, "y": -1.0}], "depth": 2.0}
+    out = BytesIO()
+    writer = Ros2Writer(out)
+    writer.write_message("/fix", writer.register_msgdef("test_msgs/msg/Fix", ROS_FIX), value)
+    writer.finish()
+    data = next(make_reader(BytesIO(out.getvalue())).iter_messages())[2].data
+    assert from_idl(data) == from_msg(data)
+    assert from_idl(data)["track"] == [{"x": 1.0, "y": -1.0}]
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("struct A { unsigned long long a; long b[2][3]; octet c; };", "uint64 a\nint32[6] b\nbyte c"),
+        ("enum E { X, Y }; struct A { E a; boolean b; };", "uint32 a\nbool b"),
+        ("typedef sequence<short> S; struct A { S a; };", "int16[] a"),
+    ],
+)
+def test_idl_types(text: str, fields: str) -> None:
+    assert ros2msg_from_idl("p/msg/A", f"module p {{ module msg {{ {text} }}; }};") == fields
+
+
+@pytest.mark.parametrize(
+    "text", ["", "struct", "struct A {", "union A { };", "struct A { double x }", "module p { struct A { }; };", "const x"]
+)
+def test_what_is_no_idl(text: str) -> None:
+    with pytest.raises(ValueError, match="IDL"):
+        ros2msg_from_idl("p/msg/A", text)
+
+
+ROS1 = b"""# a comment
+string UNIT="m"
+Header  header
+time at
+duration[2] spans
+float64[] depth   # positive down
+================================================================================
+MSG: std_msgs/Header
+uint32 seq
+time stamp
+string frame_id
+"""
+
+
+def test_ros1(tmp_path: Path) -> None:
+    def integers(*values: int) -> bytes:
+        return b"".join(value.to_bytes(4, "little") for value in values)
+
+    depth = b"\0\0\0\0\0\0\xf0\x3f" + b"\0\0\0\0\0\0\0\x40"
+    payload = integers(7, 1, 2, 3) + b"map" + integers(4, 5, 6, 7, 8, 9, 2) + depth
+    messages, report = read(tmp_path, one_channel_mcap("ros1", ("test_msgs/Depth", "ros1msg", ROS1), [payload, payload[:-1]]))
+    assert [m.payload for m in messages] == [
+        {
+            "header": {"seq": 7, "stamp": {"sec": 1, "nsec": 2}, "frame_id": "map"},
+            "at": {"sec": 4, "nsec": 5},
+            "spans": [{"sec": 6, "nsec": 7}, {"sec": 8, "nsec": 9}],
+            "depth": [1.0, 2.0],
+        }
+    ]
+    assert report.undecodable["/x"][0] == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("test_msgs/X", 'string x\n"""\nraise SystemExit\n"""'),
+        ("test_msgs/X", "float64 x; import os"),
+        ("test_msgs/X:\n  pass\nraise SystemExit\nclass Y", "float64 x"),
+    ],
+)
+def test_a_ros1_schema_is_never_run_as_code(tmp_path: Path, name: str, text: str) -> None:
+    messages, report = read(tmp_path, one_channel_mcap("ros1", (name, "ros1msg", text.encode()), [bytes(8)]))
+    assert messages == []
+    assert "cannot be parsed" in report.undecodable["/x"][1]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "schema", "reason"),
+    [
+        ("cbor", None, "has none"),
+        ("wrong_format", ("a/msg/B", "ros2msg", b"float64 x"), "not known"),
+        ("cdr", ("a/msg/B", "ros2msg", b"float64 x\n---\nfloat64 y"), "cannot be parsed"),
+        ("cdr", ("a/msg/B", "ros2msg", b"missing_msgs/Thing x"), "definition not found"),
+        ("cdr", ("a/msg/B", "ros2msg", b"\xff"), "cannot be parsed"),
+        ("protobuf", ("a.B", "protobuf", b"not a descriptor"), "cannot be parsed"),
+        ("protobuf", ("a.B", "protobuf", b""), "cannot be parsed"),
+    ],
+)
+def test_the_reason_is_kept_and_nothing_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], encoding: str, schema: tuple[str, str, bytes] | None, reason: str
+) -> None:
+    messages, report = read(tmp_path, one_channel_mcap(encoding, schema, [b"\0\1\0\0" + bytes(8)] * 2))
+    assert messages == []
+    assert report.undecodable["/x"][0] == 2
+    assert reason in report.undecodable["/x"][1]
+    assert capsys.readouterr() == ("", "")

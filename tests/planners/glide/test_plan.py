@@ -1,0 +1,246 @@
+"""Plans: analytic cases, an exhaustive search, what cannot be reached, what cannot be asked."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners import GlideSettings, fly, plan
+from planners.glide.seed import _fans, find_seeds, tabulate
+from planners.glide.track import fly_glide, fractions_of_duration
+from planners.route.region import region_of
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import grid_bearing_of_true_north
+from replay_kit.core.plan import Place, Plan
+from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.reference.planner import exhaustive_closest_approach
+
+SETTINGS = GlideSettings()
+
+
+def _same(a: Plan, b: Plan) -> bool:
+    arrays = all(np.array_equal(getattr(a, name), getattr(b, name)) for name in ("track", "track_time", "velocity_through_water"))
+    numbers = all(
+        getattr(a, name) == getattr(b, name) for name in ("status", "heading_deg", "glide_angle_deg", "duration", "closest_approach")
+    )
+    return arrays and numbers and a.message == b.message and a.statistics == b.statistics
+
+
+@pytest.mark.parametrize(
+    ("goal", "begin"), [((15e3, 8e3, 300.0), 0.0), ((-9e3, 12e3, 20.0), 350.0), ((12e3, -9e3, 60.0), 60.0), ((0.0, 500.0, 390.0), 0.0)]
+)
+def test_still_water_is_crossed_in_a_straight_line(goal: tuple[float, float, float], begin: float) -> None:
+    flow = still_flow()
+    start = place(flow, -2e3, 1e3, begin)
+    result = plan(flow, start, place(flow, *goal))
+    way = np.array(goal) - [-2e3, 1e3, begin]
+    north = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
+    assert result.status == "reached"
+    assert result.closest_approach < 0.1
+    assert result.duration == pytest.approx(np.linalg.norm(way) / 0.3, rel=1e-4)
+    assert result.glide_angle_deg == pytest.approx(np.rad2deg(np.arcsin(way[2] / np.linalg.norm(way))), abs=1e-2)
+    assert result.heading_deg == pytest.approx(np.rad2deg(np.arctan2(way[0], way[1]) - north) % 360.0, abs=1e-2)
+    np.testing.assert_allclose(result.velocity_through_water, 0.3 * way / np.linalg.norm(way), atol=1e-4)
+    assert len(result.track) >= 100
+    assert result.track_time[-1] == result.duration
+
+
+def test_uniform_current_is_headed_off() -> None:
+    flow = uniform_flow(0.1, -0.05)
+    result = plan(flow, place(flow, -10e3, 0.0, 0.0), place(flow, 5e3, 6e3, 300.0))
+    assert result.status == "reached"
+    through_water = np.array([15e3, 6e3, 300.0]) / result.duration - [0.1, -0.05, 0.0]
+    np.testing.assert_allclose(result.velocity_through_water, through_water, atol=1e-3)
+
+
+def test_the_paper_s_integration_errs_in_the_first_order_and_what_is_told_is_flown_by_runge_kutta() -> None:
+    flow = eddying_flow(4, speed=0.25)
+    start, goal = place(flow, -10e3, -5e3, 0.0), place(flow, 6e3, 4e3, 300.0)
+    counts, off = (16, 32, 64, 128), []
+    for n_steps in counts:
+        result = plan(flow, start, goal, settings=GlideSettings(integrator="euler", n_steps=n_steps, tolerance=1.0))
+        # the optimiser takes itself to be at the goal; its path as it really is says how far off that is
+        assert result.statistics["solver_distance"] < 0.1
+        assert f"promised {result.statistics['solver_distance']:.1f} m" in result.message
+        off.append(result.closest_approach)
+    exact = plan(flow, start, goal, settings=GlideSettings(tolerance=1.0))
+    assert (exact.status, result.status) == ("reached", "unreachable")
+    assert exact.closest_approach < 0.1
+    steps = np.array(counts) + flow.levels.size
+    assert 0.7 < -np.polyfit(np.log(steps), np.log(off), 1)[0] < 1.4
+
+
+@pytest.mark.parametrize(
+    ("seed", "longest"), [(1, 1.2e5), pytest.param(3, 1.2e5, marks=pytest.mark.full), pytest.param(7, 3e4, marks=pytest.mark.full)]
+)
+def test_as_close_as_an_exhaustive_search(seed: int, longest: float) -> None:
+    flow = eddying_flow(seed, "gaussian" if seed == 1 else "hat", speed=0.25)
+    rng = np.random.default_rng(seed)
+    begin = np.array([*rng.uniform(-2e4, 2e4, 2), 0.0])
+    goal = np.array([*rng.uniform(-2.5e4, 2.5e4, 2), rng.uniform(50.0, 380.0)])
+    found = plan(flow, place(flow, *begin), place(flow, *goal), settings=replace(SETTINGS, max_duration=longest))
+    searched = exhaustive_closest_approach(flow, begin, goal, 0.3, longest, headings=72, times=24, steps=12)
+    # where there is time enough the search itself has to meet the goal, or to be as close would be easy
+    assert (searched < 1.0) == (longest == 1.2e5)
+    assert found.closest_approach <= searched + 10.0
+
+
+@pytest.mark.parametrize("beside", ["edge", "coast"])
+def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside: str) -> None:
+    flow = still_flow()
+    grid, wet = flow.grid, flow.grid.wet.copy()
+    wet[:, 3, :] = beside == "edge"
+    region = region_of(replace(grid, wet=wet))
+    # 100 m from where water ends, and the nearest point of the table of the flow is beyond
+    start = np.array([grid.east[0, 5], grid.north[0, 5] + 100.0 if beside == "edge" else grid.north[3:5, 5].mean() + 100.0, 0.0])
+    goal = start + np.array([2e3, 11e3, 200.0])
+    assert not tabulate(flow, region).allowed_at(start[None] - [[0.0, 200.0, 0.0]])[0]
+    seed = find_seeds(flow, region, start, goal, 0.3, 2e5, 1)[0]
+    # the fan's headings are four degrees apart
+    assert seed.distance < np.deg2rad(2.0) * 11.2e3 + 50.0
+    assert seed.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)
+
+
+def test_the_fan_of_steady_rates_has_a_level_glide_and_others_that_use_up_the_water_column() -> None:
+    flow, longest = still_flow(), 1e5
+    begin = np.array([0.0, 0.0, 100.0])
+    rates, durations = _fans(tabulate(flow, region_of(flow.grid)), begin, begin + np.array([1e4, 0.0, 0.0]), 0.3, longest)[1]
+    assert durations[rates == 0.0] == longest
+    assert np.any(rates < 0.0)
+    assert np.any(rates > 0.0)
+    ends = (100.0 + rates * durations)[rates != 0.0]
+    np.testing.assert_allclose(ends, np.where(rates[rates != 0.0] > 0.0, flow.levels[-1], 0.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [10, 11, 12])
+def test_never_worse_than_the_seed_and_true_to_a_finer_flight(seed: int) -> None:
+    flow = eddying_flow(seed)
+    result = plan(flow, place(flow, -2e4, -1e4, 0.0), place(flow, 1.5e4, 1.2e4, 200.0))
+    assert result.closest_approach <= result.statistics["best_seed_distance"] + 0.01
+    assert abs(result.closest_approach - float(result.statistics["solver_distance"])) < 1.0
+    fractions = fractions_of_duration(0.0, result.track[-1, 2], flow.levels, 2000)
+    fine = fly_glide(flow, result.track[0], result.velocity_through_water, fractions * result.duration)
+    np.testing.assert_allclose(fine.position[-1], result.track[-1], atol=1.0)
+
+
+def _distance_only(flow: FlowEstimate, **settings: float) -> Plan:
+    return plan(flow, place(flow, -2e4, 0.0, 0.0), place(flow, 2e4, 0.0, 300.0), settings=replace(SETTINGS, **settings))
+
+
+def test_too_far_is_unreachable_and_says_so() -> None:
+    result = _distance_only(still_flow(), max_duration=3e4)
+    assert result.status == "unreachable"
+    assert result.closest_approach == pytest.approx(np.hypot(4e4, 300.0) - 0.3 * 3e4, abs=1.0)
+    assert "max_duration = 30000 s" in result.message
+
+
+def test_a_stronger_current_is_unreachable_and_says_so() -> None:
+    flow = uniform_flow(-0.6, 0.0)
+    result = plan(flow, place(flow, 0.0, 0.0, 0.0), place(flow, 2e4, 0.0, 300.0))
+    assert result.status == "unreachable"
+    assert "current" in result.message
+
+
+def test_an_outcome_beyond_the_region_stops_at_its_edge() -> None:
+    flow = uniform_flow(0.0, 0.5)
+    north = flow.grid.north.max()
+    result = plan(flow, place(flow, -15e3, north - 10e3, 0.0), place(flow, 20e3, north - 4e3, 200.0))
+    assert result.status == "unreachable"
+    assert result.track[:, 1].max() <= north + 1.0
+    assert "region" in result.message
+    # what the optimiser promises within the region is what is flown; without the region it would promise kilometres more
+    assert abs(result.closest_approach - float(result.statistics["solver_distance"])) < 1.0
+
+
+def test_land_is_not_crossed() -> None:
+    flow = still_flow()
+    wet = flow.grid.wet.copy()
+    wet[:, :, 5] = False
+    wet[:, 0, 5] = True
+    dry = replace(flow, grid=replace(flow.grid, wet=wet))
+    keep = np.tile(wet[0].ravel(), 2)
+    dry = replace(dry, latent=flow.latent[keep], modes=flow.modes[keep])
+    result = plan(dry, place(dry, -2e4, 0.0, 0.0), place(dry, 2e4, 5e3, 300.0))
+    assert result.status == "unreachable"
+    assert result.track[:, 0].max() < 0.0
+    assert "land" in result.message
+
+
+def test_a_flow_that_is_not_a_number_fails_as_a_value() -> None:
+    flow = still_flow()
+    result = _distance_only(replace(flow, latent=np.full_like(flow.latent, np.nan)))
+    assert result.status == "failed"
+    assert "not a number" in result.message
+
+
+def test_start_at_the_goal_is_reached_at_once() -> None:
+    flow = eddying_flow(1)
+    here = place(flow, 0.0, 0.0, 50.0)
+    result = plan(flow, here, here)
+    assert result.status == "reached"
+    assert result.closest_approach < 1.0
+
+
+@pytest.mark.parametrize(
+    ("goal", "words"),
+    [
+        (Place(160.0, -40.0, 100.0), "outside the forecast's region"),
+        (Place(-27.5, 40.0, 100.0), "outside the forecast's region"),
+        (Place(152.5, -40.0, 401.0), "deepest level, 400 m"),
+        (Place(152.5, -40.0, -1.0), "surface"),
+        (Place(152.2, -40.0, float("nan")), "finite"),
+        (Place(152.3, -40.0, 240.0), "on land"),
+    ],
+)
+def test_goals_that_cannot_be_asked_for(goal: Place, words: str) -> None:
+    flow = still_flow()
+    wet = flow.grid.wet.copy()
+    wet[3:, 4, 3] = False
+    flow = replace(flow, grid=replace(flow.grid, wet=wet))
+    with pytest.raises(PlanError, match=words) as raised:
+        plan(flow, Place(152.5, -40.0, 0.0), goal)
+    assert "goal at" in str(raised.value)
+    with pytest.raises(PlanError, match="start at"):
+        plan(flow, goal, Place(152.5, -40.0, 0.0))
+    assert raised.value.exit_code == 3
+
+
+def test_land_below_a_shallow_goal_does_not_matter() -> None:
+    flow = still_flow()
+    wet = flow.grid.wet.copy()
+    wet[3:, 4, 3] = False
+    flow = replace(flow, grid=replace(flow.grid, wet=wet))
+    assert plan(flow, Place(152.5, -40.0, 0.0), Place(152.3, -40.0, 60.0)).status == "reached"
+
+
+def test_the_same_call_gives_the_same_bits_and_survives_a_pickle() -> None:
+    flow = eddying_flow(20)
+    ask = (flow, place(flow, -1e4, -1e4, 0.0), place(flow, 1e4, 5e3, 150.0))
+    first, again = plan(*ask), plan(*ask)
+    assert _same(first, again)
+    assert _same(first, pickle.loads(pickle.dumps(plan))(*pickle.loads(pickle.dumps(ask))))
+    assert _same(first, pickle.loads(pickle.dumps(first)))
+
+
+def test_a_warm_start_needs_fewer_iterations() -> None:
+    flow = eddying_flow(21)
+    goal = place(flow, 1.5e4, 1e4, 250.0)
+    cold = plan(flow, place(flow, -1.5e4, -1e4, 0.0), goal)
+    later = len(cold.track) // 4
+    here = place(flow, *cold.track[later])
+    changed = replace(flow, latent=1.05 * flow.latent)
+    warm = plan(changed, here, goal, warm=cold, start_time_ns=int(cold.track_time[later] * 1e9))
+    assert warm.status == "reached"
+    assert int(warm.statistics["iterations"]) <= int(cold.statistics["iterations"])
+
+
+def test_a_plan_flown_in_its_own_flow_comes_as_close_and_in_another_differs() -> None:
+    flow = eddying_flow(22)
+    result = plan(flow, place(flow, -1e4, -1e4, 0.0), place(flow, 1e4, 5e3, 150.0))
+    time, track, distance = fly(flow, result)
+    assert distance == pytest.approx(result.closest_approach, abs=0.5)
+    assert time[-1] == pytest.approx(1.5 * result.duration)
+    assert track.shape == (time.size, 3)
+    assert fly(eddying_flow(23), result)[2] > 250.0

@@ -1,0 +1,322 @@
+"""Missions: still water, a uniform current, forbidden areas, what cannot be reached, what cannot be asked."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, Weights, plan_mission
+from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refined
+from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
+from planners.mission.plan import goal_legs_of, one_leg_more
+from planners.mission.task import MissionTask, mission_task, out_of_reach
+from planners.route.hazards import Ring, half_planes, no_go_ring
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.plan import Place
+from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.reference.mission import fly_leg_slowly
+
+GLIDER = Glider()
+SETTINGS = MissionSettings(depth=300.0)
+FLAT, STEEP = np.deg2rad([15.0, 35.0])
+
+
+def _area(flow: FlowEstimate, west: float, south: float, east: float, north: float, **kind: bool) -> NoGo:
+    corners = [place(flow, *corner, 0.0) for corner in ((west, south), (east, south), (east, north), (west, north))]
+    return NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range", **kind)
+
+
+def _local(flow: FlowEstimate, plan: MissionPlan) -> np.ndarray:
+    return np.column_stack(to_local(flow.grid.projection, *plan.surfacings.T))
+
+
+def test_a_leg_is_flown_as_by_an_adaptive_method():
+    flow = eddying_flow(3)
+    for turns in ((0.0, 300.0, 0.0), (60.0, 350.0, 0.0, 200.0)):
+        depths = leg_depths(turns, flow.levels, steps_needed(turns, flow.levels, 1))
+        assert set(turns) <= set(depths)
+        flight = fly_legs(currents_of(flow), GLIDER, np.array([3e3, -4e3]), Legs(np.array([1.0]), np.array([0.3]), (depths,), np.zeros(1)))
+        slowly = fly_leg_slowly(flow, np.array([3e3, -4e3]), 1.0, 0.3, GLIDER.speed, turns)
+        np.testing.assert_allclose(flight.place[0, -1], slowly, atol=0.05)
+        assert flight.time[-1] == pytest.approx(np.sum(np.abs(np.diff(turns))) / (0.3 * np.sin(0.3)), rel=1e-12)
+
+
+def test_the_integrators_have_their_order_and_the_optimiser_s_ends_within_a_metre():
+    flow, start = eddying_flow(3), np.array([3e3, -4e3])
+    steps = leg_depths((40.0, 110.0), flow.levels, 1)
+    velocity = currents_of(flow)
+
+    def end(method: Callable[..., list], cut: int) -> np.ndarray:
+        depths = refined(steps, cut)
+
+        def rate(at: np.ndarray, depth: float, _: float) -> np.ndarray:
+            return np.array([0.2, 0.1]) + velocity.velocity(at[None], velocity.weights(np.array([depth]))[0], 0.0)[0]
+
+        return method(rate, start, 0.0, depths, np.full(cut, 4e4 / cut), cut)[-1][0]
+
+    for method, order in ((fly_steps, 4), (fly_midpoints, 2)):
+        exact, cuts = end(fly_steps, 160), np.array([4, 8, 16])
+        errors = [float(np.linalg.norm(end(method, int(cut)) - exact)) for cut in cuts]
+        assert order - 0.4 < -np.polyfit(np.log(cuts), np.log(errors), 1)[0] < order + 1.0
+    depths = leg_depths((0.0, 300.0, 0.0), flow.levels, 10)
+    latent = stage_latent(flow.latent, flow.levels, flow.depth_functions, depths)
+    places, time = leg_function(flow, GLIDER, 10, None, True)(start, 0.0, 1.0, 0.3, depths, 900.0, latent)
+    flight = fly_legs(currents_of(flow), GLIDER, start, Legs(np.array([1.0]), np.array([0.3]), (depths,), np.array([900.0])))
+    np.testing.assert_allclose(np.asarray(places)[:, -1], flight.place[0, -1], atol=0.3)
+    assert float(time) == pytest.approx(flight.time[-1], rel=1e-12)
+
+
+def test_many_currents_are_flown_at_once_and_a_drift_is_the_surface_current():
+    flows = [eddying_flow(seed) for seed in (4, 5)]
+    depths = leg_depths((0.0, 300.0, 0.0), flows[0].levels, 8)
+    legs = Legs(np.array([0.3, 2.0]), np.array([0.3, 0.5]), (depths, depths), np.array([900.0, 0.0]))
+    both = fly_legs(currents_of_samples(flows), GLIDER, np.zeros(2), legs)
+    for k, flow in enumerate(flows):
+        alone = fly_legs(currents_of(flow), GLIDER, np.zeros(2), legs)
+        np.testing.assert_allclose(both.place[k], alone.place[0], rtol=1e-12, atol=1e-9)
+    up, down = both.ends[0] - 2, both.ends[0]
+    assert both.time[down] - both.time[up] == pytest.approx(900.0)
+    np.testing.assert_allclose(both.place[1, down] - both.place[1, up], 900.0 * flows[1].velocity(*both.place[1, up], 0.0), atol=0.5)
+    with pytest.raises(PlanError, match="sample 1"):
+        currents_of_samples([flows[0], eddying_flow(4, levels=(5.0, 50.0))])
+
+
+def test_still_water_is_crossed_straight_at_the_shallowest_angle_that_fits():
+    flow = still_flow()
+    result = plan_mission(flow, place(flow, -12e3, 0.0, 0.0), place(flow, 4e3, 9e3, 0.0), settings=SETTINGS)
+    way, legs = float(np.hypot(16e3, 9e3)), len(result.headings_deg)
+    # n dives to 300 m at the glide angle a lead 600 n / tan(a) metres far
+    assert result.status == "reached"
+    assert legs == np.ceil(way / (600.0 / np.tan(FLAT)))
+    assert result.duration == pytest.approx(way / 0.3 / np.cos(np.arctan(600.0 * legs / way)), rel=1e-4)
+    np.testing.assert_allclose(result.glide_angles_deg, np.rad2deg(np.arctan(600.0 * legs / way)), atol=0.1)
+    assert result.closest_approach[0] < 1.0
+    assert result.energy == pytest.approx(GLIDER.hotel * result.duration + legs * GLIDER.pump_work(300.0), rel=1e-12)
+    assert result.surfacing_times[-1] == result.duration == result.track_time[-1]
+
+
+def test_a_uniform_current_is_headed_off():
+    flow, begin, end = uniform_flow(0.08, -0.04), np.array([-10e3, -2e3]), np.array([6e3, 4e3])
+    result = plan_mission(flow, place(flow, *begin, 0.0), place(flow, *end, 0.0), settings=SETTINGS)
+    made_good = (end - begin) / result.duration - [0.08, -0.04]
+    along = 600.0 * len(result.headings_deg) / result.duration
+    assert result.status == "reached"
+    assert np.hypot(np.hypot(*made_good), along) == pytest.approx(0.3, rel=2e-3)
+
+
+def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_surfacing():
+    flow = eddying_flow(6)
+    goal = place(flow, 9e3, 6e3, 0.0)
+    cold = plan_mission(flow, place(flow, -9e3, -6e3, 0.0), goal, settings=SETTINGS)
+    again = plan_mission(flow, place(flow, -9e3, -6e3, 0.0), goal, settings=SETTINGS, warm=cold)
+    assert again.duration == pytest.approx(cold.duration, rel=1e-4)
+    assert again.statistics["attempts"] == 1
+    here = Place(*(float(x) for x in cold.surfacings[1]), 0.0)
+    later = plan_mission(flow, here, goal, settings=SETTINGS, warm=cold, start_time_ns=int(cold.surfacing_times[1] * 1e9))
+    assert len(later.headings_deg) == len(cold.headings_deg) - 2
+    assert later.duration == pytest.approx(cold.duration - cold.surfacing_times[1], rel=1e-3)
+
+
+def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_end():
+    flow = eddying_flow(7)
+    goals = (place(flow, -4e3, 8e3, 0.0), place(flow, 2e3, 4e3, 120.0), place(flow, 10e3, 2e3, 200.0))
+    result = plan_mission(flow, place(flow, -12e3, -4e3, 40.0), goals, settings=replace(SETTINGS, surface_time=600.0))
+    assert result.status == "reached"
+    # thirteen dives of the optimiser's coarser steps
+    assert np.all(result.closest_approach < 3.0)
+    assert result.turns[0][0] == 40.0
+    assert result.track[-1, 2] == result.turns[-1][-1] == 200.0
+    assert result.goal_legs[0] < result.goal_legs[1] < result.goal_legs[2] == len(result.headings_deg)
+    # at its time the track is at the second goal's depth, within a leg
+    met = [np.interp(result.goal_times, result.track_time, result.track[:, axis]) for axis in range(3)]
+    np.testing.assert_allclose(met[2], [0.0, 120.0, 200.0], atol=1e-6)
+    assert np.hypot(met[0][1] - 2e3, met[1][1] - 4e3) == pytest.approx(result.closest_approach[1], abs=0.1)
+    assert result.goal_times[1] not in result.surfacing_times
+    # from the surfacing after the first goal, at the same steps of the legs that are left
+    begun = result.goal_legs[0]
+    here, now = Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0), result.surfacing_times[begun - 1]
+    later = plan_mission(flow, here, goals[1:], settings=replace(SETTINGS, surface_time=600.0), warm=result, start_time_ns=int(now * 1e9))
+    assert (later.status, later.statistics["attempts"]) == ("reached", 1)
+    np.testing.assert_allclose(later.goal_times + now, result.goal_times[1:], rtol=1e-3)
+
+
+@pytest.mark.parametrize(("worth_of_a_kilometre", "comes_close"), [(0.8, False), (1.2, True)])
+def test_coming_close_is_weighed_against_time(worth_of_a_kilometre: float, comes_close: bool):
+    flow = still_flow()
+    # a kilometre more at the glide angle a takes cos(a) / 0.3 / 3.6 hours: for less it is not gone, and no second dive is worth it
+    angle = np.arccos(0.8 * 0.3 * 3.6)
+    weights = Weights(time=1.0, closest=worth_of_a_kilometre)
+    ask = (flow, place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0))
+    result = plan_mission(*ask, settings=replace(SETTINGS, objective=weights))
+    assert (result.status == "reached") == comes_close
+    assert len(result.headings_deg) == (2 if comes_close else 1)
+    assert result.closest_approach[0] == pytest.approx(0.0 if comes_close else 4e3 - 600.0 / np.tan(angle), abs=15.0)
+    assert ("limit: the weights" in result.message) != comes_close
+
+
+def test_weights_are_a_sum_and_cannot_be_anything():
+    weights = Weights(time=2.0, energy=0.1, closest=0.5)
+    assert weights.cost(7200.0, 5e3, 3e3) == pytest.approx(2.0 * 2.0 + 0.1 * 5.0 + 0.5 * 3.0)
+    for wrong in ({"time": -1.0}, {"time": 0.0}, {"energy": float("nan")}, {"closest": 0.0}):
+        with pytest.raises(PlanError, match="expected numbers of 0 or more"):
+            Weights(**wrong)
+
+
+def test_each_goal_has_a_leg_of_its_own():
+    assert goal_legs_of(np.array([10.0, 11.0, 40.0]), 4) == (1, 2, 4)
+    assert goal_legs_of(np.array([38.0, 39.0, 40.0]), 5) == (3, 4, 5)
+    assert goal_legs_of(np.array([1.0, 40.0]), 2) == (1, 2)
+    # the way that is flown flattest gets the leg more
+    assert one_leg_more((1, 3, 4), np.array([0.4, 0.3, 0.3, 0.5])) == (1, 4, 5)
+
+
+def test_a_single_dive_from_below_the_surface_may_end_at_the_depth_it_began():
+    flow = still_flow()
+    way = place(flow, 1.2e3, 0.0, 150.0)
+    result = plan_mission(flow, place(flow, -0.4e3, 0.0, 150.0), way, settings=replace(SETTINGS, legs=1))
+    assert result.turns == ((150.0, 300.0, 150.0),)
+    assert result.status == "unreachable"
+    assert result.closest_approach[0] == pytest.approx(1600.0 - 300.0 / np.tan(FLAT), abs=1.0)
+
+
+def test_a_flow_that_changes_is_planned_in_as_it_will_be():
+    first = replace(uniform_flow(0.0, 0.0), time_ns=0)
+    later = replace(uniform_flow(0.0, 0.12), time_ns=int(6e4 * 1e9))
+    start, goal = place(first, -8e3, 0.0, 0.0), place(first, 8e3, 0.0, 0.0)
+    result = plan_mission((first, later), start, goal, settings=SETTINGS)
+    drift = 0.12 * result.duration**2 / 2.0 / 6e4
+    assert result.status == "reached"
+    east, north = 0.3 * np.cos(np.deg2rad(result.glide_angles_deg)), np.deg2rad(result.headings_deg)
+    assert np.mean(east * np.cos(north)) * result.duration == pytest.approx(-drift, rel=0.02)
+
+
+@pytest.mark.parametrize("surface_only", [False, True])
+def test_a_forbidden_area_is_gone_round_or_passed_under(surface_only: bool):
+    flow = eddying_flow(8, speed=0.1)
+    area = _area(flow, -0.7e3, -6e3, 0.7e3, -1e3, surface_only=surface_only)
+    ask = (flow, place(flow, -5e3, -3e3, 0.0), place(flow, 6e3, -3e3, 0.0))
+    free, clear = (plan_mission(*ask, settings=replace(SETTINGS, depth=390.0), no_go=areas) for areas in ((), (area,)))
+    assert clear.status == "reached"
+    assert clear.duration >= free.duration * (1.0 - 1e-4)
+    ring = no_go_ring(flow.grid.projection, area.polygon, area.name)
+    track = np.vstack([np.linspace(a, b, 100) for a, b in zip(clear.track[:-1], clear.track[1:], strict=True)])
+    assert not ring.forbids(_local(flow, clear)).any()
+    assert ring.forbids(track[:, :2]).any() == surface_only
+
+
+def test_land_and_shallows_are_gone_round():
+    flow = still_flow()
+    wet = flow.grid.wet.copy()
+    wet[3:, 2:, 4] = False
+    dry = replace(flow, grid=replace(flow.grid, wet=wet))
+    ask = (place(dry, -16e3, -17e3, 0.0), place(dry, -1e3, -17e3, 0.0))
+    deep = replace(SETTINGS, depth=390.0)
+    result = plan_mission(dry, *ask, settings=deep)
+    assert result.status == "reached"
+    assert result.track[:, 1].min() < -22e3
+    # dives that end above the shelf pass over it
+    assert plan_mission(dry, *ask, settings=replace(deep, depth=200.0, legs=14)).track[:, 1].min() > -18e3
+    bottom = np.where(wet[3], 1000.0, 250.0)
+    ask = (*ask, Bathymetry(flow.grid.longitude, flow.grid.latitude, bottom))
+    same = plan_mission(flow, *ask[:2], settings=replace(deep, legs=len(result.headings_deg)), bathymetry=ask[2])
+    assert same.duration == pytest.approx(result.duration, rel=1e-3)
+
+
+def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
+    flow = still_flow()
+    start, goal = place(flow, -20e3, 0.0, 0.0), place(flow, 20e3, 0.0, 0.0)
+    few = plan_mission(flow, start, goal, settings=replace(SETTINGS, legs=3))
+    assert (few.status, few.closest_approach[0]) == ("unreachable", pytest.approx(40e3 - 3 * 600.0 / np.tan(FLAT), abs=1.0))
+    assert "limit: 3 legs" in few.message
+    assert f"misses the goal by {few.closest_approach[0]:.1f} m" in few.message
+    strong = plan_mission(uniform_flow(-0.4, 0.0), start, goal, settings=SETTINGS)
+    assert strong.status == "unreachable"
+    # at 15 degrees it makes 0.29 m/s of the current's 0.4
+    assert "current" in strong.message
+    assert "it makes good 0.1" in strong.message
+
+
+def test_what_is_far_out_of_reach_is_told_from_what_may_be_and_takes_few_iterations():
+    def task(east: float, settings: MissionSettings) -> MissionTask:
+        flow = uniform_flow(east, 0.0)
+        places = place(flow, -20e3, 0.0, 0.0), (place(flow, -30e3, 0.0, 0.0),)
+        return mission_task(flow, places, GLIDER, settings, ((), None), 0)
+
+    # twice as fast it makes 0.58 m/s, 13 km in 3 legs
+    assert out_of_reach(task(0.65, SETTINGS))
+    assert not out_of_reach(task(0.5, SETTINGS))
+    assert not out_of_reach(task(0.0, replace(SETTINGS, legs=3)))
+    assert out_of_reach(task(0.3, replace(SETTINGS, legs=2)))
+    assert not out_of_reach(task(0.65, replace(SETTINGS, objective=Weights(time=1.0, closest=1.0))))
+    # without and within half-planes at the region's edge, thirty for as many legs each
+    flow = uniform_flow(0.9, 0.0)
+    goal = place(flow, -30e3, 0.0, 0.0)
+    result = plan_mission(flow, place(flow, -20e3, 0.0, 0.0), goal, settings=replace(SETTINGS, legs=30))
+    assert result.status == "unsafe"
+    assert "edge of the region" in result.message
+    assert "limit: 30 legs" in result.message
+    assert result.statistics["iterations"] <= 60
+
+
+def test_a_way_that_is_walled_off_is_not_called_reached():
+    flow = still_flow()
+    wall = _area(flow, -2e3, -60e3, 2e3, 60e3)
+    result = plan_mission(flow, place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 0.0, 0.0), settings=SETTINGS, no_go=(wall,))
+    assert result.status in ("unreachable", "unsafe")
+    assert result.status == "unreachable" or "range" in result.message
+
+
+def test_a_flow_that_is_not_a_number_fails_as_a_value():
+    flow = still_flow()
+    bad = replace(flow, latent=np.full_like(flow.latent, np.nan))
+    result = plan_mission(bad, place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 0.0, 0.0), settings=SETTINGS)
+    assert (result.status, len(result.headings_deg)) == ("failed", 0)
+    assert "not a number" in result.message
+
+
+@pytest.mark.parametrize(
+    ("goals", "settings", "words"),
+    [
+        ((), SETTINGS, "needs a goal"),
+        ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, depth=401.0), "deepest level, 400 m"),
+        ((Place(152.5, -40.0, 350.0),), SETTINGS, "deeper than the dives"),
+        ((Place(152.5, -40.0, 310.0), Place(152.55, -40.0, 0.0)), SETTINGS, "deeper than the dives"),
+        ((Place(152.5, -40.0, 0.0), Place(152.55, -40.0, 0.0)), replace(SETTINGS, legs=1), "2 goals need as many legs"),
+        ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is where dives to 300 m may not go: range"),
+        ((Place(160.0, -40.0, 0.0),), SETTINGS, "outside the forecast"),
+        ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, objective=Weights(time=1.0, closest=0.0)), "a weight of 0"),
+    ],
+)
+def test_missions_that_cannot_be_asked_for(goals: tuple[Place, ...], settings: MissionSettings, words: str):
+    flow = still_flow()
+    area = _area(flow, -5e3, -16e3, 5e3, -6e3)
+    with pytest.raises(PlanError, match=words):
+        plan_mission(flow, Place(152.4, -40.0, 0.0), goals, settings=settings, no_go=(area,))
+
+
+def test_areas_that_leave_no_water_are_said():
+    flow = still_flow()
+    areas = (_area(flow, -90e3, -90e3, 90e3, -0.2e3), _area(flow, -90e3, 0.2e3, 90e3, 90e3))
+    with pytest.raises(PlanError, match="leaves no water"):
+        plan_mission(flow, place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 0.0, 0.0), settings=SETTINGS, no_go=areas)
+
+
+@pytest.mark.parametrize("wrong", [{"depth": 0.0}, {"legs": 0}, {"surface_time": -1.0}, {"tolerance": float("nan")}])
+def test_settings_that_cannot_be_are_refused(wrong: dict[str, float]):
+    with pytest.raises(PlanError, match="expected"):
+        MissionSettings(**wrong)
+    with pytest.raises(PlanError, match="three pairs"):
+        no_go_ring(still_flow().grid.projection, ((152.0, -40.0), (152.1, -40.0)), "line")
+
+
+def test_half_planes_keep_a_point_on_its_side_and_lead_out():
+    ring = Ring(np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]]), False, "square")
+    points = np.array([[-30.0, 50.0], [10.0, 50.0]])
+    planes = half_planes((ring,), points, np.zeros(2, dtype=bool), 2, 5.0)
+    for point, (plane, nothing) in zip(points, planes, strict=True):
+        np.testing.assert_allclose(plane, [1.0, 0.0, -5.0], atol=1e-12)
+        assert point @ nothing[:2] <= nothing[2]
+    np.testing.assert_array_equal(replace(ring, outside=True).forbids(points), [True, False])

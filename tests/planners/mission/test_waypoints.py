@@ -1,0 +1,208 @@
+"""Waypoints: how few tell a mission's way, how a glider fares that heads for them, and the files that it reads."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from planners import MissionSettings, plan_mission, plan_mooring
+from planners.mission import waypoints
+from planners.mission.waypoints import _distance_to_legs, _reckoned, heading_for, kept_surfacings, waypoints_of
+from planners.output.waypoints import _minutes, waypoint_json, waypoint_text
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import to_local
+from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.reference.guide import farthest_left_out
+
+SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
+FLOW = eddying_flow(7)
+PLAN = plan_mission(
+    FLOW, place(FLOW, -8e3, -6e3, 0.0), (place(FLOW, -1e3, 4e3, 0.0), place(FLOW, 8e3, 1e3, 0.0)), settings=replace(SETTINGS, legs=8)
+)
+PLACES = np.column_stack(to_local(FLOW.grid.projection, *np.vstack([[PLAN.start.longitude, PLAN.start.latitude], PLAN.surfacings]).T))
+
+
+TIMES = np.concatenate([[0.0], PLAN.surfacing_times])
+
+
+def test_what_is_left_out_is_within_the_tolerance_and_goals_are_kept():
+    counts = []
+    for tolerance in (20.0, 200.0, 1e5):
+        kept = kept_surfacings(PLAN, PLACES, tolerance)
+        assert farthest_left_out(kept, TIMES, PLACES) <= tolerance
+        assert set(PLAN.goal_legs) <= set(kept)
+        counts.append(len(kept))
+    assert counts[0] > counts[1] >= counts[2] == 2
+
+
+@pytest.mark.parametrize("depth", [0.0, 120.0])
+def test_in_a_uniform_current_one_waypoint_loses_nothing(depth: float):
+    flow = uniform_flow(0.1, 0.05)
+    plan = plan_mission(flow, place(flow, -6e3, -3e3, depth), place(flow, 6e3, 3e3, 0.0), settings=SETTINGS)
+    one = waypoints_of(flow, plan)
+    assert one.times.size == 1
+    assert one.off_end < 20.0
+    assert one.off_track < 20.0
+    # a minute of the whole day: the current is uniform to a fraction of a percent
+    assert abs(one.delay) < 60.0
+    assert one.times[-1] == pytest.approx(plan.duration + one.delay)
+    assert "1 waypoints for" in one.message
+
+
+def test_what_eddies_and_another_flow_cost_is_measured_by_flying():
+    few = waypoints_of(FLOW, PLAN)
+    assert np.all(np.diff(few.times) > 0.0)
+    last = np.column_stack(to_local(FLOW.grid.projection, *few.surfacings[-1]))[0]
+    assert np.linalg.norm(last - PLACES[-1]) == pytest.approx(few.off_end, abs=1e-3)
+    assert few.off_end <= few.radius
+    assert few.times[-1] - PLAN.duration == pytest.approx(few.delay)
+    against = waypoints_of(uniform_flow(-0.4, 0.0), PLAN)
+    assert np.isnan(against.times[-1])
+    assert "; 0 reached within" in against.message
+    assert json.loads(json.dumps(waypoint_json(against), allow_nan=False))["waypoints"][-1]["reached_s"] is None
+
+
+def test_in_a_somewhat_stronger_current_a_wider_radius_is_better():
+    found = waypoints_of(replace(FLOW, latent=1.1 * FLOW.latent), PLAN)
+    assert found.radius == 2.0 * PLAN.settings.tolerance
+    assert np.all(np.isfinite(found.times))
+
+
+def test_a_heading_is_held_off_against_the_current_and_a_near_waypoint_ends_a_dive_early():
+    angle, plan = np.deg2rad(20.0), replace(PLAN, settings=replace(PLAN.settings, surface_time=0.0))
+    speed = 0.3 * np.cos(angle)
+    heading, share = heading_for(plan, np.array([5e4, 0.0]), angle, np.array([0.0, 0.1]))
+    assert heading == pytest.approx(np.pi / 2 + np.arcsin(0.1 / speed))
+    assert share == 1.0
+    lasts = 600.0 / 0.3 / np.sin(angle)
+    assert heading_for(plan, np.array([0.0, 0.4 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.4))
+    # no dive is shallower than a tenth of the depth
+    assert heading_for(plan, np.array([0.0, 0.02 * speed * lasts]), angle, np.zeros(2)) == pytest.approx((0.0, 0.1))
+
+
+def test_the_current_reckoned_of_a_leg_is_the_one_that_carried_it():
+    angle, heading, lasts, current = 0.4, 1.1, 9000.0, np.array([0.05, -0.12])
+    under = lasts - PLAN.settings.surface_time
+    way = 0.3 * np.cos(angle) * under * np.array([np.sin(heading), np.cos(heading)]) + current * lasts
+    np.testing.assert_allclose(_reckoned(PLAN, way, lasts, heading, angle), current, rtol=1e-12)
+
+
+def test_files_hold_the_waypoints():
+    few = waypoints_of(FLOW, PLAN, 50.0)
+    rows = list(csv.DictReader(io.StringIO(waypoint_text(few, Path("a.csv")))))
+    assert [float(row["longitude"]) for row in rows] == pytest.approx(few.longitude.tolist(), abs=1e-6)
+    assert [row["waypoint"] for row in rows] == [str(k + 1) for k in range(len(rows))]
+    features = json.loads(waypoint_text(few, Path("a.geojson")))["features"]
+    points = [feature["properties"] for feature in features if feature["geometry"]["type"] == "Point"]
+    assert {type(properties[name]) for properties in points for name in ("waypoint", "dives")} == {int}
+    assert len(features) == 1 + len(rows)
+    assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
+    slocum = waypoint_text(few, Path("goto_l10.ma"))
+    listed = slocum.split("<start:waypoints>\n")[1].split("<end")[0].splitlines()[1:]
+    assert f"num_waypoints(nodim) {len(listed)}" in slocum
+    np.testing.assert_allclose([_degrees(text) for text in listed[0].split()], [few.longitude[0], few.latitude[0]], atol=1e-6)
+    targets = waypoint_text(few, Path("targets")).splitlines()[1:]
+    words = dict(word.split("=") for word in targets[-1].split()[1:])
+    assert (_degrees(words["lat"]), words["goto"]) == (pytest.approx(few.latitude[-1], abs=1e-6), targets[-1].split()[0])
+    with pytest.raises(PlanError, match=r"one of \.csv"):
+        waypoint_text(few, Path("a.txt"))
+
+
+def _degrees(text: str) -> float:
+    value = abs(float(text))
+    return float(np.sign(float(text)) * (value // 100 + value % 100 / 60.0))
+
+
+@given(st.floats(-180.0, 180.0))
+def test_degrees_and_minutes_are_read_back(degrees: float):
+    text = _minutes(degrees)
+    assert _degrees(text) == pytest.approx(degrees, abs=1e-6)
+    assert float(text.split(".")[0][-2:]) < 60
+
+
+def test_a_mooring_and_a_mission_without_legs_have_no_waypoints():
+    flow = still_flow()
+    here = place(flow, 0.0, 0.0, 0.0)
+    with pytest.raises(PlanError, match="a mooring has no waypoints"):
+        waypoints_of(flow, plan_mooring(flow, here, here, 2e3, 6e3, settings=SETTINGS))
+    with pytest.raises(PlanError, match="without legs"):
+        waypoints_of(flow, replace(PLAN, headings_deg=np.zeros(0)))
+
+
+def test_a_heading_counts_the_drift_at_the_surface_on_the_way_and_the_current_ahead_in_the_last_dive():
+    angle = np.deg2rad(20.0)
+    speed, under = 0.3 * np.cos(angle), 2.0 * 300.0 / 0.3 / np.sin(angle)
+    # through water only the time under it counts: the mean speed is less by the share of the drift
+    heading, share = heading_for(PLAN, np.array([5e4, 0.0]), angle, np.array([0.0, -0.1]))
+    assert heading == pytest.approx(np.pi / 2 - np.arcsin(0.1 * (under + 600.0) / (speed * under)))
+    assert share == 1.0
+    # the last dive surfaces at the waypoint: no drift after it, and a current ahead shortens it
+    way = 0.5 * (speed + 0.05) * under
+    assert heading_for(PLAN, np.array([0.0, way]), angle, np.array([0.0, 0.05])) == pytest.approx((0.0, 0.5))
+    twice = replace(PLAN, settings=replace(PLAN.settings, yos=2))
+    assert heading_for(twice, np.array([0.0, way]), angle, np.array([0.0, 0.05])) == pytest.approx((0.0, 0.25))
+    # never shallower than a tenth; against a current that is too strong, with all of a dive
+    assert heading_for(PLAN, np.array([0.0, 1.0]), angle, np.zeros(2)) == pytest.approx((0.0, 0.1))
+    assert heading_for(PLAN, np.array([0.0, 500.0]), angle, np.array([0.0, -0.5])) == pytest.approx((0.0, 1.0))
+    # a current across that is faster than the glider is met head-on, on either side
+    for across, bearing in ((0.5, -np.pi / 2), (-0.5, np.pi / 2)):
+        assert heading_for(PLAN, np.array([0.0, 5e4]), angle, np.array([across, 0.0]))[0] == pytest.approx(bearing)
+
+
+def test_the_current_reckoned_of_a_leg_is_its_drift_beside_the_way_through_water():
+    angle, heading, lasts = np.deg2rad(20.0), 0.8, 5000.0
+    through = 0.3 * np.cos(angle) * (lasts - 600.0) * np.array([np.sin(heading), np.cos(heading)])
+    current = np.array([0.07, -0.02])
+    np.testing.assert_allclose(_reckoned(PLAN, through + current * lasts, lasts, heading, angle), current, atol=1e-12)
+    # a leg shorter than its drift went nowhere through water
+    np.testing.assert_allclose(_reckoned(PLAN, 300.0 * current, 300.0, heading, angle), current, atol=1e-12)
+
+
+def test_a_goal_below_the_surface_keeps_both_ends_of_its_leg():
+    deep = replace(PLAN, goals=(replace(PLAN.goals[0], depth=120.0), PLAN.goals[1]))
+    passed = PLAN.goal_legs[0]
+    assert set(kept_surfacings(deep, PLACES, 1e5)) == {passed - 1, passed, PLAN.goal_legs[1]}
+    assert set(kept_surfacings(PLAN, PLACES, 1e5)) == set(PLAN.goal_legs)
+
+
+def test_the_distance_to_legs_is_to_the_nearest_and_no_farther_than_their_ends():
+    corners = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [100.0, 50.0]])
+    points = np.array([[50.0, 7.0], [-3.0, -4.0], [90.0, 40.0], [103.0, 54.0]])
+    np.testing.assert_allclose(_distance_to_legs(points, corners), [7.0, 5.0, 10.0, 5.0])
+
+
+def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_not_waited_for():
+    flow = still_flow()
+    here, there = place(flow, 0.0, 0.0, 60.0), place(flow, 0.0, 3e3, 0.0)
+    plan = plan_mission(flow, here, there, settings=replace(SETTINGS, legs=2))
+    few = waypoints_of(flow, plan)
+    assert few.times.size == 1
+    # 540 m of depth in the first dive and, after a drift, what is left of the way in the second, at the mean glide angle
+    angle = np.mean(np.deg2rad(plan.glide_angles_deg))
+    first = 540.0 / 0.3 / np.sin(angle)
+    second = (3e3 - 0.3 * np.cos(angle) * first) / (0.3 * np.cos(angle))
+    assert few.surfacings.shape == (2, 2)
+    assert few.times[0] == pytest.approx(first + 600.0 + second, rel=1e-3)
+    assert few.delay == pytest.approx(few.times[0] - plan.duration, abs=1e-6)
+    assert few.off_end < 5.0
+
+
+@pytest.mark.parametrize(("seed", "tolerances"), [(3, 1.0), (5, 2.0)])
+def test_the_radius_that_ends_within_the_tolerance_and_then_the_one_that_loses_least_time_is_chosen(monkeypatch, seed, tolerances):
+    flow, tolerance = replace(FLOW, latent=FLOW.latent + eddying_flow(seed, speed=0.08).latent), PLAN.settings.tolerance
+    chosen, alone = waypoints_of(flow, PLAN), {}
+    for radii in (1.0, 2.0, 8.0):
+        monkeypatch.setattr(waypoints, "_RADII", np.array([radii]))
+        alone[radii] = waypoints_of(flow, PLAN)
+    assert chosen.radius == tolerances * tolerance
+    assert chosen.off_end <= tolerance
+    # the widest one would be quickest, but ends too far away; of those that end near enough the chosen one is
+    assert alone[8.0].off_end > tolerance
+    assert alone[8.0].delay < chosen.delay
+    assert chosen.delay == min(one.delay for one in alone.values() if one.off_end <= tolerance)

@@ -1,0 +1,144 @@
+"""Missions flown in other currents, and their tables."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from planners import MissionSettings, plan_mission
+from planners.mission.flights import MissionFlights, fly_mission, surfacing_ellipses
+from planners.output.mission import as_glide, ellipse_outline, legs_table, to_csv, to_geojson, to_json
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from tests.planners.flow_samples import eddying_flow, place, still_flow
+
+FLOW = eddying_flow(11)
+SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
+PLAN = plan_mission(FLOW, place(FLOW, -6e3, -4e3, 0.0), place(FLOW, 5e3, 4e3, 100.0), settings=SETTINGS)
+FAILED = plan_mission(replace(FLOW, latent=np.nan * FLOW.latent), PLAN.start, PLAN.goals, settings=SETTINGS)
+
+
+def test_a_mission_flown_in_its_own_flow_goes_as_planned():
+    flown = fly_mission(FLOW, PLAN)
+    np.testing.assert_allclose(flown.surfacings[0], PLAN.surfacings, atol=1e-6)
+    assert flown.miss[0, -1] == pytest.approx(PLAN.closest_approach[-1], abs=0.1)
+    assert flown.time[-1] == pytest.approx(PLAN.duration, rel=1e-12)
+    # headings are of true north: another projection makes nothing of them but rounding and the turn within a leg
+    moved = replace(FLOW, grid=replace(FLOW.grid, projection=Projection(152.7, -40.2)))
+    assert fly_mission(replace(moved, latent=0.0 * FLOW.latent), PLAN).miss[0, -1] == pytest.approx(
+        fly_mission(replace(FLOW, latent=0.0 * FLOW.latent), PLAN).miss[0, -1], abs=3.0
+    )
+
+
+def test_ellipses_hold_ninety_percent_of_the_surfacings():
+    rng = np.random.default_rng(0)
+    flows = [replace(FLOW, latent=FLOW.latent * (1.0 + 0.1 * rng.standard_normal(FLOW.latent.shape))) for _ in range(60)]
+    flown = fly_mission(flows, PLAN)
+    ellipses = surfacing_ellipses(flown, PLAN)
+    places = flown.place[:, np.searchsorted(flown.time, PLAN.surfacing_times - 1e-6)]
+    held = []
+    for k, (_, _, major, minor, bearing) in enumerate(ellipses):
+        along = np.array([np.sin(np.deg2rad(bearing)), np.cos(np.deg2rad(bearing))])
+        away = places[:, k] - places[:, k].mean(axis=0)
+        held.append(np.mean((away @ along / major) ** 2 + (away @ [along[1], -along[0]] / minor) ** 2 <= 1.0))
+        assert major >= minor > 0.0
+    assert 0.82 < np.mean(held) < 0.97
+    with pytest.raises(PlanError, match="three flights"):
+        surfacing_ellipses(fly_mission(flows[:2], PLAN), PLAN)
+    with pytest.raises(PlanError, match="without legs"):
+        fly_mission(FLOW, FAILED)
+
+
+def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_north():
+    # along a meridian east of the antimeridian, where the local frame's north leans; a little to either side
+    frame, latitudes = Projection(178.5, -60.0), -60.0 + 0.01 * np.linspace(-1.0, 1.0, 9)
+    longitudes = 180.0 + 1e-3 * (-1.0) ** np.arange(9)
+    places = np.column_stack(to_local(frame, longitudes, latitudes))
+    plan = replace(PLAN, surfacing_times=np.array([1.0]))
+    flights = MissionFlights(np.array([1.0]), np.zeros(1), places[:, None], np.zeros((9, 1, 2)), np.zeros((9, 1)), frame)
+    ((longitude, latitude, major, minor, bearing),) = ellipses = surfacing_ellipses(flights, plan)
+    assert abs(longitude) == pytest.approx(180.0, abs=1e-3)
+    assert latitude == pytest.approx(-60.0, abs=1e-3)
+    assert min(bearing, 180.0 - bearing) < 1.0
+    assert major > 5.0 * minor
+    # its ends lie on the meridian
+    outline = ellipse_outline(ellipses[0], frame)
+    ends = outline[[int(outline[:, 1].argmin()), int(outline[:, 1].argmax())]]
+    assert np.mod(ends[:, 0], 360.0) == pytest.approx(180.0, abs=1e-3)
+
+
+def test_tables_say_what_the_plan_says():
+    rows = legs_table(PLAN, None)
+    assert [row["surfacing_s"] for row in rows] == PLAN.surfacing_times.tolist()
+    assert rows[-1]["depth_m"] == max(PLAN.turns[-1])
+    assert all(row["dives"] == 1 for row in rows)
+    parsed = list(csv.DictReader(io.StringIO(to_csv(PLAN, np.ones((len(rows), 5))))))
+    assert [float(row["heading_deg"]) for row in parsed] == pytest.approx(PLAN.headings_deg.tolist(), abs=1e-6)
+    assert float(parsed[0]["ellipse_major_m"]) == 1.0
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, None))["features"]
+    kinds = [feature["geometry"]["type"] for feature in features]
+    assert kinds == ["LineString"] + ["Point"] * (2 + len(rows))
+    assert features[0]["geometry"]["coordinates"][0] == pytest.approx([PLAN.start.longitude, PLAN.start.latitude], abs=1e-6)
+    goal = next(feature for feature in features if feature["properties"]["name"] == "goal 1")["properties"]
+    assert (goal["met_s"], goal["depth_m"]) == (PLAN.goal_times[0], 100.0)
+    answer = json.loads(json.dumps(to_json(PLAN, None), allow_nan=False))
+    assert answer["goals"][0]["off_m"] == PLAN.closest_approach[0]
+    assert (answer["status"], len(answer["legs"])) == ("reached", len(rows))
+
+
+def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
+    ellipse = np.array([152.5, -40.0, 300.0, 100.0, 90.0])
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, np.tile(ellipse, (len(PLAN.turns), 1))))["features"]
+    outline = np.array(features[-1]["geometry"]["coordinates"][0])
+    np.testing.assert_array_equal(outline[0], outline[-1])
+    east, north = to_local(FLOW.grid.projection, *outline.T)
+    np.testing.assert_allclose((east / 300.0) ** 2 + (north / 100.0) ** 2, 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("bearing", [0.0, 30.0, 90.0, 200.0, 359.0])
+@pytest.mark.parametrize(("longitude", "latitude"), [(152.5, -40.0), (-179.999, 62.0), (152.6, 40.0)])
+def test_polygons_are_closed_and_run_counter_clockwise(bearing, longitude, latitude):
+    frame = Projection(longitude, latitude)
+    ring = ellipse_outline(np.array([longitude, latitude, 300.0, 100.0, bearing]), frame)
+    np.testing.assert_array_equal(ring[0], ring[-1])
+    east, north = to_local(frame, *ring.T)
+    # twice the signed area, by the shoelace formula: positive counter-clockwise
+    assert np.sum(east[:-1] * north[1:] - east[1:] * north[:-1]) > 0.0
+
+
+def test_the_rings_of_a_mission_s_geojson_run_counter_clockwise():
+    ellipses = np.tile([152.5, -40.0, 300.0, 100.0, 20.0], (len(PLAN.turns), 1))
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, ellipses))["features"]
+    polygons = [feature["geometry"]["coordinates"] for feature in features if feature["geometry"]["type"] == "Polygon"]
+    assert len(polygons) == len(PLAN.turns)
+    for (ring,) in polygons:
+        assert ring[0] == ring[-1]
+        assert sum(a[0] * b[1] - b[0] * a[1] for a, b in pairwise(np.array(ring) - ring[0])) > 0.0
+
+
+def test_what_is_counted_is_written_as_an_integer():
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, None))["features"]
+    told = [feature["properties"] for feature in features if "leg" in feature["properties"]]
+    surfacings = [properties for properties in told if properties["name"].startswith("surfacing")]
+    assert [repr(properties["leg"]) for properties in surfacings] == [str(k + 1) for k in range(len(PLAN.turns))]
+    answer = json.loads(json.dumps(to_json(PLAN, None)))
+    rows = [*told, *answer["legs"], *answer["goals"], json.loads(str(as_glide(PLAN, FLOW.grid.projection).statistics["leg_001"]))]
+    assert {type(row[name]) for row in rows for name in ("leg", "dives") if name in row} == {int}
+    assert to_csv(PLAN, None).splitlines()[1].startswith("1,")
+
+
+def test_a_mission_is_also_a_plan_for_the_result_s_messages():
+    glide = as_glide(PLAN, FLOW.grid.projection)
+    assert (glide.status, glide.heading_deg, glide.duration) == ("reached", PLAN.headings_deg[0], PLAN.duration)
+    assert np.linalg.norm(glide.velocity_through_water) == pytest.approx(0.3)
+    assert json.loads(str(glide.statistics["leg_001"]))["heading_deg"] == PLAN.headings_deg[0]
+    failed = as_glide(FAILED, FLOW.grid.projection)
+    assert (failed.status, failed.duration) == ("failed", 0.0)
+    assert to_csv(FAILED, None) == "leg\n"
+    assert json.loads(json.dumps(to_json(FAILED, None), allow_nan=False))["legs"] == []
+    assert len(json.loads(to_geojson(FAILED, still_flow().grid.projection, None))["features"]) == 2

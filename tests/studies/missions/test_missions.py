@@ -1,0 +1,295 @@
+"""Small missions end to end: their flights, what is counted of them, the studies' rows, the command."""
+
+import csv
+import io
+import json
+import math
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from replay_kit.cli.app import app
+from replay_kit.config.run import EstimatorConfig, RunConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Observation, PathMean
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.evolving import build_evolving
+from replay_kit.studies.missions import STUDIES, MissionJob, run_missions, to_csv, to_json
+from replay_kit.studies.missions import bias as bias_module
+from replay_kit.studies.missions import coverage as coverage_module
+from replay_kit.studies.missions.dac import _spread
+from replay_kit.studies.missions.flights import fly_dives, fly_pings, measurements, staying
+from replay_kit.studies.missions.follow import due, follow
+from replay_kit.studies.missions.rows import Figure, over_missions
+from replay_kit.studies.missions.sea import withhold
+from replay_kit.studies.twins.faults import Faults
+from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.glider import GliderLimits
+from tests import synthetic
+
+DAY = 86_400 * 10**9
+LEVELS = np.array([5.0, 90.0, 220.0])
+CONFIG = RunConfig(estimator=EstimatorConfig(modes=12, sample_share=0.6))
+JOB = MissionJob("1,3", pings=10, days=20.0, dives=2, looks=3)
+
+
+def series(n_times=3, days=0.6, speed=0.3) -> list[Ensemble]:
+    """An ensemble that turns into another one, slow enough for a glider to stay in its small region."""
+    first, last = (synthetic.ensemble(seed, n_members=6, levels=LEVELS) for seed in (0, 50))
+    shares = np.linspace(0.0, 1.0, n_times)
+    return [
+        Ensemble(first.grid, speed * (np.cos(s) * first.velocity + np.sin(s) * last.velocity), DAY + int(s * days * DAY), "synthetic")
+        for s in shares
+    ]
+
+
+CASE = withhold(series(), 1)
+SEA = build_field(*CASE.truths)
+FLIGHT = staying(partial(fly_pings, SEA, 10, 20.0, 0.05), 0)
+
+
+@pytest.fixture(scope="module")
+def result():
+    with pytest.MonkeyPatch.context() as patch:
+        # a ping in ten minutes of a mission is many for a test
+        patch.setattr(bias_module, "_EVERY_S", 3600.0)
+        return run_missions(series(), CONFIG, JOB)
+
+
+def value_of(result, study, method, figure):
+    (row,) = (row for row in result.rows if (row.study, row.method, row.figure) == (study, method, figure))
+    return row
+
+
+def test_parts_add_up_over_their_wholes():
+    missions = [[Figure("s", "m", "ratio", 1.0, 2.0, at_most=0.3)], [Figure("s", "m", "ratio", 1.0, 6.0, at_most=0.3)]]
+    (row,) = over_missions(missions)
+    assert (row.value, row.by_mission, row.met) == (0.25, (0.5, 1.0 / 6.0), True)
+    assert math.isnan(row.at_least)
+    below, undefined, unasked = over_missions(
+        [[Figure("s", "m", "a", 1.0, at_least=2.0), Figure("s", "m", "b", 1.0, 0.0, at_most=9.0), Figure("s", "m", "c", 7.0)]]
+    )
+    assert (below.met, undefined.met, unasked.met) == (False, False, None)
+    assert math.isnan(undefined.value)
+
+
+def test_the_truth_is_withheld_and_linear_between_the_forecasts_times():
+    forecasts = series()
+    assert all(case.n_members == 5 for case in CASE.forecasts)
+    quarter = DAY + int(0.25 * 0.6 * DAY)
+    j, i = 2, 3
+    point = int(np.flatnonzero((CASE.at.index[0] == 1) & (CASE.at.index[1] == j) & (CASE.at.index[2] == i))[0])
+    expected = 0.5 * (forecasts[0].velocity[1, :, 1, j, i] + forecasts[1].velocity[1, :, 1, j, i])
+    np.testing.assert_allclose(CASE.at_time(CASE.truth, quarter)[point], expected, rtol=1e-12)
+    np.testing.assert_array_equal(CASE.at_time(CASE.truth, 99 * DAY), CASE.truth[-1])
+    others = np.delete(forecasts[2].velocity, 1, axis=0)[:, :, 1, j, i]
+    np.testing.assert_allclose(CASE.mean[2][point], others.mean(axis=0), rtol=1e-12)
+    error = CASE.mean[2] - CASE.truth[2]
+    assert CASE.mean_rmse([99 * DAY]) == pytest.approx(math.sqrt(sum(float(e @ e) for e in error) / len(error)))
+
+
+def test_a_mission_ends_with_the_truth_and_its_course_does_not_depend_on_faults():
+    sound, faulty = measurements(FLIGHT), measurements(FLIGHT, Faults("platform", 0.02, 5.0, 0.03))
+    assert [m.time_ns for m in sound] == FLIGHT.mission.pings.time_ns.tolist() == [m.time_ns for m in faulty]
+    assert FLIGHT.mission.positions[-1].time_ns <= SEA.time_ns[-1]
+    # the pings fill the time that there is, but for one dive
+    assert sound[-1].time_ns - sound[0].time_ns > 0.7 * 0.6 * DAY
+    assert len(set(np.diff([m.time_ns for m in sound]))) == 1
+    for one, other in zip(sound, faulty, strict=True):
+        assert isinstance(one, Observation)
+        assert (one.common_std, other.common_std) == (0.0, pytest.approx(0.02))
+        assert (one.longitude, one.latitude) == (other.longitude, other.latitude)
+    unknown = measurements(FLIGHT, Faults("platform"), mean_currents=True)
+    assert {m.common_std for m in unknown if isinstance(m, Observation)} == {math.inf}
+    assert sum(isinstance(m, PathMean) for m in unknown) == len(FLIGHT.mission.dives)
+
+
+def test_a_mission_of_dives_has_as_many_mean_currents_and_ends_with_the_truth():
+    flight = fly_dives(SEA, 3, 0.05, GliderLimits(), FLIGHT.seed)
+    means = measurements(flight, pings=False, mean_currents=True)
+    assert len(means) == 3
+    assert all(isinstance(mean, PathMean) for mean in means)
+    assert SEA.time_ns[-1] - 3600 * 10**9 < means[-1].time_ns <= SEA.time_ns[-1]
+    with pytest.raises(ConfigError, match="--dives"):
+        fly_dives(SEA, 30, 0.05, GliderLimits(), 0)
+    with pytest.raises(ConfigError, match="--pings"):
+        fly_pings(SEA, 2000, 20.0, 0.05, 0)
+
+
+def test_a_course_that_leaves_the_water_is_tried_elsewhere():
+    tried = []
+
+    def fly(seed):
+        tried.append(seed)
+        if len(tried) < 3:
+            raise ForecastError("out")
+        return FLIGHT
+
+    assert staying(fly, 7) is FLIGHT
+    assert tried == [7, 10_007, 20_007]
+    torrent = [replace(truth, velocity=np.full_like(truth.velocity, 4.0)) for truth in CASE.truths]
+    with pytest.raises(ForecastError, match="out of the truth's water"):
+        staying(partial(fly_pings, build_field(*torrent), 10, 20.0, 0.05), 0)
+
+
+def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
+    forecasts = series()
+    job = replace(JOB, studies=("outliers",), looks=1)
+    torrents = [replace(f, velocity=np.where(np.arange(6)[:, None, None, None, None] == 3, 4.0, f.velocity)) for f in forecasts]
+    left = run_missions(torrents, CONFIG, job)
+    assert len(left.lost) == 1
+    assert left.lost[0].startswith("member 3, seed 0, outliers: the current carried the glider")
+    assert {len(row.by_mission) for row in left.rows} == {1}
+    assert to_json(left)["lost"] == list(left.lost)
+    with pytest.raises(ForecastError, match="no mission is left"):
+        run_missions(torrents, CONFIG, replace(job, leave_out="3"))
+
+
+def test_looks_are_spread_evenly_and_end_with_the_mission():
+    assert due(10, 3) == (3, 7, 10)
+    assert due(2, 20) == (1, 2)
+
+
+def test_what_was_said_is_counted_and_a_covariance_grows_by_its_factor():
+    given = measurements(FLIGHT)
+    estimator = build_evolving([CASE.forecasts[1]], CONFIG.estimator, TimeConfig(scale="static", dropped_std=0.0))
+    place = CASE.at.place
+    plain = follow(estimator, given, 2, lambda flow, time_ns: flow.velocity(*place))
+    static = follow(build_estimator(CASE.forecasts[1], CONFIG.estimator), given, 2, lambda flow, time_ns: flow.velocity(*place))
+    # what is compared with as a static filter is one
+    np.testing.assert_allclose(plain.looks[-1], static.looks[-1], atol=1e-6)
+    nis, inside = static.nis("s", "m", asked=True)
+    dof = sum(said.dof for said in static.said)
+    assert nis.part / nis.whole == pytest.approx(sum(said.nis for said in static.said) / dof)
+    assert chi2.cdf([nis.at_least * dof, nis.at_most * dof], dof) == pytest.approx([0.025, 0.975])
+    within = [0.025 <= chi2.cdf(said.nis, said.dof) <= 0.975 for said in static.said]
+    assert (inside.part, inside.whole) == (sum(within), len(within))
+
+    # the same by hand
+    state, factor = estimator.initial(), 1.5
+    for before, observation in zip([None, *given[:-1]], given, strict=True):
+        if before is not None:
+            state = replace(state, covariance=factor ** ((observation.time_ns - before.time_ns) / DAY) * state.cov)
+        state, _ = estimator.step(state, observation)
+    grown = follow(estimator, given, 1, lambda flow, time_ns: time_ns, grown_a_day=factor)
+    np.testing.assert_allclose(grown.state.mean, state.mean, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(grown.state.cov, state.cov, rtol=1e-9, atol=1e-12)
+    assert grown.looks == (given[-1].time_ns,)
+
+
+def test_intervals_are_counted_apart_near_to_pings_and_far():
+    """An estimate that is off by one standard deviation everywhere is inside 90 % intervals and outside 50 % ones."""
+    truth = CASE.truth[0]
+    std = np.full(truth.shape, 0.1)
+    std[0] = np.nan  # nothing is known there
+    flow = SimpleNamespace(velocity=lambda *_: truth + 0.1, standard_error=lambda *_: std)
+    pinged = CASE.at.points[:1] + np.array([0.0, 10_001.0])
+    near = coverage_module._near(CASE.at.points, pinged)
+    np.testing.assert_array_equal(near, np.hypot(*(CASE.at.points - pinged).T) <= 10e3)
+    assert 0 < near.sum() < near.size
+    assert not near[0]
+    hits = coverage_module._hits(SimpleNamespace(case=CASE), flow, int(CASE.times_ns[0]), near, "now")
+    observed, unobserved = 2 * int(near.sum()), 2 * int((~near).sum()) - 2
+    assert hits == {
+        ("observed", "now", 0.5): (0, observed),
+        ("observed", "now", 0.9): (observed, observed),
+        ("unobserved", "now", 0.5): (0, unobserved),
+        ("unobserved", "now", 0.9): (unobserved, unobserved),
+    }
+
+
+def test_some_of_the_dives_are_spread_over_the_mission():
+    assert _spread(tuple(range(10)), 5) == (1, 3, 5, 7, 9)
+    assert _spread(tuple(range(3)), 5) == (0, 1, 2)
+
+
+def test_every_study_says_its_figures_beside_what_is_asked(result):
+    assert tuple(dict.fromkeys(row.study for row in result.rows)) == STUDIES
+    for study in STUDIES:
+        assert any(row.met is not None for row in result.rows if row.study == study)
+    for row in result.rows:
+        assert 1 <= len(row.by_mission) <= 2
+    error, static = (value_of(result, "time", method, "RMSE [m/s]") for method in ("through time", "static, middle time"))
+    ratio = value_of(result, "time", "through time", "RMSE over the best static one's")
+    best = [
+        min(values)
+        for values in zip(
+            *(
+                row.by_mission
+                for row in result.rows
+                if row.method.startswith("static, ") and row.figure == "RMSE [m/s]" and "best" not in row.method
+            ),
+            strict=True,
+        )
+    ]
+    assert ratio.by_mission == pytest.approx([a / b for a, b in zip(error.by_mission, best, strict=True)])
+    assert ratio.value == pytest.approx(sum(error.by_mission) / sum(best))
+    assert (ratio.at_most, ratio.met) == (0.75, ratio.value <= 0.75)
+    assert static.met is None
+    peer = value_of(result, "time", "static, best inflation", "RMSE [m/s]")
+    assert all(a <= b for a, b in zip(peer.by_mission, best, strict=True))
+    assert value_of(result, "outliers", "with outliers, gate reject", "outliers rejected or softened").value == 1.0
+    observed = value_of(result, "coverage", "observed places, now", "share inside 90 % intervals")
+    assert (observed.at_least, observed.at_most) == (0.86, 0.94)
+
+
+def test_rows_go_to_json_and_csv_as_they_are(result):
+    answer = json.loads(json.dumps(to_json(result), allow_nan=False))
+    assert answer["members"] == [1, 3]
+    assert answer["times"] == 3
+    keys = {"study", "method", "figure", "value", "at_least", "at_most", "met", "by_mission"}
+    assert all(set(row) == keys for row in answer["rows"])
+    table = list(csv.DictReader(io.StringIO(to_csv(result))))
+    assert [row["figure"] for row in table] == [row.figure for row in result.rows]
+    for written, row in zip(table, result.rows, strict=True):
+        assert float(written["value"] or "nan") == pytest.approx(row.value, nan_ok=True)
+        assert written["at_most"] == ("" if math.isnan(row.at_most) else str(row.at_most))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"studies": ("time", "tides")}, "--study"),
+        ({"studies": ()}, "--study"),
+        ({"leave_out": "1,x"}, "--leave-out"),
+        ({"leave_out": "1,1"}, "--leave-out"),
+        ({"leave_out": "6"}, "--leave-out"),
+        ({"pings": 0}, "pings"),
+        ({"days": math.nan}, "days"),
+        ({"noise": 0.0}, "--noise"),
+    ],
+)
+def test_wrong_options_are_said(changes, words):
+    with pytest.raises(ConfigError, match=words):
+        run_missions(series(), CONFIG, replace(JOB, **changes))
+
+
+def test_what_needs_time_or_the_projects_own_estimator_is_said():
+    with pytest.raises(ConfigError, match="reference-time"):
+        run_missions(series()[:1], CONFIG, JOB)
+    for settings in ({"name": "etkf"}, {"preset": "paper"}):
+        config = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update=settings)})
+        with pytest.raises(ConfigError, match="own estimator"):
+            run_missions(series(), config, replace(JOB, studies=("dac",)))
+
+
+def test_the_command_writes_tables_and_replaces_none_unasked(tmp_path, monkeypatch, capsys):
+    ds = synthetic.dataset(n_members=4, levels=LEVELS).map(lambda v: 0.3 * v.expand_dims(lead=[0.0, 0.6]), keep_attrs=True)
+    ds["lead"].attrs["units"] = "days"
+    ds.to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
+    monkeypatch.chdir(tmp_path)
+    words = "--ensemble e.nc --leave-out 2 --reference-time 2020-01-01T00:00:00Z --modes 8 --study outliers --pings 6 -o out"
+    command = ["experiment", "missions", *words.split()]
+    app(command, standalone_mode=False)
+    assert "with outliers, gate reject" in capsys.readouterr().out
+    answer = json.loads((tmp_path / "out" / "missions.json").read_text())
+    assert (answer["times"], answer["job"]["studies"]) == (2, ["outliers"])
+    assert (tmp_path / "out" / "missions.csv").read_text().count("\n") == len(answer["rows"]) + 1
+    with pytest.raises(ConfigError, match="--overwrite"):
+        app(command, standalone_mode=False)

@@ -1,0 +1,81 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.studies.twins import ensemble as synthetic
+
+
+def _velocity(seed: int) -> np.ndarray:
+    members, _ = synthetic.synthesize(seed)
+    return np.stack([members.uo.values, members.vo.values], axis=1)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_speed_and_spread_are_those_of_an_eddying_ocean(seed: int) -> None:
+    velocity = _velocity(seed)
+    rms = np.sqrt((velocity**2).sum(axis=1).mean())
+    spread = np.sqrt(velocity.var(axis=0, ddof=1).sum(axis=0).mean())
+    assert 0.24 < rms < 0.30
+    assert 0.6 < spread / rms < 0.7
+    by_level = np.sqrt((velocity**2).sum(axis=1).mean(axis=(0, 2, 3)))
+    assert (np.diff(by_level) < 0.0).all()
+    assert np.sqrt((velocity**2).sum(axis=1)).max() < 1.5
+
+
+def test_divergence_is_zero_at_every_depth() -> None:
+    rng = np.random.default_rng(0)
+    eddies, jet = synthetic._draw_common_eddies(rng), synthetic._draw_jet(rng)
+    east, north, depth = rng.uniform(-8e4, 8e4, 300), rng.uniform(-5e4, 5e4, 300), rng.uniform(0.0, 750.0, 300)
+    h = 10.0
+
+    def at(d_east: float, d_north: float) -> tuple[np.ndarray, np.ndarray]:
+        return synthetic.velocity((eddies,), jet, east + d_east, north + d_north, depth)
+
+    across = (at(h, 0.0)[0] - at(-h, 0.0)[0]) / (2 * h)
+    along = (at(0.0, h)[1] - at(0.0, -h)[1]) / (2 * h)
+    # derivatives are of the order of 1e-5 / s; central differences over 20 m err by 1e-12 / s
+    assert np.abs(across).max() > 1e-6
+    np.testing.assert_allclose(across + along, 0.0, atol=1e-11)
+
+
+def test_the_truth_does_not_depend_on_the_number_of_members() -> None:
+    np.testing.assert_array_equal(synthetic.synthesize(5, 2)[1].uo, synthetic.synthesize(5, 9)[1].uo)
+
+
+def test_files_are_the_same_bytes_twice_and_small(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ("a.nc", "b.nc", "at.nc", "bt.nc")]
+    synthetic.write_ensemble(paths[0], paths[2])
+    synthetic.write_ensemble(paths[1], paths[3])
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert paths[2].read_bytes() == paths[3].read_bytes()
+    assert paths[0].stat().st_size < 300_000
+    assert sorted(tmp_path.iterdir()) == sorted(paths)
+
+
+def test_files_are_read_as_a_forecast(tmp_path: Path) -> None:
+    members, truth = synthetic.write_ensemble(tmp_path / "e.nc", tmp_path / "t.nc", n_members=3, seed=4)
+    read = read_ensemble(tmp_path / "e.nc", ForecastConfig())
+    assert read.velocity.shape == (3, 2, 6, 13, 21)
+    assert read.time_ns == 1_542_326_400_000_000_000
+    assert np.sqrt(np.nanmean(read.velocity**2)) == pytest.approx(float(np.sqrt((members.uo**2 + members.vo**2).mean() / 2)), rel=1e-3)
+    again = read_truth(str(tmp_path / "t.nc"), ForecastConfig())
+    assert np.abs(again.velocity[0, 0, 0] - truth.uo.values[0]).max() < 0.02
+
+
+def test_existing_files_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "t.nc").write_text("mine")
+    with pytest.raises(ConfigError, match="overwrite"):
+        synthetic.write_ensemble(tmp_path / "e.nc", tmp_path / "t.nc")
+    assert not (tmp_path / "e.nc").exists()
+    synthetic.write_ensemble(tmp_path / "e.nc", tmp_path / "t.nc", n_members=2, overwrite=True)
+    assert (tmp_path / "t.nc").read_bytes()[:3] == b"CDF"
+
+
+@pytest.mark.parametrize(("members", "seed"), [(1, 0), (5, -1)])
+def test_bad_arguments_are_refused(members: int, seed: int) -> None:
+    with pytest.raises(ConfigError, match="expected at least 2"):
+        synthetic.synthesize(seed, members)

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.studies.twins.field import build_field, grid_indices
+from tests.reference import field as slow
+from tests.studies.twins.truths import LEVELS, eddy, make_truth
+
+
+def _with_land(truth: Ensemble, wet: np.ndarray) -> Ensemble:
+    grid = truth.grid
+    masked = Grid(grid.projection, grid.longitude, grid.latitude, grid.east, grid.north, grid.levels, wet)
+    return Ensemble(masked, np.where(wet, truth.velocity, np.nan), None, truth.source)
+
+
+def _inner_places(truth: Ensemble, count: int) -> np.ndarray:
+    """Places and depths well inside the grid."""
+    rng = np.random.default_rng(3)
+    field = build_field(truth)
+    rows, columns = truth.grid.east.shape
+    index = rng.uniform([0.3, 0.3], [rows - 1.3, columns - 1.3], (count, 2))
+    return np.column_stack([field.place_spline(index), rng.uniform(0.0, truth.grid.levels[-1], count)])
+
+
+def test_grid_points_are_returned_exactly() -> None:
+    truth = make_truth()
+    shape = truth.grid.wet.shape
+    east, north = (np.broadcast_to(part, shape) for part in (truth.grid.east, truth.grid.north))
+    depth = np.broadcast_to(truth.grid.levels[:, None, None], shape)
+    sampled = build_field(truth).velocity(east, north, depth)
+    np.testing.assert_allclose(np.moveaxis(sampled, -1, 0), truth.velocity[0], atol=1e-9)
+
+
+def test_equals_the_slow_twin() -> None:
+    truth = make_truth()
+    places = _inner_places(truth, 25)
+    expected = [slow.velocity(truth, *place) for place in places]
+    np.testing.assert_allclose(build_field(truth).velocity(*places.T), expected, atol=1e-9)
+
+
+def test_indices_of_a_curvilinear_grid_are_found_everywhere_in_it() -> None:
+    truth = make_truth(bend=0.15)
+    field = build_field(truth)
+    rng = np.random.default_rng(0)
+    rows, columns = truth.grid.east.shape
+    index = rng.uniform([0.0, 0.0], [rows - 1.0, columns - 1.0], (2000, 2))
+    places = field.place_spline(index)
+    j, i, inside = grid_indices(field, places[:, 0], places[:, 1])
+    assert inside.all()
+    np.testing.assert_allclose(np.column_stack([j, i]), index, atol=1e-8)
+
+
+def test_interpolation_is_of_fourth_order() -> None:
+    errors = []
+    for refine in (1, 2, 4):
+        levels = np.linspace(0.0, 700.0, 8 * refine + 1)
+        truth = make_truth(rows=10 * refine + 1, columns=16 * refine + 1, cell=8000.0 / refine, levels=levels)
+        places = _inner_places(make_truth(rows=7, columns=12, cell=8000.0), 400) * [1.0, 1.0, 0.9]
+        exact = np.column_stack(eddy(*places.T))
+        errors.append(np.abs(build_field(truth).velocity(*places.T) - exact).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 3.3).all(), orders
+
+
+def test_outside_of_the_grid_and_below_it_is_nan() -> None:
+    field = build_field(make_truth())
+    assert np.isnan(field.velocity([2e5, 0.0, 0.0, np.nan], [0.0, -2e5, 0.0, 0.0], [10.0, 10.0, 751.0, 10.0])).all()
+
+
+def test_above_the_first_level_is_the_first_level() -> None:
+    field = build_field(make_truth())
+    np.testing.assert_array_equal(field.velocity(1e3, 2e3, 0.0), field.velocity(1e3, 2e3, LEVELS[0]))
+
+
+def test_a_cell_with_a_dry_corner_is_nan_and_no_other() -> None:
+    truth = make_truth()
+    wet = truth.grid.wet.copy()
+    wet[3:, 6, 10] = False
+    field = build_field(_with_land(truth, wet))
+    index = np.array([(5.5, 9.5), (6.5, 10.5), (4.5, 9.5), (6.5, 11.5)])
+    east, north = field.place_spline(index).T
+    assert np.isnan(field.velocity(east, north, 200.0)).all(axis=-1).tolist() == [True, True, False, False]
+    assert np.isfinite(field.velocity(east, north, 150.0)).all()
+
+
+@pytest.mark.parametrize("levels", [np.array([10.0]), np.array([10.0, 60.0]), np.array([5.0, 20.0, 90.0])])
+def test_few_levels_are_enough(levels: np.ndarray) -> None:
+    truth = make_truth(levels=levels)
+    sampled = build_field(truth).velocity(truth.grid.east, truth.grid.north, levels[-1])
+    np.testing.assert_allclose(np.moveaxis(sampled, -1, 0), truth.velocity[0, :, -1], atol=1e-9)
+
+
+def test_a_truth_is_one_member() -> None:
+    truth = make_truth()
+    two = Ensemble(truth.grid, np.repeat(truth.velocity, 2, axis=0), None, "two")
+    with pytest.raises(ForecastError, match="#MEMBER"):
+        build_field(two)
+
+
+def test_a_truth_has_water() -> None:
+    truth = make_truth()
+    with pytest.raises(ForecastError, match="no wet point"):
+        build_field(_with_land(truth, np.zeros_like(truth.grid.wet)))

@@ -1,0 +1,270 @@
+"""Runs that are killed and go on give the bytes of an uninterrupted run; a checkpoint that does not fit is refused."""
+
+import hashlib
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replay_kit.workflows.replay.session
+from replay_kit.config.run import OutputConfig, RunConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.plan import Place
+from replay_kit.forecast import read_truth
+from replay_kit.results.journal import Journal, read_journal
+from replay_kit.results.mcap_file import ResultFile
+from replay_kit.studies.twins import make_twin
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.checkpoint import journal_path
+from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.verify import verify
+from tests import synthetic
+
+CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
+GOAL = Place(152.3, -39.8, 150.0)
+
+
+class Killed(BaseException):
+    """What stops a run in these tests and no code of the project knows."""
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("ocean")
+    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
+    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    truth = read_truth(str(folder / "truth.nc"), CONFIG.forecast)
+    make_twin(truth, "glider", 90, 0.05, 1, folder / "glider.mcap")
+    make_twin(truth, "vessel", 40, 0.05, 2, folder / "survey.mcap")
+    return folder
+
+
+def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL, logs=("glider.mcap",), include_inputs=False):
+    paths = tuple(ocean / log for log in logs)
+    job = ReplayJob(paths, ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True, include_inputs=include_inputs)
+    seen = 0
+
+    def on_message(_):
+        nonlocal seen
+        seen += 1
+        if seen == stop_after:
+            raise Killed
+
+    return replay(job, config, planner_of(config.planner), on_message)
+
+
+@pytest.fixture(scope="module")
+def whole(ocean, tmp_path_factory):
+    """The bytes and the summary of a run without checkpoints."""
+    out = tmp_path_factory.mktemp("whole") / "out.mcap"
+    summary, _ = run(ocean, out)
+    return out.read_bytes(), summary
+
+
+def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(ocean, tmp_path, whole):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    stops = 0
+    for stop_after in (130, 40, 20, None):
+        try:
+            summary, _ = run(ocean, out, checkpoint, stop_after)
+        except Killed:
+            stops += 1
+            assert checkpoint.exists()
+            assert not out.exists()
+    assert stops == 3
+    assert out.read_bytes() == whole[0]
+    assert summary.by_dive == whole[1].by_dive
+    assert summary.messages == whole[1].messages
+    assert not checkpoint.exists()
+    assert not journal_path(checkpoint).exists()
+
+
+WINDOW = CONFIG.model_copy(update={"time": TimeConfig(scale=432_000.0, window=1800.0)})
+
+
+@pytest.fixture(scope="module")
+def grouped(ocean, tmp_path_factory):
+    """The result of a run whose profiles count together, in groups that begin and end within blocks; without checkpoints."""
+    out = tmp_path_factory.mktemp("grouped") / "out.mcap"
+    run(ocean, out, config=WINDOW, goal=None)
+    return out
+
+
+@pytest.mark.parametrize("block", [1, 5, 1000])
+def test_blocks_of_the_replay_change_no_byte_of_profiles_that_count_together(ocean, tmp_path, grouped, block, monkeypatch):
+    monkeypatch.setattr(replay_kit.workflows.replay.session, "BLOCK", block)
+    run(ocean, tmp_path / "out.mcap", config=WINDOW, goal=None)
+    assert (tmp_path / "out.mcap").read_bytes() == grouped.read_bytes()
+
+
+def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(ocean, tmp_path, grouped):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    for stop_after in (130, 40, 20):
+        with pytest.raises(Killed):
+            run(ocean, out, checkpoint, stop_after, config=WINDOW, goal=None)
+        # the state that is kept holds the open group
+        assert b"replay_kit.estimator.evolving.together" in checkpoint.read_bytes()
+    run(ocean, out, checkpoint, config=WINDOW, goal=None)
+    assert out.read_bytes() == grouped.read_bytes()
+    assert verify(out, [ocean], planner_of).same
+
+
+def test_a_resumed_run_scores_the_truth_near_all_profiles_used_not_only_those_since_the_checkpoint(ocean, tmp_path):
+    job = ReplayJob(
+        (ocean / "glider.mcap",), ocean / "ensemble.nc", tmp_path / "out.mcap", truth=str(ocean / "truth.nc"), truth_radius_km=8.0
+    )
+    whole, _ = replay(job, CONFIG)
+    resumed = replace(job, checkpoint=tmp_path / "run.ck", overwrite=True)
+    left = 200
+
+    def on_message(_):
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise Killed
+
+    with pytest.raises(Killed):
+        replay(resumed, CONFIG, on_message=on_message)
+    assert resumed.checkpoint.exists()
+    summary, _ = replay(resumed, CONFIG)
+    assert summary.truth is not None
+    # as text, because what a run without a goal does not know is NaN
+    assert repr(summary.truth) == repr(whole.truth)
+    far, _ = replay(replace(job, out=None, truth_radius_km=None), CONFIG)
+    assert repr(summary.truth) != repr(far.truth)
+
+
+def test_copied_inputs_of_several_logs_are_copied_once_however_often_a_run_is_stopped(ocean, tmp_path):
+    logs = ("glider.mcap", "survey.mcap")
+    run(ocean, tmp_path / "whole.mcap", logs=logs, include_inputs=True)
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    for stop_after in (130, 50):
+        with pytest.raises(Killed):
+            run(ocean, out, checkpoint, stop_after, logs=logs, include_inputs=True)
+    run(ocean, out, checkpoint, logs=logs, include_inputs=True)
+    assert out.read_bytes() == (tmp_path / "whole.mcap").read_bytes()
+    assert verify(out, [ocean], planner_of).same
+
+
+def test_checkpoints_change_nothing_in_the_result(ocean, tmp_path, whole):
+    run(ocean, tmp_path / "out.mcap", tmp_path / "run.ck")
+    assert (tmp_path / "out.mcap").read_bytes() == whole[0]
+
+
+def command_line(ocean, folder, *more):
+    """The run of ``whole`` as a command, its result in a folder."""
+    (folder / "run.toml").write_text("[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n")
+    command = [sys.executable, "-c", "from replay_kit.cli.app import main; main()", "replay", str(ocean / "glider.mcap")]
+    options = ["--ensemble", str(ocean / "ensemble.nc"), "--config", str(folder / "run.toml"), "--goal=152.3,-39.8,150", "--overwrite"]
+    return [*command, *options, "-o", str(folder / "out.mcap"), *more]
+
+
+def test_a_process_that_is_killed_goes_on(ocean, tmp_path, whole):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    command = command_line(ocean, tmp_path, "--checkpoint", str(checkpoint))
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    while not checkpoint.exists() and process.poll() is None:
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not out.exists()
+    subprocess.run(command, check=True, capture_output=True)
+    assert out.read_bytes() == whole[0]
+
+
+def test_the_caller_s_environment_changes_nothing(ocean, tmp_path, whole):
+    other = {
+        "PYTHONHASHSEED": "7",
+        "OMP_NUM_THREADS": "2",
+        "OPENBLAS_NUM_THREADS": "2",
+        "TZ": "Pacific/Auckland",
+        "LC_ALL": "C",
+        "LANG": "C",
+    }
+    subprocess.run(command_line(ocean, tmp_path), check=True, capture_output=True, env={**os.environ, **other})
+    assert (tmp_path / "out.mcap").read_bytes() == whole[0]
+
+
+@pytest.mark.parametrize("what", ["settings", "goal"])
+def test_a_checkpoint_of_another_run_is_refused(ocean, tmp_path, what):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    with pytest.raises(Killed):
+        run(ocean, out, checkpoint, 130)
+    other = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 5})}) if what == "settings" else CONFIG
+    with pytest.raises(ConfigError, match="another run"):
+        run(ocean, out, checkpoint, config=other, goal=None if what == "goal" else GOAL)
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "journal cut", "journal flip", "journal gone"])
+def test_a_damaged_checkpoint_is_named_and_nothing_is_guessed(ocean, tmp_path, damage):
+    out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
+    with pytest.raises(Killed):
+        run(ocean, out, checkpoint, 130)
+    file = journal_path(checkpoint) if damage.startswith("journal") else checkpoint
+    data = bytearray(file.read_bytes())
+    if damage.endswith("gone"):
+        file.unlink()
+    else:
+        data[100] ^= 4
+        file.write_bytes(data if damage.endswith("flip") else data[: len(data) // 2])
+    with pytest.raises((LogError, ConfigError), match=file.name):
+        run(ocean, out, checkpoint)
+
+
+@pytest.mark.parametrize("what", ["getcwd", "dotted", "file"])
+def test_a_checkpoint_that_would_act_is_not_loaded(ocean, tmp_path, what):
+    checkpoint = tmp_path / "run.ck"
+    with pytest.raises(Killed):
+        run(ocean, tmp_path / "out.mcap", checkpoint, 130)
+    body = {
+        "getcwd": pickle.dumps(os.getcwd),
+        "dotted": b"\x80\x04\x8c\x26replay_kit.estimator.baselines.columns\x8c\x18np.f2py.subprocess.Popen\x93.",
+        "file": pickle.dumps(ResultFile),
+    }[what]
+    head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 1\n") + 64]
+    checkpoint.write_bytes(head + hashlib.sha256(body).digest() + body)
+    with pytest.raises(LogError, match="which no checkpoint does"):
+        run(ocean, tmp_path / "out.mcap", checkpoint)
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "glider.mcap", "ensemble.nc", "other"])
+def test_a_checkpoint_harms_no_other_file(ocean, tmp_path, name):
+    for source in ("glider.mcap", "ensemble.nc"):
+        shutil.copy(ocean / source, tmp_path / source)
+    (tmp_path / "other").write_text("precious")
+    (tmp_path / "new.journal").write_text("precious")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for checkpoint in (tmp_path / name, tmp_path / "new"):
+        with pytest.raises(ConfigError, match=r"out\.mcap|input|no checkpoint|no journal"):
+            run(tmp_path, tmp_path / "out.mcap", checkpoint)
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_journal_gives_back_what_it_was_told_and_forgets_what_was_not_confirmed(tmp_path):
+    path = tmp_path / "journal"
+    journal = Journal(path)
+    entries = [({"kind": "message", "n": n}, np.random.default_rng(n).bytes(n * 37)) for n in range(5)]
+    for entry in entries[:3]:
+        journal.append(*entry)
+    length = journal.flushed()
+    journal.append({"kind": "lost"}, b"x")
+    journal.close()
+    assert list(read_journal(path, length)) == entries[:3]
+    again = Journal(path, length)
+    for entry in entries[3:]:
+        again.append(*entry)
+    assert list(read_journal(path, again.flushed())) == entries
+    again.close()
+    with pytest.raises(LogError, match="expected at least"):
+        Journal(path, 10**6)

@@ -1,0 +1,227 @@
+"""Missions planned in a replay: when, what is kept of each plan, and that the result is made again bit for bit."""
+
+import io
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from rich.console import Console
+from typer.testing import CliRunner
+
+from planners import plan_mission
+from replay_kit.cli import app as cli
+from replay_kit.config.planner import PlannerConfig
+from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig, load_config
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.geodesy import distance, to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Source, VehicleState
+from replay_kit.core.plan import Place
+from replay_kit.core.surfacing import Ellipse, Surfacing, outcome_of
+from replay_kit.estimator import embed_member
+from replay_kit.forecast import read_truth
+from replay_kit.measurements.vehicle.surfacing import SurfacingWatch, watched
+from replay_kit.results.summary import print_summary, to_json
+from replay_kit.studies.twins import make_twin
+from replay_kit.workflows.planning import MissionPlanner, planner_of
+from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.verify import verify
+from tests import synthetic
+
+PLANNER = PlannerConfig(kind="mission", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0)
+CONFIG = RunConfig(
+    estimator=EstimatorConfig(modes=12, sample_share=0.5), planner=PLANNER, output=OutputConfig(checkpoint_interval=600.0, interval=7200.0)
+)
+GOAL = Place(152.42, -39.66, 0.0)
+
+
+class Killed(BaseException):
+    """What stops a run in these tests and no code of the project knows."""
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("ocean")
+    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
+    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    truth = read_truth(str(folder / "truth.nc"), CONFIG.forecast)
+    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.mcap")
+    return folder
+
+
+def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL):
+    job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True)
+    seen = 0
+
+    def on_message(_):
+        nonlocal seen
+        seen += 1
+        if seen == stop_after:
+            raise Killed
+
+    return replay(job, config, planner_of(config.planner), on_message)[0]
+
+
+@pytest.fixture(scope="module")
+def stopped(ocean):
+    """The result and the summary of a run that was stopped and went on, and the checkpoint between."""
+    out, checkpoint = ocean / "out.mcap", ocean / "run.ck"
+    with pytest.raises(Killed):
+        run(ocean, out, checkpoint, stop_after=80)
+    between = checkpoint.read_bytes()
+    return out, run(ocean, out, checkpoint), between
+
+
+def decoded(path, topic):
+    with path.open("rb") as stream:
+        return [one[3] for one in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics=[topic])]
+
+
+def ns(stamp) -> int:
+    return stamp.ToNanoseconds()
+
+
+def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happened(stopped):
+    path, summary, _ = stopped
+    plans, outcomes, fixes = (decoded(path, topic) for topic in ("/plan/controls", "/plan/outcome", "/vehicle/fix"))
+    depths = [(ns(fix.timestamp), -fix.altitude, fix) for fix in fixes]
+    # the first fix not below the surface depth after each dive
+    surfaced = [after for before, after in pairwise(depths) if before[1] > 3.0 >= after[1]]
+    assert len(surfaced) >= 3
+    times = [time for time, _, _ in surfaced]
+    # four minutes adrift after each surfacing; one more plan at the log's end
+    assert [ns(plan.timestamp) - 240 * 10**9 for plan in plans[:-1]] == times
+    assert [ns(outcome.timestamp) for outcome in outcomes] == times[1:]
+    for outcome, plan, (_, _, fix) in zip(outcomes, plans, surfaced[1:], strict=False):
+        assert ns(outcome.planned_time) == ns(plan.timestamp)
+        assert (outcome.actual.longitude, outcome.actual.latitude) == (fix.longitude, fix.latitude)
+        away = distance(outcome.predicted.longitude, outcome.predicted.latitude, fix.longitude, fix.latitude)
+        assert outcome.distance == pytest.approx(float(away), rel=1e-6)
+        assert outcome.late == pytest.approx((ns(outcome.timestamp) - ns(outcome.predicted_time)) / 1e9)
+        # the first leg in the plan ends after its drift
+        leg = json.loads(next(item.value for item in plan.statistics if item.name == "leg_001"))
+        reached = (ns(outcome.predicted_time) - ns(plan.timestamp)) / 1e9
+        assert leg["surfacing_s"] - reached == pytest.approx(240.0, abs=1e-6)
+        depth = np.interp(reached, plan.track_time, plan.track_depth)
+        assert depth == pytest.approx(0.0, abs=1e-6)
+        assert outcome.ellipse_major >= outcome.ellipse_minor > 0.0
+    figures = to_json(summary)["surfacings"]
+    assert figures["count"] == len(outcomes) == len(figures["each"])
+    assert figures["distance_median_m"] == pytest.approx(np.median([outcome.distance for outcome in outcomes]))
+    assert figures["inside_ellipse"] == np.mean([outcome.inside_ellipse for outcome in outcomes])
+    said = io.StringIO()
+    print_summary(summary, Console(file=said, width=200))
+    words = f"Surfacings: {len(outcomes)} predicted by the plan before; median distance {figures['distance_median_m']:.0f} m"
+    assert words in said.getvalue()
+
+
+def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, stopped):
+    path, _, checkpoint = stopped
+    # a plan was in force, whose surfacing had not come
+    assert b"MissionPlan" in checkpoint
+    verdict = verify(path, [ocean], planner_of)
+    assert verdict.same, verdict
+
+
+def position(seconds: float, depth: float, dead_reckoned: bool = False) -> VehicleState:
+    return VehicleState(int(seconds * 1e9), 152.0, -40.0, depth, dead_reckoned, Source(0, "/fix", int(seconds), int(seconds * 1e9)))
+
+
+def seen_in(events) -> list[float]:
+    """Return the times [s] of the fixes at which surfacings were seen."""
+    watch, found = SurfacingWatch(), []
+    for event in events:
+        watch, fix = watched(watch, event, 3.0)
+        if fix is not None:
+            found.append(fix.time_ns / 1e9)
+    return found
+
+
+def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one():
+    nan = float("nan")
+    dives = [position(0, 0.0), position(10, 4.0), position(20, 0.0), position(30, 90.0), position(40, 1.0, True), position(50, 1.0)]
+    # 4 m is no dive, a computed position no fix
+    assert seen_in([*dives, position(60, 0.0), position(70, 50.0), position(80, nan)]) == [50.0, 80.0]
+    grid = synthetic.ensemble().grid
+    profiles = [
+        synthetic.profile(grid, 0.0, 0.0, np.array([50.0]), np.zeros((1, 2)), time_ns=int(t * 1e9), dive=dive)
+        for t, dive in ((15, 1), (20, 1), (45, 2), (75, 3))
+    ]
+    # positions without depths: the last before the next dive's first profile, and none where there is no position
+    places = [position(t, nan) for t in (10, 30, 40)]
+    assert seen_in([places[0], *profiles[:2], *places[1:], *profiles[2:]]) == [40.0]
+    assert seen_in([position(t, 0.0) for t in range(5)]) == []
+
+
+def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
+    longitude, latitude = (float(value) for value in to_geographic(Projection(152.0, -40.0), -300.0, 400.0))
+    fix = VehicleState(90 * 10**9, longitude, latitude, 0.0, False, Source(0, "/fix", 0, 0))
+    found = outcome_of(0, Surfacing(100 * 10**9, 152.0, -40.0), fix)
+    assert found.distance == pytest.approx(500.0)
+    assert found.direction_deg == pytest.approx(360.0 - np.rad2deg(np.arctan2(3.0, 4.0)))
+    assert (found.late, found.inside) == (-10.0, None)
+
+
+@given(st.floats(10.0, 5e3), st.floats(0.1, 1.0), st.floats(0.0, 179.9), st.floats(0.0, 6.28), st.sampled_from([0.97, 1.03]))
+def test_an_ellipse_holds_what_lies_inside(major, ratio, bearing, angle, share):
+    minor, centre = ratio * major, Projection(152.0, -40.0)
+    along, across = share * major * np.cos(angle), share * minor * np.sin(angle)
+    turn = np.deg2rad(bearing)
+    east, north = along * np.sin(turn) + across * np.cos(turn), along * np.cos(turn) - across * np.sin(turn)
+    longitude, latitude = (float(value) for value in to_geographic(centre, east, north))
+    assert Ellipse(152.0, -40.0, major, minor, bearing).holds(longitude, latitude) == (share < 1.0)
+
+
+def test_settings_that_contradict_each_other_are_refused(tmp_path, ocean):
+    path = tmp_path / "run.toml"
+    for text, said in (("min_angle = 40.0", "min_angle 40 is above max_angle 35"), ("samples = 2", "needs three or more")):
+        path.write_text(f"[planner]\n{text}\n")
+        with pytest.raises(ConfigError, match=said):
+            load_config(path)
+    assert not PlannerConfig().at_surfacings
+    assert PlannerConfig(when="surfacing").at_surfacings
+    assert not PlannerConfig(kind="mission", when="interval").at_surfacings
+    # asked for on the command line; a glide has no dives that could be too deep
+    path.write_text(run_settings_toml(CONFIG.model_copy(update={"planner": PlannerConfig(depth=900.0)})))
+    logs = [str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "-o", str(tmp_path / "out.mcap")]
+    done = CliRunner().invoke(cli.app, ["replay", *logs, "--config", str(path), "--goal=152.42,-39.66,0", "--planner", "mission"])
+    assert "[planner] depth is 900 m" in str(done.exception)
+
+
+def test_a_stated_number_of_legs_is_that_of_the_first_plan():
+    planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, legs=4))
+    flow = embed_member(synthetic.ensemble(), 0, EstimatorConfig())
+    start, goal = Place(152.2, -39.8, 0.0), Place(152.3, -39.75, 0.0)
+    first = planner.plan(flow, start, goal, 0, None)
+    assert len(first.memory.headings_deg) == 4
+    after = int(first.memory.surfacing_times[1] * 1e9)
+    here = Place(float(first.memory.surfacings[1, 0]), float(first.memory.surfacings[1, 1]), 0.0)
+    again = planner.plan(flow, here, goal, after, first)
+    assert len(again.memory.headings_deg) == 2
+    # the second is a plan of its own, not the first anew
+    assert again.memory.start_time_ns == after
+
+
+def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
+    still = replace(embed_member(synthetic.ensemble(), 0, EstimatorConfig()), time_ns=10**15)
+    growing = replace(still, later=lambda time_ns: replace(still, latent=still.latent * (time_ns / 10**15) ** 20, time_ns=time_ns))
+    same = replace(still, later=lambda time_ns: replace(still, time_ns=time_ns))
+    start, goal = Place(152.15, -39.85, 0.0), Place(152.3, -39.8, 0.0)
+    planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0))
+    # 14 km take 13.4 h at 0.29 m/s, and half as long again: steps to 10, 20 and 30 h
+    flows = [growing, *(growing.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3))]
+    expected = plan_mission(flows, start, goal, vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15)
+    np.testing.assert_array_equal(planner.plan(growing, start, goal, 10**15, None).plan.track, expected.track)
+    once = plan_mission(still, start, goal, vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15)
+    np.testing.assert_array_equal(planner.plan(same, start, goal, 10**15, None).plan.track, once.track)
+    assert np.abs(once.track[: len(expected.track)] - expected.track[: len(once.track)]).max() > 50.0

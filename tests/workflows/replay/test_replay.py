@@ -1,0 +1,389 @@
+"""One log end to end on a small synthetic ocean: what comes out, that it is the same twice, and every kind of bad input."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from typer.testing import CliRunner
+
+from replay_kit.cli import app as cli
+from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig, load_config
+from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
+from replay_kit.core.flow import netcdf as flow_netcdf
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.message import Message
+from replay_kit.core.plan import Place
+from replay_kit.estimator import embed_member
+from replay_kit.forecast import read_truth
+from replay_kit.forecast.grid import local_grid, true_to_local
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins import make_twin
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.replay.scoring import score_against_truth
+from tests import synthetic
+
+SETTINGS = RunConfig()
+GOAL = Place(152.3, -39.8, 150.0)
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    """A folder with an ensemble, the truth withheld from it, and logs of a survey and a glider in it."""
+    folder = tmp_path_factory.mktemp("ocean")
+    ds = synthetic.dataset(seed=4, n_members=41, shape=(6, 7))
+    ds.isel(member=slice(40)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=40, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    truth = read_truth(str(folder / "truth.nc"), SETTINGS.forecast)
+    make_twin(truth, "vessel", 40, 0.05, 1, folder / "survey.mcap")
+    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.mcap")
+    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.tlog")
+    return folder
+
+
+def run(ocean, *logs, out=None, config=SETTINGS, **options):
+    planner = planner_of(config.planner)
+    job = ReplayJob(tuple(ocean / log for log in logs), options.pop("ensemble", ocean / "ensemble.nc"), out, **options)
+    return replay(job, config, planner)
+
+
+def decoded(path):
+    with path.open("rb") as stream:
+        return [
+            (channel.topic, message)
+            for _, channel, _, message in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        ]
+
+
+def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocean, tmp_path):
+    out = tmp_path / "out.mcap"
+    summary, flow = run(
+        ocean,
+        "survey.mcap",
+        out=out,
+        goal=GOAL,
+        truth=str(ocean / "truth.nc"),
+        netcdf=tmp_path / "grid.nc",
+        save_estimate=tmp_path / "flow.nc",
+    )
+    assert summary.exit_code == 0
+    assert summary.profiles_used == 40
+    assert summary.truth.rmse < 0.6 * summary.truth.ensemble_mean_rmse
+    assert summary.rms_after < summary.rms_before < summary.rms_prior
+    topics = {topic for topic, _ in decoded(out)}
+    fixed = {"/vehicle/fix", "/flow/estimate", "/flow/innovation", "/tf", "/plan/path", "/plan/geojson", "/plan/controls"}
+    assert fixed < topics
+    assert sum(topic.startswith("/flow/grid/") for topic in topics) == 3
+    innovations = [message for topic, message in decoded(out) if topic == "/flow/innovation"]
+    assert sum(message.dof for message in innovations) == 2 * summary.bins_used
+    with xr.open_dataset(tmp_path / "grid.nc", engine="h5netcdf") as grid:
+        names = {variable.attrs.get("standard_name") for variable in grid.variables.values()}
+    assert "eastward_sea_water_velocity" in names
+    loaded = flow_netcdf.load(tmp_path / "flow.nc")
+    np.testing.assert_array_equal(loaded.latent, flow.latent)
+    np.testing.assert_array_equal(loaded.weight_cov, flow.weight_cov)
+
+
+def test_two_runs_give_the_same_bytes(ocean, tmp_path):
+    first, second = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    for out in (first, second):
+        run(ocean, "glider.mcap", out=out, goal=GOAL)
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_mcap_and_tlog_of_a_mission_give_the_same_estimate(ocean):
+    # a telemetry log has no mean currents
+    profiles = SETTINGS.model_copy(update={"measurements": MeasurementConfig(use_dac=False)})
+    (_, one), (_, other) = run(ocean, "glider.mcap", config=profiles), run(ocean, "glider.tlog")
+    grid = one.grid
+    points = grid.east[None], grid.north[None], grid.levels[:, None, None]
+    # the wire keeps positions to 1e-7 degrees and velocities to float32: 1e-2 m and 1e-8 m/s
+    np.testing.assert_allclose(one.velocity(*points), other.velocity(*points), atol=1e-5)
+
+
+def test_a_glider_s_dives_are_told_apart(ocean):
+    summary, _ = run(ocean, "glider.mcap")
+    assert [row.dive for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
+    assert sum(row.profiles for row in summary.by_dive) <= summary.profiles_used
+    first = summary.by_dive[0]
+    assert first.rms_predicted <= first.rms_prior * (1 + 1e-12)
+
+
+def test_several_logs_are_one_mission(ocean, tmp_path):
+    with (ocean / "survey.mcap").open("rb") as stream:
+        messages = [(channel.topic, schema.name, message) for schema, channel, message in make_reader(stream).iter_messages()]
+    for name, topic in (("adcp.mcap", "/adcp"), ("fix.mcap", "/vehicle/fix")):
+        parts = [
+            Message(message.log_time, of, schema, json.loads(message.data), 0, k)
+            for k, (of, schema, message) in enumerate(messages)
+            if of == topic
+        ]
+        write_mcap_log(tmp_path / name, parts)
+    whole, _ = run(ocean, "survey.mcap")
+    for order in (("adcp.mcap", "fix.mcap"), ("fix.mcap", "adcp.mcap")):
+        job = ReplayJob(tuple(tmp_path / name for name in order), ocean / "ensemble.nc")
+        split, _ = replay(job, SETTINGS)
+        assert split.rms_after == whole.rms_after
+
+
+def test_start_and_end_cut_the_log(ocean):
+    whole, _ = run(ocean, "survey.mcap")
+    with (ocean / "survey.mcap").open("rb") as stream:
+        times = [message.log_time for _, channel, message in make_reader(stream).iter_messages() if channel.topic == "/adcp"]
+    middle = str(np.datetime64(times[20], "ns"))
+    first, _ = run(ocean, "survey.mcap", config=load_config(None, {"logs": {"end": middle}}))
+    second, _ = run(ocean, "survey.mcap", config=load_config(None, {"logs": {"start": middle}}))
+    assert first.profiles_used == 21
+    assert second.profiles_used == 20
+    assert whole.profiles_used == 40
+
+
+def test_a_truncated_log_is_used_as_far_as_it_is_whole_and_the_loss_said(ocean, tmp_path):
+    data = (ocean / "survey.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) // 2])
+    summary, _ = run(tmp_path, "cut.mcap", ensemble=ocean / "ensemble.nc", out=tmp_path / "out.mcap")
+    assert summary.exit_code == 4
+    assert 0 < summary.profiles_used < 40
+    assert summary.losses[0][1].bytes > 0
+    assert (tmp_path / "out.mcap").exists()
+
+
+def test_an_interrupt_leaves_the_part_and_no_result(ocean, tmp_path):
+    class Interrupted(KeyboardInterrupt):
+        pass
+
+    calls = []
+
+    def stop(_time_ns):
+        calls.append(1)
+        if len(calls) == 30:
+            raise Interrupted
+
+    out = tmp_path / "out.mcap"
+    with pytest.raises(Interrupted):
+        replay(ReplayJob((ocean / "survey.mcap",), ocean / "ensemble.nc", out), SETTINGS, None, stop)
+    assert not out.exists()
+    assert out.with_name("out.mcap.part").stat().st_size > 0
+
+
+def nan_pings(folder):
+    ping = {
+        "coordinate_system": "earth",
+        "reference": "earth",
+        "orientation": "down",
+        "n_cells": 2,
+        "cell_size": 32.0,
+        "bin0_distance": 16.0,
+        "velocity": [[None, None, None]] * 2,
+        "velocity_std": 0.09,
+        "pressure": 0.0,
+    }
+    fix = {"longitude": 152.3, "latitude": -39.8}
+    messages = [
+        message
+        for k in range(3)
+        for message in (
+            Message(k * 10**9, "/vehicle/fix", "foxglove.LocationFix", fix, 0, 2 * k),
+            Message(k * 10**9, "/adcp", "replay_kit.AdcpPing", ping, 0, 2 * k + 1),
+        )
+    ]
+    write_mcap_log(folder / "bad.mcap", messages)
+
+
+def no_adcp(folder):
+    write_mcap_log(folder / "bad.mcap", [Message(1, "/camera", "sensor_msgs/msg/Image", {"x": 1}, 0, 0)])
+
+
+def empty_mcap(folder):
+    write_mcap_log(folder / "bad.mcap", [])
+
+
+def no_log(folder):
+    (folder / "bad.mcap").write_text("dear diary")
+
+
+def empty_file(folder):
+    (folder / "bad.mcap").write_bytes(b"")
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda folder: None, LogError, "no such file"),
+        (no_log, LogError, "expected an MCAP file"),
+        (empty_file, LogError, "empty"),
+        (empty_mcap, MeasurementError, "no messages at all"),
+        (no_adcp, MeasurementError, r"Found: /camera \(1"),
+        (nan_pings, MeasurementError, "3 ADCP pings, none usable: 6 bins missing"),
+    ],
+)
+def test_logs_that_cannot_be_used(ocean, tmp_path, make, error, message):
+    make(tmp_path)
+    with pytest.raises(error, match=message):
+        run(tmp_path, "bad.mcap", ensemble=ocean / "ensemble.nc", out=tmp_path / "out.mcap")
+    assert not list(tmp_path.glob("out.mcap*"))
+
+
+def test_a_log_of_another_place(ocean, tmp_path):
+    synthetic.dataset(west=10.0, south=50.0).to_netcdf(tmp_path / "far.nc", engine="h5netcdf")
+    with pytest.raises(MeasurementError, match="outside the ensemble's region: last position"):
+        run(ocean, "survey.mcap", ensemble=tmp_path / "far.nc")
+    summary, flow = run(ocean, "survey.mcap", ensemble=tmp_path / "far.nc", config=load_config(None, {"forecast": {"place": True}}))
+    assert summary.profiles_used > 0
+    assert any("no forecast" in note for note in summary.notes)
+    assert any(note.startswith("prior: sample share 0.") for note in summary.notes)
+    assert abs(flow.grid.longitude.mean() - 152.3) < 0.3
+
+
+@pytest.mark.parametrize("goal", [Place(160.0, -39.8, 100.0), Place(152.3, -39.8, 5000.0), Place(152.6, -39.5, 100.0)])
+def test_goals_outside_the_region_or_on_land(ocean, tmp_path, goal):
+    with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as ds:
+        island = ds.load()
+    for name in ("uo", "vo"):
+        island[name][:, :, 5, 6] = np.nan
+    island.to_netcdf(tmp_path / "island.nc", engine="h5netcdf")
+    with pytest.raises(PlanError):
+        run(ocean, "survey.mcap", ensemble=tmp_path / "island.nc", goal=goal)
+
+
+def test_outputs_are_not_replaced_unasked_and_inputs_never(ocean, tmp_path):
+    out = tmp_path / "out.mcap"
+    out.write_text("precious")
+    with pytest.raises(ConfigError, match="--overwrite"):
+        run(ocean, "survey.mcap", out=out)
+    with pytest.raises(ConfigError, match="an input is never overwritten"):
+        run(ocean, "survey.mcap", out=ocean / "survey.mcap", overwrite=True)
+    run(ocean, "survey.mcap", out=out, overwrite=True)
+    assert out.read_bytes()[:5] == b"\x89MCAP"
+
+
+def test_an_ensemble_without_members(ocean):
+    with pytest.raises(ForecastError, match="no member dimension"):
+        run(ocean, "survey.mcap", ensemble=ocean / "truth.nc")
+
+
+def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
+    arguments = ["replay", str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--goal", "152.3,-39.8,150"]
+    arguments += [
+        "--truth",
+        str(ocean / "truth.nc"),
+        "--truth-radius",
+        "25",
+        "-o",
+        str(tmp_path / "o.mcap"),
+        "--json",
+        str(tmp_path / "o.json"),
+    ]
+    done = CliRunner().invoke(cli.app, arguments)
+    assert done.exit_code == 0, done.output
+    assert "RMS innovation by dive" in done.output
+    answer = json.loads((tmp_path / "o.json").read_text())
+    keys = {"status", "exit_code", "messages", "observations", "rms_innovation", "by_dive", "nis_per_dof", "seconds", "plan", "truth"}
+    assert keys <= set(answer)
+    assert answer["truth"]["points"] > 0
+    assert answer["plan"]["status"] in ("reached", "unreachable")
+    assert set(answer["messages"][0]) == {"topic", "read", "used", "skipped", "reasons"}
+
+
+def test_info_says_what_a_log_is_good_for(ocean, tmp_path):
+    done = CliRunner().invoke(cli.app, ["info", str(ocean / "glider.mcap"), str(ocean / "glider.tlog"), "--json", str(tmp_path / "i.json")])
+    assert done.exit_code == 0, done.output
+    one, other = json.loads((tmp_path / "i.json").read_text())["logs"]
+    assert one["use"].startswith("replay")
+    assert one["profiles"] == other["profiles"] == 40
+    assert (one["format"], other["format"]) == ("mcap", "tlog")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["--region", "1,2,3"], ConfigError),
+        (["--goal", "here"], ConfigError),
+        (["--config", "absent.toml"], ConfigError),
+    ],
+)
+def test_bad_options_end_as_configuration_errors(ocean, tmp_path, arguments, error):
+    base = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "-o", str(tmp_path / "o.mcap")]
+    done = CliRunner().invoke(cli.app, [*base, *arguments])
+    assert isinstance(done.exception, error)
+    assert done.exception.exit_code == 2
+
+
+def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path):
+    arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--modes", "20", "--dry-run"]
+    done = CliRunner().invoke(cli.app, [*arguments, "-o", str(tmp_path / "o.mcap"), "--json", str(tmp_path / "d.json")])
+    assert done.exit_code == 0, done.output
+    answer = json.loads((tmp_path / "d.json").read_text())
+    assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (40, 40, 20, 80)
+    assert [path.name for path in tmp_path.iterdir()] == ["d.json"]
+
+
+def test_version():
+    done = CliRunner().invoke(cli.app, ["--version"])
+    assert done.exit_code == 0
+    assert done.output.startswith("replay-kit ")
+
+
+def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
+    """The same field on a part of the grid has another projection: its vectors must be turned before they are compared."""
+    ensemble = synthetic.ensemble(shape=(9, 16), south=70.0, step=1.0)
+    flow = embed_member(ensemble, 0, EstimatorConfig(nugget=1e-9))
+    part = synthetic.dataset(shape=(9, 16), south=70.0, step=1.0).isel(lon=slice(0, 5), member=[0])
+    longitude, latitude = np.meshgrid(part["lon"].values, part["lat"].values)
+    velocity = np.stack([part["uo"].values, part["vo"].values], axis=1)
+    grid = local_grid(longitude, latitude, part["depth"].values, np.ones(velocity.shape[2:], bool), None)
+    truth = Ensemble(grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "part")
+    score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
+    # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
+    assert score.rmse < 6e-3
+
+
+def test_a_truth_that_the_plan_leaves_costs_no_result(ocean, tmp_path):
+    with xr.open_dataset(ocean / "truth.nc", engine="h5netcdf") as ds:
+        ds.isel(lon=slice(0, 3)).to_netcdf(tmp_path / "west.nc", engine="h5netcdf")
+    out = tmp_path / "out.mcap"
+    summary, _ = run(ocean, "survey.mcap", out=out, goal=Place(152.55, -39.6, 100.0), truth=str(tmp_path / "west.nc"))
+    assert out.exists()
+    assert summary.truth is not None
+    assert np.isfinite(summary.truth.closest_approach_m) or any("cannot be flown" in note for note in summary.notes)
+    with pytest.raises(ForecastError, match="no such file"):
+        run(ocean, "survey.mcap", out=tmp_path / "other.mcap", truth=str(tmp_path / "absent.nc"))
+    assert not list(tmp_path.glob("other.mcap*"))
+
+
+def test_a_log_given_twice_is_refused(ocean, tmp_path):
+    (tmp_path / "copy.mcap").write_bytes((ocean / "survey.mcap").read_bytes())
+    job = ReplayJob((ocean / "survey.mcap", tmp_path / "copy.mcap"), ocean / "ensemble.nc", tmp_path / "o.mcap")
+    with pytest.raises(ConfigError, match="the same bytes"):
+        replay(job, SETTINGS)
+
+
+def test_bins_under_the_sea_floor_and_pings_on_land_are_not_used(ocean, tmp_path):
+    with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as ds:
+        shallow = ds.load()
+    for name in ("uo", "vo"):
+        shallow[name][:, 2:] = np.nan
+        shallow[name][:, :, :, 5:] = np.nan
+    shallow.to_netcdf(tmp_path / "shallow.nc", engine="h5netcdf")
+    summary, _ = run(ocean, "survey.mcap", ensemble=tmp_path / "shallow.nc")
+    assert summary.bins_rejected["on_land"] > 0
+    assert summary.profiles_rejected > 0
+
+
+def test_nothing_is_claimed_to_be_known_outside_the_region(ocean):
+    _, flow = run(ocean, "survey.mcap")
+    assert np.isnan(flow.standard_error(5e5, 0.0, 100.0)).all()
+    assert np.isnan(flow.standard_error(0.0, 0.0, 5000.0)).all()
+    assert np.isfinite(flow.standard_error(0.0, 0.0, 100.0)).all()
+
+
+def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
+    arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--dry-run", "--estimator", "etkf"]
+    done = CliRunner().invoke(cli.app, [*arguments, "-o", str(tmp_path / "o.mcap")])
+    assert isinstance(done.exception, ConfigError)

@@ -1,0 +1,174 @@
+"""Copies lose nothing: MCAP to MCAP, telemetry log to MCAP and back, damaged logs to sound ones."""
+
+from collections import Counter
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import ReplayKitError
+from replay_kit.logs import open_log
+from replay_kit.workflows.convert import convert
+from tests.fuzz.damage import sound_messages
+from tests.logs.log_samples import SHARED, json_mcap, tlog
+from tests.places import ROOT
+
+# each example writes the files of the one folder anew
+trips = settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+times = st.integers(0, 2**64 - 1)
+words = st.text(max_size=8)
+
+
+def content(data: bytes) -> tuple[Counter[Any], Counter[Any], Counter[Any], str]:
+    """Messages with channel and schema, attachments, metadata and the profile, as the stock reader gives them."""
+    reader = make_reader(BytesIO(data), validate_crcs=True)
+    said = Counter(
+        (
+            (schema.name, schema.encoding, schema.data) if schema else None,
+            (channel.topic, channel.message_encoding, tuple(sorted(channel.metadata.items()))),
+            (message.log_time, message.publish_time, message.sequence, message.data),
+        )
+        for schema, channel, message in reader.iter_messages(log_time_order=False)
+    )
+    attached = Counter((a.name, a.media_type, a.log_time, a.create_time, a.data) for a in reader.iter_attachments())
+    noted = Counter((m.name, tuple(sorted(m.metadata.items()))) for m in reader.iter_metadata())
+    return said, attached, noted, reader.get_header().profile
+
+
+@trips
+@given(
+    channels=st.lists(
+        st.tuples(words, words, st.none() | st.tuples(words.filter(bool), words, st.binary(max_size=9)), st.dictionaries(words, words)),
+        min_size=1,
+        max_size=3,
+    ),
+    messages=st.lists(st.tuples(st.integers(0, 2), times, times, st.integers(0, 2**32 - 1), st.binary(max_size=20)), max_size=12),
+    attachments=st.lists(st.tuples(times, times, words, words, st.binary(max_size=20)), max_size=2),
+    notes=st.lists(st.tuples(words, st.dictionaries(words, words, max_size=2)), max_size=2),
+    compression=st.sampled_from(CompressionType),
+    chunked=st.booleans(),
+)
+def test_mcap_to_mcap(tmp_path: Path, channels, messages, attachments, notes, compression, chunked) -> None:  # type: ignore[no-untyped-def]
+    out = BytesIO()
+    writer = Writer(out, chunk_size=60, compression=compression, use_chunking=chunked)
+    writer.start(profile="ros2")
+    numbers = [
+        writer.register_channel(topic, encoding, writer.register_schema(*schema) if schema else 0, metadata)
+        for topic, encoding, schema, metadata in channels
+    ]
+    for which, log_time, publish_time, sequence, data in messages:
+        writer.add_message(numbers[which % len(numbers)], log_time, data, publish_time, sequence)
+    for attachment in attachments:
+        writer.add_attachment(*attachment)
+    for note in notes:
+        writer.add_metadata(*note)
+    writer.finish()
+    (tmp_path / "in.mcap").write_bytes(out.getvalue())
+    summary = convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", True, LogConfig())
+    assert summary.losses == ()
+    assert content((tmp_path / "out.mcap").read_bytes()) == content(out.getvalue())
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
+def test_real_and_conformance_files(tmp_path: Path) -> None:
+    files = sorted((SHARED / "mcap-conformance").rglob("*.mcap"))[::13] + sorted((SHARED / "rosbag2").glob("*.mcap"))[::4]
+    for file in files:
+        convert([file], tmp_path / "out.mcap", True, LogConfig())
+        # the stock reader relies on a summary that not every file has
+        before, after = (Counter(m.said for m in sound_messages(path.read_bytes())) for path in (file, tmp_path / "out.mcap"))
+        assert before == after, file
+
+
+@trips
+@given(
+    entries=st.lists(st.sampled_from(tlog(12)), min_size=1, max_size=12),
+    noise=st.lists(st.tuples(st.integers(0, 12), st.binary(min_size=1, max_size=9)), max_size=2),
+)
+def test_a_telemetry_log_comes_back_from_mcap(tmp_path: Path, entries: list[bytes], noise: list[tuple[int, bytes]]) -> None:
+    sound = b"".join(entries)
+    (tmp_path / "in.tlog").write_bytes(sound)
+    convert([tmp_path / "in.tlog"], tmp_path / "mid.mcap", True, LogConfig())
+    convert([tmp_path / "mid.mcap"], tmp_path / "out.tlog", True, LogConfig())
+    assert (tmp_path / "out.tlog").read_bytes() == sound
+    damaged = list(entries)
+    for place, data in noise:
+        damaged.insert(place, b"\xff" + data)
+    (tmp_path / "in.tlog").write_bytes(b"".join(entries[:1] + damaged))
+    summary = convert([tmp_path / "in.tlog"], tmp_path / "mended.tlog", True, LogConfig())
+    assert bool(summary.losses) == bool(noise)
+    assert (tmp_path / "mended.tlog").read_bytes() == entries[0] + sound
+
+
+@pytest.mark.parametrize("name", ["ardusub/small.tlog"])
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs are not on this machine")
+def test_a_real_telemetry_log_comes_back(tmp_path: Path, name: str) -> None:
+    data = (SHARED / name).read_bytes()[:200_000]
+    (tmp_path / "in.tlog").write_bytes(data)
+    summary = convert([tmp_path / "in.tlog"], tmp_path / "mid.mcap", False, LogConfig())
+    convert([tmp_path / "mid.mcap"], tmp_path / "out.tlog", False, LogConfig())
+    lost = sum(loss.bytes for _, loss in summary.losses)
+    assert len((tmp_path / "out.tlog").read_bytes()) == len(data) - lost
+    assert lost or (tmp_path / "out.tlog").read_bytes() == data
+
+
+def test_kept_frames_are_no_trouble_to_a_reader(tmp_path: Path) -> None:
+    (tmp_path / "in.tlog").write_bytes(b"".join(tlog(5)))
+    convert([tmp_path / "in.tlog"], tmp_path / "out.mcap", False, LogConfig())
+    reader = open_log(tmp_path / "out.mcap")
+    assert [message.topic for message in reader.messages()] == ["mavlink/1/1/ATTITUDE"] * 5
+    report = reader.report()
+    assert report.undecodable == {}
+    assert report.read == {"mavlink/1/1/ATTITUDE": 5, "mavlink/frames": 5}
+
+
+def test_messages_of_an_mcap_without_frames_become_frames(tmp_path: Path) -> None:
+    summary = convert([ROOT / "sample_logs" / "glider.mcap"], tmp_path / "out.tlog", False, LogConfig())
+    assert summary.messages["DEBUG_FLOAT_ARRAY"] == 2000
+    assert len(list(open_log(tmp_path / "out.tlog").messages())) == sum(summary.messages.values())
+
+
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.97])
+def test_a_damaged_log_becomes_a_sound_one(tmp_path: Path, part: float) -> None:
+    whole = json_mcap(range(200), CompressionType.ZSTD)
+    (tmp_path / "cut.mcap").write_bytes(whole[: int(part * len(whole))])
+    summary = convert([tmp_path / "cut.mcap"], tmp_path / "out.mcap", False, LogConfig())
+    assert summary.losses
+    reader = open_log(tmp_path / "out.mcap")
+    assert [message.payload["n"] for message in reader.messages()] == list(range(sum(summary.messages.values())))
+    assert reader.report().losses == ()
+
+
+def test_a_damaged_attachment_is_left_out_and_said(tmp_path: Path) -> None:
+    out = BytesIO()
+    writer = Writer(out, index_types=IndexType.ALL)
+    writer.start()
+    writer.add_attachment(1, 2, "kept", "text/plain", b"sound")
+    writer.add_attachment(1, 2, "spoiled", "text/plain", b"brittle")
+    writer.add_metadata("note", {"a": "b"})
+    writer.finish()
+    (tmp_path / "in.mcap").write_bytes(out.getvalue().replace(b"brittle", b"brittla"))
+    summary = convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", False, LogConfig())
+    assert [loss.what.split(":")[0] for _, loss in summary.losses] == ["an attachment or metadata record is damaged and left out"]
+    _, attached, noted, _ = content((tmp_path / "out.mcap").read_bytes())
+    assert [name for name, *_ in attached] == ["kept"]
+    assert [name for name, _ in noted] == ["note"]
+
+
+def test_late_messages_are_copied_too(tmp_path: Path) -> None:
+    (tmp_path / "in.mcap").write_bytes(json_mcap([k * 10**9 for k in (1, 50, 60, 2, 70)]))
+    convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", False, LogConfig())
+    assert sorted(m.payload["n"] for m in open_log(tmp_path / "out.mcap").messages()) == [0, 1, 2, 3, 4]
+
+
+def test_what_does_not_read_back_gets_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "in.mcap").write_bytes(json_mcap(range(5)))
+    monkeypatch.setattr("replay_kit.logs.mcap.writer.McapLogWriter.written", {"/a": 9})
+    with pytest.raises(ReplayKitError, match="read back"):
+        convert([tmp_path / "in.mcap"], tmp_path / "out.mcap", False, LogConfig())
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["in.mcap", "out.mcap.part"]

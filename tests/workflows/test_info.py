@@ -1,0 +1,56 @@
+"""``replay-kit info``: a suggested mapping from the topics that no known kind covers, used again as a configuration."""
+
+import json
+
+import pytest
+
+from replay_kit.cli import info as cli_info
+from replay_kit.config.run import load_config
+from replay_kit.workflows.info.inspect import inspect_log
+from tests.measurements.carriers import json_mcap
+from tests.measurements.messages import fix, ping
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "vendor.mcap"
+    known = [(k, message.topic, message.schema, message.payload) for k, message in enumerate((fix(0), ping(1)))]
+    nav = [(k, "/vendor/nav", "vendor.Nav", {"pos": {"lat": -40.0, "lon": 152.0 + k}, "depth": 5.0 * k}) for k in range(3)]
+    dull = [(9, "/vendor/text", "vendor.Text", {"words": "none"})]
+    raw = [(9, "mavlink/1/1/VFR_HUD", "mavlink.1.1.VFR_HUD", {"header": {}, "message": {"type": "VFR_HUD", "alt": 3.0}})]
+    path.write_bytes(json_mcap([*known, *nav, *dull, *raw]))
+    return path
+
+
+def run_info(capsys, *arguments, **options):
+    with pytest.raises(cli_info.typer.Exit) as end:
+        cli_info.info(*arguments, **options)
+    return end.value.exit_code, capsys.readouterr()
+
+
+def test_a_suggested_mapping_is_printed_alone(capsys, log):
+    code, said = run_info(capsys, [log], suggest=cli_info.Path("-"))
+    assert code == 0
+    assert said.out.startswith("# A first mapping")
+    assert 'topic = "/vendor/nav"' in said.out
+    assert "/adcp" not in said.out
+    assert "mavlink" not in said.out
+    assert "Use: replay" in said.err
+
+
+def test_a_suggested_mapping_makes_the_topic_usable(capsys, log, tmp_path):
+    before = inspect_log(log, load_config(None))
+    assert set(before.not_known) == {"/vendor/nav", "/vendor/text"}
+    code, _ = run_info(capsys, [log], suggest=tmp_path / "map.toml")
+    assert code == 0
+    _, said = run_info(capsys, [log], config=tmp_path / "map.toml", json_file=cli_info.Path("-"))
+    assert json.loads(said.out)["logs"][0]["positions"] == before.positions + 3
+
+
+def test_a_depth_averaged_current_is_no_position(tmp_path):
+    (tmp_path / "dac.mcap").write_bytes(
+        json_mcap([(0, "/dac", "replay_kit.DepthAveragedCurrent", {"start_fix": {"lat": 1.0, "lon": 2.0}})])
+    )
+    found = inspect_log(tmp_path / "dac.mcap", load_config(None))
+    assert found.not_known == {}
+    assert found.not_used == {"/dac": {"depth-averaged current: it is not a number": 1}}

@@ -1,0 +1,203 @@
+"""A result is made again bit for bit, and whatever was changed in it is found and named."""
+
+import contextlib
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
+from typer.testing import CliRunner
+
+from replay_kit.cli import app as cli
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.plan import Place
+from replay_kit.forecast import read_truth
+from replay_kit.results import first_difference, read_recorded
+from replay_kit.studies.twins import make_twin
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.verify import verify
+from tests import synthetic
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """A folder with a log, an ensemble, and the result of a replay with a goal."""
+    folder = tmp_path_factory.mktemp("run")
+    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
+    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    config = RunConfig()
+    make_twin(read_truth(str(folder / "truth.nc"), config.forecast), "glider", 60, 0.05, 1, folder / "glider.mcap")
+    job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
+    replay(job, config, planner_of(config.planner))
+    return folder
+
+
+def changed(
+    source: Path, target: Path, message=None, metadata=lambda name, values: values, attachment=lambda name, data: data, later_ns=0
+) -> Path:
+    """A copy of a result, with the data of its n-th message, its metadata or attachments changed."""
+    number, change = message or (-1, None)
+    with source.open("rb") as file, target.open("wb") as out:
+        reader, writer = make_reader(file), Writer(out)
+        writer.start()
+        ids = {}
+        for record in reader.iter_attachments():
+            data = attachment(record.name, record.data)
+            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, data)
+        for record in reader.iter_metadata():
+            if (values := metadata(record.name, dict(record.metadata))) is not None:
+                writer.add_metadata(record.name, values)
+        for index, (schema, channel, record) in enumerate(reader.iter_messages(log_time_order=False)):
+            if channel.id not in ids:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
+            data = change(schema, record.data) if index == number else record.data
+            if data is not None:
+                writer.add_message(ids[channel.id], record.log_time, data, record.publish_time + later_ns, record.sequence)
+        writer.finish()
+    return target
+
+
+def index_of(path: Path, topic: str) -> int:
+    with path.open("rb") as file:
+        topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages(log_time_order=False)]
+    return len(topics) - 1 - topics[::-1].index(topic)
+
+
+def test_a_result_is_made_again(run):
+    verdict = verify(run / "out.mcap", [], planner_of)
+    assert verdict.same
+    assert verdict.messages == read_recorded(run / "out.mcap").digests[-1].messages > 100
+    assert not verdict.notes
+    assert first_difference(run / "out.mcap", run / "out.mcap") is None
+
+
+@pytest.mark.parametrize(
+    ("topic", "field"), [("/flow/innovation", "nis"), ("/flow/estimate", "weights[3]"), ("/plan/controls", "heading_deg")]
+)
+def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
+    index = index_of(run / "out.mcap", topic)
+
+    def change(schema, data):
+        message = DecoderFactory().decoder_for("protobuf", schema)(data)
+        if "[" in field:
+            message.weights[3] += 1e-15
+        else:
+            setattr(message, field, getattr(message, field) * (1.0 + 1e-15) + 1e-300)
+        return message.SerializeToString()
+
+    path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, change))
+    verdict = verify(path, [run], planner_of)
+    assert (verdict.difference.index, verdict.difference.topic) == (index, topic)
+    assert len(verdict.difference.fields) == 1
+    assert verdict.difference.fields[0].startswith(f"{field}: ")
+    assert verdict.messages == index
+    assert not verdict.same
+
+
+def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
+    count = read_recorded(run / "out.mcap").digests[-1].messages
+    path = changed(run / "out.mcap", tmp_path / "short.mcap", (count - 1, lambda schema, data: None))
+    assert verify(path, [run], planner_of).difference.fields == ("only the second has this message",)
+    path = changed(run / "out.mcap", tmp_path / "nc.mcap", attachment=lambda name, data: data[:-1] if name == "estimate.nc" else data)
+    verdict = verify(path, [run], planner_of)
+    assert verdict.others == ("attachment estimate.nc",)
+    assert verdict.difference is None
+
+
+def test_other_settings_than_recorded_are_found_at_the_first_digest(run, tmp_path):
+    def settings(name, data):
+        return data.replace(b"velocity_std = 0.09", b"velocity_std = 0.1").replace(b"surface_depth = 3.0", b"surface_depth = 200.0")
+
+    path = changed(run / "out.mcap", tmp_path / "other.mcap", attachment=settings)
+    verdict = verify(path, [run], planner_of)
+    assert not verdict.same
+    assert verdict.difference.index < read_recorded(path).digests[1].messages
+
+
+def test_a_digest_that_lies_or_is_missing_hides_nothing(run, tmp_path):
+    index = index_of(run / "out.mcap", "/plan/controls")
+
+    def turned(schema, data):
+        message = DecoderFactory().decoder_for("protobuf", schema)(data)
+        message.heading_deg += 90.0
+        return message.SerializeToString()
+
+    def lying(name, values):
+        return values | {"sha256": "0" * 64} if name == "replay_kit.digest" else values
+
+    for metadata in (lying, lambda name, values: None if name == "replay_kit.digest" else values):
+        verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", (index, turned), metadata), [run], planner_of)
+        assert verdict.difference.index == index
+        untouched = verify(changed(run / "out.mcap", tmp_path / "same.mcap", metadata=metadata), [run], planner_of)
+        assert untouched.difference is None
+        assert "the digests" in untouched.others
+
+
+def test_changed_metadata_schemas_and_stamps_are_named(run, tmp_path):
+    def options(name, values):
+        return values | {"modes": "7"} if name == "replay_kit.options" else values
+
+    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=options), [run], planner_of)
+    assert verdict.others == ("metadata replay_kit.options",)
+    path = changed(run / "out.mcap", tmp_path / "later.mcap", later_ns=5)
+    assert first_difference(run / "out.mcap", path).fields[0].startswith("publish_ns: ")
+
+
+def test_a_damaged_result_is_named_and_no_other_exception_comes(run, tmp_path):
+    data = bytearray((run / "out.mcap").read_bytes())
+    for place in range(40, len(data), len(data) // 60):
+        damaged = bytearray(data)
+        damaged[place] ^= 16
+        (tmp_path / "out.mcap").write_bytes(damaged)
+        with contextlib.suppress(LogError):
+            read_recorded(tmp_path / "out.mcap")
+        first_difference(run / "out.mcap", tmp_path / "out.mcap")
+
+
+def test_other_versions_are_said(run, tmp_path):
+    def older(name, values):
+        return values | {"numpy": "1.0", "gone": "3"} if name == "replay_kit.versions" else values
+
+    verdict = verify(changed(run / "out.mcap", tmp_path / "other.mcap", metadata=older), [run], planner_of)
+    assert verdict.same
+    assert any("made with numpy 1.0, here it is" in note for note in verdict.notes)
+    assert any("made with gone 3, here it is none" in note for note in verdict.notes)
+
+
+def test_inputs_are_known_by_their_content(run, tmp_path):
+    shutil.copy(run / "out.mcap", tmp_path / "out.mcap")
+    with pytest.raises(LogError, match=r"log0 is glider\.mcap with SHA-256 .*there is none.*--inputs"):
+        verify(tmp_path / "out.mcap", [], planner_of)
+    shutil.copy(run / "ensemble.nc", tmp_path / "ensemble.nc")
+    (tmp_path / "glider.mcap").write_bytes((run / "glider.mcap").read_bytes() + b"x")
+    with pytest.raises(LogError, match="found only other contents"):
+        verify(tmp_path / "out.mcap", [], planner_of)
+    with pytest.raises(LogError, match="expected a whole result"):
+        verify(run / "glider.mcap", [run], planner_of)
+
+
+def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
+    said = CliRunner().invoke(cli.app, ["verify", str(run / "out.mcap"), "--json", str(tmp_path / "verdict.json")])
+    assert said.exit_code == 0
+    assert "made again bit for bit" in said.output
+    assert json.loads((tmp_path / "verdict.json").read_text())["same"] is True
+    index = index_of(run / "out.mcap", "/vehicle/fix")
+
+    def change(schema, data):
+        message = DecoderFactory().decoder_for("protobuf", schema)(data)
+        message.latitude += 1.0
+        return message.SerializeToString()
+
+    path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, change))
+    said = CliRunner().invoke(cli.app, ["verify", str(path), "--inputs", str(run)])
+    assert said.exit_code == 5
+    assert f"message {index} differs: /vehicle/fix" in said.output
+    assert "latitude: " in said.output
