@@ -63,12 +63,7 @@ def chains(code: str) -> list[list[list[str]]]:
 
 
 SHELL = [(path, name, code) for path, name, language, code in BLOCKS if language == "sh" and "pip install" not in code]
-CHAINS = [
-    # all samples made again take half a minute
-    pytest.param(path, chain, id=f"{name}-{k}", marks=[pytest.mark.full] if path.parent.name == "sample_logs" else [])
-    for path, name, code in SHELL
-    for k, chain in enumerate(chains(code))
-]
+CHAINS = [pytest.param(path, chain, id=f"{name}-{k}") for path, name, code in SHELL for k, chain in enumerate(chains(code))]
 SCRIPTS = [pytest.param(path, code, id=name) for path, name, language, code in BLOCKS if language == "python"]
 SETTINGS = [pytest.param(code, id=name) for _, name, language, code in BLOCKS if language == "toml"]
 
