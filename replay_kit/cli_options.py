@@ -91,16 +91,17 @@ class InterruptedRunError(ReplayKitError):
 class OnceCommand(TyperCommand):
     """A command that refuses an option with one value which is given several times; otherwise the last one would win in silence."""
 
-    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Return the arguments left over, as the base class does.
 
         Raises:
             ConfigError: An option with one value is given several times.
         """
-        parser = self.make_parser(ctx)
-        single = {}
-        for param in self.get_params(ctx):
-            if param.param_type_name == "option" and param.nargs == 1 and not (param.multiple or param.is_flag or param.count):
+        parser, single = self.make_parser(ctx), {}
+        # Any, as is the context: click's own or the copies that newer typer carries
+        options: list[Any] = [param for param in self.get_params(ctx) if param.param_type_name == "option"]
+        for param in options:
+            if param.nargs == 1 and not (param.multiple or param.is_flag or param.count):
                 single[param.name] = max(param.opts, key=len)
                 # collects the values that the usual action would overwrite
                 parser.add_option(obj=param, opts=param.opts, dest=param.name, action="append", nargs=1)
