@@ -9,6 +9,9 @@ from planners.glide.track import Track, fly_glide, fractions_of_duration
 from planners.route.region import region_of
 from tests.planners.flow_samples import LEVELS, eddying_flow, still_flow
 
+# of a grid: south, east, north, west
+EDGES = (np.s_[0, :], np.s_[:, -1], np.s_[-1, :], np.s_[:, 0])
+
 
 def test_fractions_step_on_every_level_crossed() -> None:
     levels = np.array(LEVELS)
@@ -78,6 +81,8 @@ def test_sides_keep_every_grid_point_inside(shape: tuple[int, int]) -> None:
         beyond = points @ [normal_east, normal_north] - np.polynomial.polynomial.polyval(along, fit)
         assert beyond.max() <= 1e-9
         assert beyond.max() > -1e-2
+        # a parallel bends by a kilometre over the width of the grid: the side follows it to ten metres
+        assert min(np.abs(beyond.reshape(grid.east.shape)[edge]).max() for edge in EDGES) < 1e-2
 
 
 def test_a_track_that_begins_where_it_may_not_be_is_allowed_for_no_time() -> None:

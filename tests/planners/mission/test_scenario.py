@@ -178,12 +178,17 @@ def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path():
     assert (same.goals.legs, more.goals.legs) == ((5,), (6,))
 
 
-def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg():
+def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_short_way_round():
     task = mission_task(FLOW, (START, (GOAL,)), Glider(), SETTINGS, ((), None), 0)
     before = attempts_of(task, None, 0)[0]
-    # north by west, north by east: the short way round between them
-    turned = replace(before, legs=replace(before.legs, headings=np.array([6.2, 0.1, 0.2, 0.3, 0.4])))
-    np.testing.assert_allclose(np.sin(_cut_anew(task, turned, 5).guess.headings), np.sin([6.2, 0.1, 0.2, 0.3, 0.4]), atol=0.05)
+    # five legs of an hour, known where each ends alone, from a little west of north to a little east of it
+    hours, turning = 3600.0 * np.arange(6), np.array([-0.1, 0.1, 0.2, 0.3, 0.4])
+    flight = Flight(hours, np.zeros(6), np.zeros((1, 6, 2)), np.array([0, 0, 1, 2, 3, 4]), np.arange(1, 6))
+    legs = replace(before.legs, headings=turning % (2.0 * np.pi))
+    headings = _cut_anew(task, replace(before, flight=flight, legs=legs), 4).guess.headings
+    # the middles of four legs are after 0.625, 1.875, 3.125 and 4.375 hours
+    expected = np.interp([0.625, 1.875, 3.125, 4.375], np.arange(6), turning[flight.leg])
+    np.testing.assert_allclose(np.column_stack([np.sin(headings), np.cos(headings)]), np.column_stack([np.sin(expected), np.cos(expected)]))
 
 
 def test_margins_are_the_mean_deviation_towards_a_half_plane_and_so_many_standard_deviations():

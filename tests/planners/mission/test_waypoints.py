@@ -187,7 +187,8 @@ def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_n
     angle = np.mean(np.deg2rad(plan.glide_angles_deg))
     first = 540.0 / 0.3 / np.sin(angle)
     second = (3e3 - 0.3 * np.cos(angle) * first) / (0.3 * np.cos(angle))
-    assert few.surfacings.shape == (2, 2)
+    surfaced = np.column_stack(to_local(flow.grid.projection, *few.surfacings.T))
+    np.testing.assert_allclose(surfaced, [[0.0, 0.3 * np.cos(angle) * first], [0.0, 3e3]], atol=5.0)
     assert few.times[0] == pytest.approx(first + 600.0 + second, rel=1e-3)
     assert few.delay == pytest.approx(few.times[0] - plan.duration, abs=1e-6)
     assert few.off_end < 5.0
