@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperOption
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError, ReplayKitError
@@ -91,17 +91,17 @@ class InterruptedRunError(ReplayKitError):
 class OnceCommand(TyperCommand):
     """A command that refuses an option with one value which is given several times; otherwise the last one would win in silence."""
 
+    # Any: the class of the context that the base class names is private
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Return the arguments left over, as the base class does.
 
         Raises:
             ConfigError: An option with one value is given several times.
         """
-        parser, single = self.make_parser(ctx), {}
-        # Any, as is the context: click's own or the copies that newer typer carries
-        options: list[Any] = [param for param in self.get_params(ctx) if param.param_type_name == "option"]
-        for param in options:
-            if param.nargs == 1 and not (param.multiple or param.is_flag or param.count):
+        parser = self.make_parser(ctx)
+        single = {}
+        for param in self.get_params(ctx):
+            if isinstance(param, TyperOption) and param.nargs == 1 and not (param.multiple or param.is_flag or param.count):
                 single[param.name] = max(param.opts, key=len)
                 # collects the values that the usual action would overwrite
                 parser.add_option(obj=param, opts=param.opts, dest=param.name, action="append", nargs=1)
@@ -225,6 +225,12 @@ def bar() -> Iterator[Callable[[int, int, str], None] | None]:
 def write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
     """Write an answer as JSON, as ``write_text`` does."""
     write_text(path, json.dumps(answer, indent=1, allow_nan=False) + "\n")
+
+
+def keep_json(path: Path | None, answer: Mapping[str, Any]) -> None:
+    """Write what there is of an answer that grows, for a run that may be killed; a pipe and standard output get the whole one only."""
+    if path is not None and str(path) != "-" and not is_stream(path):
+        write_json(path, answer)
 
 
 def write_text(path: Path | None, text: str) -> None:

@@ -1,12 +1,15 @@
 """``replay-kit info``: a suggested mapping from the topics that no known kind covers, used again as a configuration."""
 
+import io
 import json
+from dataclasses import replace
 
 import pytest
+from rich.console import Console
 
 from replay_kit.cli import info as cli_info
 from replay_kit.config.run import load_config
-from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.info.inspect import inspect_log, print_info
 from tests.measurements.carriers import json_mcap
 from tests.measurements.messages import fix, ping
 
@@ -54,3 +57,12 @@ def test_a_depth_averaged_current_is_no_position(tmp_path):
     found = inspect_log(tmp_path / "dac.mcap", load_config(None))
     assert found.not_known == {}
     assert found.not_used == {"/dac": {"depth-averaged current: it is not a number": 1}}
+
+
+def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(log):
+    found = inspect_log(log, load_config(None))
+    told = {"notes": ("the clock was set twice",), "undecodable": {"/raw": (7, "no schema")}, "unchecked": {"chunks": 3}}
+    text = io.StringIO()
+    print_info(replace(found, report=replace(found.report, **told)), Console(file=text, width=200))
+    for words in ("Note: the clock was set twice", "Cannot be decoded: 7 x /raw: no schema", "No checksum covers"):
+        assert words in text.getvalue()

@@ -169,6 +169,8 @@ def _line(east: float = 5e3, weight: float = 1.0) -> MissionPlan:
     [
         (lambda: _mooring(radius=0.0), "two numbers above 0"),
         (lambda: _mooring(duration=float("nan")), "two numbers above 0"),
+        (lambda: _mooring(duration=float("inf")), "two numbers above 0"),
+        (lambda: _mooring(radius=float("inf")), "two numbers above 0"),
         (lambda: _mooring(duration=1e6), "max_legs = 60"),
         (lambda: _mooring(east=1.2e3), "outside of its radius"),
         (lambda: _line(east=0.0), "two places that are apart"),

@@ -3,10 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from planners import MissionSettings, NoGo, plan_mission
 from planners.mission.flight import currents_of
+from planners.mission.program import MissionGuess
+from planners.mission.solve import GoalSteps, solve_legs
 from planners.mission.task import mission_task, time_on_clock
+from planners.route.front import Route
 from planners.vehicle import Glider
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 
@@ -53,3 +57,15 @@ def test_the_clock_of_a_flow_that_changes_begins_with_its_first_estimate():
     # before the first estimate
     assert time_on_clock(both, 4 * 10**9) == -3.0
     assert time_on_clock(both, 0) == time_on_clock(currents_of(first), 12 * 10**9) == 0.0
+
+
+def test_legs_that_fall_short_come_as_near_as_they_can_also_where_the_graph_took_the_goal_for_reached():
+    flow, vehicle = still_flow(), Glider()
+    start, goal = place(flow, -8e3, 0.0, 0.0), place(flow, 8e3, 3e3, 0.0)
+    task = mission_task(flow, (start, (goal,)), vehicle, MissionSettings(depth=300.0), ((), None), 0)
+    points = np.linspace(task.start[:2], task.goals[0, :2], 5)
+    guess = MissionGuess(points[1:], np.full(4, np.pi / 2), np.full(4, 0.3))
+    attempt = solve_legs(task, guess, GoalSteps((4,), (0,)), Route(points, np.linspace(0.0, 3e4, 5), True))
+    # each dive to 300 m leads 600 m / tan(a) on at the flattest angle a
+    reach = 4 * 600.0 / np.tan(vehicle.angles[0])
+    assert attempt.miss[0] == pytest.approx(np.hypot(16e3, 3e3) - reach, abs=1.0)
