@@ -15,8 +15,8 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
-from replay_kit.estimator import FilterState, build_estimator, forms, means_of, span
-from replay_kit.estimator.update import forms
+from replay_kit.estimator import FilterState, build_estimator, means_of
+from replay_kit.estimator.update import forms, span
 from replay_kit.estimator.update.dense import DensePrior
 from replay_kit.estimator.update.directions import directions
 from replay_kit.estimator.update.dual import Dual, initial
