@@ -10,8 +10,7 @@ from tests.mutations.covering import Recording, covering, within_budget
 from tests.mutations.draw import Mutant, drawn, mutants
 from tests.mutations.sites import apply, sites
 from tests.mutations.targets import is_target, targets
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.places import ROOT
 
 
 def changed(source):
