@@ -12,9 +12,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from replay_kit.logs.chain import Indices, chain
 from replay_kit.logs.dataflash.formats import FMT, FMT_TYPE, HEAD, Format, read_format
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 MAGIC = b"\xa3\x95"
 BLOCK = 1 << 20
@@ -67,7 +67,7 @@ def is_dataflash(head: bytes) -> bool:
     return len(_pieces(view, view.size, {})[-1][2]) > 0
 
 
-def read_records(file: BinaryIO, tally: Tally) -> Iterator[Records]:
+def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records]:
     """Yield the records block after block; what is between them, and a cut last one, are losses."""
     formats: dict[int, Format] = {FMT_TYPE: FMT}
     data, offset, sound_end, at_end = b"", 0, 0, False
@@ -81,15 +81,14 @@ def read_records(file: BinaryIO, tally: Tally) -> Iterator[Records]:
         for first, last, known in _pieces(view, searched, formats):
             formats = known
             start, end = _records(view, max(first, used), last, formats, at_end, max(sound_end - offset, 0))
-            ends = np.concatenate([[sound_end - offset], end])
-            for gap in np.flatnonzero(start > ends[:-1]).tolist():
-                tally.lose("bad bytes, or records of an unknown type, skipped", int(ends[gap]) + offset, int(start[gap] - ends[gap]))
-            sound_end, used = int(ends[-1]) + offset, max(used, int(ends[-1]))
+            gap = "bad bytes, or records of an unknown type, skipped"
+            sound_end = lose_gaps(statistics, gap, sound_end, start + offset, end + offset)
+            used = max(used, sound_end - offset)
             yield Records(view, offset, start, view[start + 2], formats)
         used = max(used, searched)
         data, offset = data[used:], offset + used
     if offset > sound_end:
-        tally.lose("at the end: a cut record or bad bytes, skipped", sound_end, offset - sound_end)
+        statistics.lose("at the end: a cut record or bad bytes, skipped", sound_end, offset - sound_end)
 
 
 def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) -> list[tuple[int, int, dict[int, Format]]]:

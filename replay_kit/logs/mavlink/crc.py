@@ -8,7 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from replay_kit.logs.chain import Indices
+from replay_kit.logs.shared.record_chain import Indices
 
 _REVERSED = 0x8408
 #: Stretches are worked on together when their lengths differ by less than so many words.

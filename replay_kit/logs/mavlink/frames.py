@@ -14,9 +14,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.logs.chain import Indices, chain
 from replay_kit.logs.mavlink.crc import checksums
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: Read at once [bytes]: enough that the arrays of a block pay, little enough that they stay near the processor.
 BLOCK = 2 << 20
@@ -75,7 +75,13 @@ class Frames:
         return Frames(self.data, self.offset, *(column[which] for column in columns))
 
 
-def read_frames(file: BinaryIO, tally: Tally) -> Iterator[Frames]:
+def is_tlog(head: bytes) -> bool:
+    """Return whether a sound entry of a telemetry log is among these first bytes of a file."""
+    frames, _ = scan(head, 0, at_end=True)
+    return any(message_id in dialect.mavlink_map for message_id in frames.message_id.tolist())
+
+
+def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
     """Yield the sound entries block after block; bad bytes between two of them, and a cut last entry, are losses."""
     data, offset, sound_end, at_end = b"", 0, 0, False
     while not at_end:
@@ -83,15 +89,12 @@ def read_frames(file: BinaryIO, tally: Tally) -> Iterator[Frames]:
         at_end = not block
         data += block
         frames, used = scan(data, offset, at_end)
-        ends = offset + np.concatenate([[sound_end - offset], frames.end])
-        for gap in np.flatnonzero(frames.start + offset > ends[:-1]).tolist():
-            begin, end = int(ends[gap]), int(frames.start[gap]) + offset
-            tally.lose("bad bytes between two sound frames, skipped", begin, end - begin)
-        sound_end = int(ends[-1])
+        gap = "bad bytes between two sound frames, skipped"
+        sound_end = lose_gaps(statistics, gap, sound_end, frames.start + offset, frames.end + offset)
         yield frames
         data, offset = data[used:], offset + used
     if offset > sound_end:
-        tally.lose("at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end)
+        statistics.lose("at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end)
 
 
 def scan(data: bytes, offset: int, at_end: bool) -> tuple[Frames, int]:

@@ -51,13 +51,15 @@ class TlogFrames:
         left_out: How many messages by (topic, what was left out of the log and why).
     """
 
-    def __init__(self, component: int = _COMPONENT) -> None:
+    def __init__(self, beside_vehicle: bool = False) -> None:
         """Begin with no message.
 
         Args:
-            component: MAVLink component that the frames are from.
+            beside_vehicle: Whether the log holds the vehicle's own frames too: the new ones are then from the onboard computer, a
+                MAVLink component with a clock of its own.
         """
         self.left_out: Counter[tuple[str, str]] = Counter()
+        component = dialect.MAV_COMP_ID_ONBOARD_COMPUTER if beside_vehicle else _COMPONENT
         self._mav = dialect.MAVLink(None, srcSystem=_SYSTEM, srcComponent=component)
         self._boot_ns: int | None = None
 

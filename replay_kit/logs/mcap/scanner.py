@@ -1,4 +1,4 @@
-"""One pass over an open MCAP file: what stands in it, in its order, damage counted and stepped over."""
+"""A scan of an open MCAP file: its messages in its order, damage counted and stepped over."""
 
 import os
 import struct
@@ -27,7 +27,7 @@ from replay_kit.logs.mcap.records import (
     parse_chunk,
 )
 from replay_kit.logs.mcap.summary import Summary, read_summary, resume_after
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: Fixed part of a message record: channel, sequence, log time, publish time. Unpacked here at once, because the library's
 #: reader takes each number with a call of its own and would be half of the reading time.
@@ -37,32 +37,40 @@ MESSAGE = struct.Struct("<HIQQ")
 _CHUNK_HEAD = HEAD_SIZE + 40
 #: As a plain number, for the comparison made for every message.
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
-_BESIDE = frozenset({Opcode.ATTACHMENT, Opcode.METADATA})
+_EXTRAS = frozenset({Opcode.ATTACHMENT, Opcode.METADATA})
 
 _T = TypeVar("_T")
-#: Makes what a pass gives of a message record ``data[start:end]``; None leaves it out.
+#: Makes the scan's value of a message record ``data[start:end]``; None leaves it out.
 Make = Callable[[Channels, bytes, int, int, int], _T | None]
 
 
-class Pass(Generic[_T]):
-    """One pass over an open file."""
+class McapScanner(Generic[_T]):
+    """One scan of an open file."""
 
-    def __init__(self, file: BinaryIO, tally: Tally, make: Make[_T], beside: Callable[[Record], None] | None = None) -> None:
-        """Remember what to do with what comes.
+    def __init__(
+        self,
+        file: BinaryIO,
+        statistics: ReadStatistics,
+        make: Make[_T],
+        rename: Callable[[str], str] = str,
+        on_extra: Callable[[Record], None] | None = None,
+    ) -> None:
+        """Remember what to do with each kind of record.
 
         Args:
             file: The open file.
-            tally: Counts losses and what no checksum covers.
+            statistics: Counts losses and what no checksum covers.
             make: Called with the channels, the bytes, start and end of a message record's body, and the message's ordinal.
-            beside: Called with each attachment and metadata record that is whole, an attachment without its body; what it raises of
-                ``RECORD_ERRORS`` is a loss.
+            rename: Gives what a topic of the file is called.
+            on_extra: Called with each attachment and metadata record that is whole, an attachment without its body; an exception of
+                ``RECORD_ERRORS`` that it raises is a loss.
         """
         self._file = file
-        self._tally = tally
+        self._statistics = statistics
         self._make = make
-        self._beside = beside
+        self._on_extra = on_extra
         self._size = os.fstat(file.fileno()).st_size
-        self._channels = Channels(lambda: self._summary)
+        self._channels = Channels(lambda: self._summary, rename)
         self._position = 0
         self._lost = 0
         self._lost_all_known = True
@@ -73,11 +81,13 @@ class Pass(Generic[_T]):
     def _summary(self) -> Summary:
         summary = read_summary(self._file, self._size)
         if summary.problem:
-            self._tally.lose(f"{summary.problem}: the index is not used, all messages that can be found are", self._size, 0, messages=0)
+            self._statistics.lose(
+                f"{summary.problem}: the index is not used, all messages that can be found are", self._size, 0, messages=0
+            )
         return summary
 
     def messages(self) -> Iterator[_T]:
-        """Yield what ``make`` gives, in the order of the file."""
+        """Yield the values that ``make`` returns, in the order of the file."""
         offset: int | None = len(MAGIC)
         while offset is not None:
             offset = yield from self._read_from(offset)
@@ -87,7 +97,7 @@ class Pass(Generic[_T]):
             self._lost_all_known = False
         else:
             self._lost += messages
-        self._tally.lose(what, start, end - start, messages=messages, span=span)
+        self._statistics.lose(what, start, end - start, messages=messages, span=span)
 
     def _read_from(self, start: int) -> Generator[_T, None, int | None]:
         """Yield messages up to the end or to damage; return the offset at which to go on, or None."""
@@ -107,16 +117,16 @@ class Pass(Generic[_T]):
                         yield message
                 else:
                     self._declare(record.opcode, record.body, record)
-            elif record.opcode in _BESIDE:
-                self._give_beside(record)
+            elif record.opcode in _EXTRAS:
+                self._pass_on(record)
             else:
                 self._check(record)
         return None
 
-    def _give_beside(self, record: Record) -> None:
+    def _pass_on(self, record: Record) -> None:
         try:
-            if self._beside is not None:
-                self._beside(record)
+            if self._on_extra is not None:
+                self._on_extra(record)
         except RECORD_ERRORS as error:
             self._lose(f"an attachment or metadata record is damaged and left out: {error}", record.offset, record.end, 0)
 
@@ -138,7 +148,7 @@ class Pass(Generic[_T]):
             self._lose(f"chunk skipped: {error}", record.offset, record.end, self._indexed(record), _span(chunk))
             return len(chunk.data) == record.end - record.offset - _CHUNK_HEAD - len(chunk.compression)
         if chunk.crc == 0:
-            self._tally.unchecked["chunks without a checksum"] += 1
+            self._statistics.unchecked["chunks without a checksum"] += 1
         before = self._position
         used = yield from self._contents(data, record, chunk if chunk.crc == 0 else None)
         if used < len(data):
@@ -212,10 +222,10 @@ class Pass(Generic[_T]):
             self._lose("ends without a footer: everything before is used", record.offset, end, 0)
         else:
             what = f"cut inside a record, or no record begins here: everything before is used{on}"
-            self._tally_after_cut(what, record.offset, end, indexed)
+            self._lose_after_cut(what, record.offset, end, indexed)
         return resume
 
-    def _tally_after_cut(self, what: str, start: int, end: int, messages: int | None) -> None:
+    def _lose_after_cut(self, what: str, start: int, end: int, messages: int | None) -> None:
         chunk = self._summary.chunk_at(start)
         self._lose(what, start, end, messages, None if chunk is None else (chunk.message_start_time, chunk.message_end_time))
 
@@ -246,7 +256,7 @@ class Pass(Generic[_T]):
             tail = self._file.read(len(MAGIC))
             if tail != MAGIC:
                 self._lose("ends without the closing magic bytes: all messages are used", record.end, self._size, 0)
-            if not self._ended and not self._tally.lost:
+            if not self._ended and not self._statistics.lost:
                 self._lose("the end of the data is missing: messages may be", record.offset, record.offset, None)
         if record.opcode not in (Opcode.DATA_END, Opcode.STATISTICS):
             return
@@ -262,8 +272,8 @@ class Pass(Generic[_T]):
     def _check_data(self, stated: int, record: Record) -> None:
         if stated == 0:
             if self._outside:
-                self._tally.unchecked["messages outside chunks, without a checksum"] += self._outside
-        elif stated != record.crc and not self._tally.lost:
+                self._statistics.unchecked["messages outside chunks, without a checksum"] += self._outside
+        elif stated != record.crc and not self._statistics.lost:
             what = "the checksum of the data section does not match: messages outside chunks may be wrong"
             self._lose(what, record.offset, record.offset, 0)
 

@@ -62,7 +62,7 @@ class McapLogWriter:
         """Append a message as it is."""
         self._append(message.input, message)
 
-    def copy_beside(self, record: Attachment | Metadata) -> None:
+    def copy_extra(self, record: Attachment | Metadata) -> None:
         """Append an attachment or a metadata record as it is."""
         if isinstance(record, Metadata):
             self._writer.add_metadata(record.name, record.metadata)

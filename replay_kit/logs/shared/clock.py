@@ -114,6 +114,11 @@ def without_spikes(stamp_us: Times, before_us: int | None) -> tuple[Times, int]:
     return steady, int(spikes.size)
 
 
+def spikes_note(spikes: int) -> str:
+    """Return the note on stamps that ``without_spikes`` replaced."""
+    return f"{spikes} stamps far from those before and after were replaced by the one after"
+
+
 def gps_to_utc(week: NDArray[np.int64], week_ms: NDArray[np.int64]) -> Times:
     """Return UTC [ns] of GPS time: the leap seconds that GPS does not count are taken off.
 
