@@ -18,12 +18,13 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import LogReport, Loss
 from replay_kit.logs import merge, open_log
-from replay_kit.logs.losses import loss_json, loss_words
+from replay_kit.logs.losses import loss_json, loss_lines, note_lines, undecodable_json, undecodable_lines
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.raw import RawMessage
 from replay_kit.logs.reader import LogFile, RawLog
 from replay_kit.results.readback import check_written
+from replay_kit.workflows.info.inspect import print_lines
 from replay_kit.workflows.replay.job import check_paths
 
 _STAMP_BYTES = 8
@@ -166,7 +167,7 @@ def convert_json(summary: ConvertSummary) -> dict[str, Any]:
     """Return what was converted for JSON."""
     return {
         "messages": dict(summary.messages),
-        "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in summary.undecodable.items()},
+        "undecodable": undecodable_json(summary.undecodable),
         "left_out": [{"topic": topic, "messages": count, "why": why} for (topic, why), count in sorted(summary.left_out.items())],
         "notes": [{"file": report.path, "what": note} for report in summary.reports for note in report.notes],
         "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
@@ -179,12 +180,7 @@ def print_converted(summary: ConvertSummary, console: Console) -> None:
     for topic, count in sorted(summary.messages.items()):
         table.add_row(topic, str(count))
     console.print(table)
-    for path, loss in summary.losses:
-        console.print(f"LOST: {path}: {loss_words(loss)}", soft_wrap=True)
-    for report in summary.reports:
-        for note in report.notes:
-            console.print(f"Note: {report.path}: {note}", soft_wrap=True)
-    for (topic, why), count in sorted(summary.left_out.items()):
-        console.print(f"Left out: {count} x {topic}: {why}", soft_wrap=True)
-    for topic, (count, why) in summary.undecodable.items():
-        console.print(f"Cannot be decoded: {count} x {topic}: {why}", soft_wrap=True)
+    for lines in (loss_lines, note_lines):
+        print_lines(console, (line for report in summary.reports for line in lines(report)))
+    print_lines(console, (f"Left out: {count} x {topic}: {why}" for (topic, why), count in sorted(summary.left_out.items())))
+    print_lines(console, undecodable_lines(summary.undecodable))
