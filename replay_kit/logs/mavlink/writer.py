@@ -23,13 +23,12 @@ _SYSTEM, _COMPONENT = 1, 1
 _BOOT_WRAPS = 2**32
 _UNKNOWN_U16 = 65535
 _FIX_3D = 3
-_COORDINATE_SYSTEMS = ("beam", "instrument", "ship", "earth")
-_REFERENCES = ("earth", "platform")
-_ORIENTATIONS = ("down", "up")
-# read as in measurements/vehicle.py, which this package may not import
+#: Fields of a ping that the frames hold as the position of their word.
+_CHOICES = {"coordinate_system": ("beam", "instrument", "ship", "earth"), "reference": ("earth", "platform"), "orientation": ("down", "up")}
+# the words that measurements take as true
 _TRUE = ("true", "1")
 _COMPONENTS = 3
-#: What of a ping the frames hold, or the log says otherwise.
+#: Fields of a ping that the frames or the log around them hold.
 _HELD = frozenset(
     {
         *("stamp", "frame_id", "ping", "coordinate_system", "reference", "orientation", "bin_mapped", "n_cells", "cell_size"),
@@ -37,11 +36,13 @@ _HELD = frozenset(
         *("magnetic_declination", "declination_applied", "transducer_depth"),
     }
 )
-_UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, struct.error)
 
 
 class _UnfitError(Exception):
     """A message has no frame, for a reason that can be named."""
+
+
+_UNFIT = (_UnfitError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError, struct.error)
 
 
 class TlogFrames:
@@ -82,13 +83,9 @@ class TlogFrames:
             # all of a message's frames or none
             made = list(make(message, max(message.time_ns - self._boot_ns, 0) // 1_000_000 % _BOOT_WRAPS))
             packed = [(frame.get_type(), stamp + self._packed(frame)) for frame in made]
-        except _UnfitError as error:
-            self.left_out[message.topic, f"no frame can be made: {error}"] += 1
-            return
-        except _UNFIT:
-            self.left_out[
-                message.topic, "no frame can be made: a field is not of the kind that is expected, or out of a frame's range"
-            ] += 1
+        except _UNFIT as error:
+            why = error if isinstance(error, _UnfitError) else "a field is not of the kind that is expected, or out of a frame's range"
+            self.left_out[message.topic, f"no frame can be made: {why}"] += 1
             return
         lost = _not_held(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
         if lost:
@@ -195,21 +192,10 @@ def _not_held(payload: Mapping[str, Any]) -> list[str]:
 
 def _configuration(payload: Mapping[str, Any], n_components: int) -> list[float]:
     return [
-        _stated(payload, "n_cells"),
-        _stated(payload, "cell_size"),
-        _stated(payload, "bin0_distance"),
-        _choice(payload, "coordinate_system", _COORDINATE_SYSTEMS),
-        _choice(payload, "reference", _REFERENCES),
-        _choice(payload, "orientation", _ORIENTATIONS),
-        _number(payload.get("bin_mapped")),
-        _number(payload.get("heading")),
-        _number(payload.get("pitch")),
-        _number(payload.get("roll")),
-        _number(payload.get("pressure")),
-        _number(payload.get("sound_speed")),
-        _number(payload.get("temperature")),
-        _number(payload.get("magnetic_declination")),
-        _number(payload.get("declination_applied")),
+        *(_stated(payload, key) for key in ("n_cells", "cell_size", "bin0_distance")),
+        *(_choice(payload, key, words) for key, words in _CHOICES.items()),
+        *(_number(payload.get(key)) for key in ("bin_mapped", "heading", "pitch", "roll", "pressure", "sound_speed", "temperature")),
+        *(_number(payload.get(key)) for key in ("magnetic_declination", "declination_applied")),
         float(n_components),
         _number(payload.get("transducer_depth")),
     ]

@@ -17,19 +17,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-)
+from mcap.records import McapRecord
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -56,9 +44,7 @@ _KEPT |= {Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_
 #: What a chunk holds, as plain numbers.
 INNER = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)})
 
-_Parsed = TypeVar(
-    "_Parsed", Attachment, AttachmentIndex, Channel, ChunkIndex, DataEnd, Footer, Header, Metadata, MetadataIndex, Schema, Statistics
-)
+_Parsed = TypeVar("_Parsed", bound=McapRecord)
 
 
 class ChunkError(ValueError):
@@ -188,7 +174,8 @@ def parse(kind: type[_Parsed], body: bytes) -> _Parsed:
     Raises:
         struct.error, ValueError, OverflowError, mcap.exceptions.McapError: ``RECORD_ERRORS``; the body is no such record.
     """
-    value: _Parsed = kind.read(ReadDataStream(BytesIO(body)))
+    # every record class of the library has it, their base does not declare it
+    value: _Parsed = kind.read(ReadDataStream(BytesIO(body)))  # type: ignore[attr-defined]
     return value
 
 

@@ -4,10 +4,11 @@ import re
 import struct
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
@@ -15,6 +16,15 @@ from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataI
 from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, RECORD_ERRORS, RECORD_HEAD, file_records, parse
 
 _FOOTER_SIZE = HEAD_SIZE + 20
+#: Records of a summary that are used.
+_KINDS: Mapping[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.STATISTICS: Statistics,
+}
 _PIECE = 1 << 20
 #: A chunk up to its data: opcode, length, two times, size, checksum, name of the compression, length of the data.
 _CHUNK_START = re.compile(rb"\x06.{5}\x00{3}.{28}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd).{8}", re.DOTALL)
@@ -101,33 +111,21 @@ def _crc(file: BinaryIO, start: int, end: int) -> int:
 
 
 def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    chunks: dict[int, ChunkIndex] = {}
-    others: set[int] = set()
-    statistics: Statistics | None = None
+    found: dict[int, list[Any]] = {opcode: [] for opcode in _KINDS}
     for record in file_records(file, start, size):
-        try:
-            if record.opcode == Opcode.SCHEMA:
-                schema = parse(Schema, record.body)
-                schemas[schema.id] = schema
-            elif record.opcode == Opcode.CHANNEL:
-                channel = parse(Channel, record.body)
-                channels[channel.id] = channel
-            elif record.opcode == Opcode.CHUNK_INDEX:
-                chunk = parse(ChunkIndex, record.body)
-                chunks[chunk.chunk_start_offset] = chunk
-            elif record.opcode == Opcode.ATTACHMENT_INDEX:
-                others.add(parse(AttachmentIndex, record.body).offset)
-            elif record.opcode == Opcode.METADATA_INDEX:
-                others.add(parse(MetadataIndex, record.body).offset)
-            elif record.opcode == Opcode.STATISTICS:
-                statistics = parse(Statistics, record.body)
-        except RECORD_ERRORS:
-            continue
-    inside = sorted(offset for offset in chunks if len(MAGIC) <= offset < start)
-    known = {offset for offset in others if len(MAGIC) <= offset < start}.union(inside, (start,))
-    return Summary(schemas, channels, tuple(chunks[offset] for offset in inside), tuple(sorted(known)), statistics, checked=checked)
+        if record.opcode in _KINDS:
+            with suppress(*RECORD_ERRORS):
+                found[record.opcode].append(parse(_KINDS[record.opcode], record.body))
+    chunks = {chunk.chunk_start_offset: chunk for chunk in found[Opcode.CHUNK_INDEX] if len(MAGIC) <= chunk.chunk_start_offset < start}
+    others = {index.offset for opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX) for index in found[opcode]}
+    return Summary(
+        schemas={schema.id: schema for schema in found[Opcode.SCHEMA]},
+        channels={channel.id: channel for channel in found[Opcode.CHANNEL]},
+        chunks=tuple(chunks[offset] for offset in sorted(chunks)),
+        offsets=tuple(sorted({offset for offset in others if len(MAGIC) <= offset < start}.union(chunks, (start,)))),
+        statistics=found[Opcode.STATISTICS][-1] if found[Opcode.STATISTICS] else None,
+        checked=checked,
+    )
 
 
 def resume_after(file: BinaryIO, offset: int, size: int, summary: Callable[[], Summary]) -> int | None:
