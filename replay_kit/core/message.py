@@ -12,7 +12,7 @@ class Message(NamedTuple):
     Attributes:
         time_ns: The time that orders the replay [ns, UTC], by the clock the reader was asked for.
         topic: Channel name; for MAVLink ``mavlink/{system}/{component}/{NAME}``.
-        schema: Schema name as the file gives it (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the
+        schema: Schema name as in the file (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the
             message's name.
         payload: Plain mapping of field names to numbers, strings, bytes, lists and mappings, whatever the encoding was.
         input: Position of the log among the run's inputs.

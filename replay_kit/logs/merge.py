@@ -86,10 +86,10 @@ class Merge(Generic[_T]):
     def _ordered(self, reader: Source[_T]) -> Iterator[_T]:
         """Yield one log's messages in order; late ones within the wanted time are counted."""
         held: list[tuple[int, int, _T]] = []
-        newest = given = -(2**63)
+        newest = yielded = -(2**63)
         for message in reader.messages():
             time_ns = message.time_ns
-            if time_ns < given:
+            if time_ns < yielded:
                 if self._keep_late:
                     yield message
                 elif self._wanted(message):
@@ -98,7 +98,7 @@ class Merge(Generic[_T]):
             heapq.heappush(held, (time_ns, message.position, message))
             newest = max(newest, time_ns)
             while newest - held[0][0] > self._window_ns:
-                given, _, oldest = heapq.heappop(held)
+                yielded, _, oldest = heapq.heappop(held)
                 yield oldest
         while held:
             yield heapq.heappop(held)[2]

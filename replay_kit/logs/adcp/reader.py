@@ -1,7 +1,7 @@
 """Raw Teledyne (PD0, VMDAS, WinRiver) and Nortek (AD2CP) files as messages of the kinds that other logs hold.
 
 The records are found and checked here, decoded by MHKiT. Velocities stay in the file's own coordinates, relative to the platform,
-with attitude, beam geometry, bottom track and the vessel's velocity by GPS beside them: ``measurements`` turns them.
+with attitude, beam geometry, bottom track and the vessel's velocity by GPS in the same message: ``measurements`` rotates them.
 """
 
 from collections import Counter
@@ -97,7 +97,7 @@ class RawAdcpReader(LogFile):
             yield time, topic, PING, payload | self._declination(time, payload)
 
     def _declination(self, time_ns: int, payload: dict[str, Any]) -> dict[str, Any]:
-        """Return the declination at the ping's place, for a heading that is magnetic and says no more."""
+        """Return the declination at the ping's place, for a magnetic heading without a stated declination."""
         if payload["declination_applied"] or not self._track.time_ns.size:
             return {}
         near = min(int(np.searchsorted(self._track.time_ns, time_ns)), self._track.time_ns.size - 1)

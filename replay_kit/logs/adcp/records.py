@@ -100,7 +100,7 @@ def _ad2cp(data: bytes, values: Bytes) -> Iterator[Record]:
         body, end = start + header_size, start + header_size + size
         if _nortek_checksum(values[start : body - 2]) != header_check or end > len(data):
             continue
-        # a header that is sound says where the next record begins, even when the content is not
+        # a sound header states where the next record begins, even when the content is damaged
         position = end
         if _nortek_checksum(values[body:end]) == data_check:
             yield Record(start, end, kind)

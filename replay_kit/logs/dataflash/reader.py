@@ -29,7 +29,7 @@ class DataflashReader(LogFile):
     """A DataFlash log opened for reading, in blocks. It has one clock.
 
     Times are UTC when the log has GPS time, fitted to the vehicle's clock over the whole log; otherwise they count from the vehicle's
-    start, and the report says so.
+    start, which the report notes.
     """
 
     format = "dataflash"
@@ -117,7 +117,7 @@ class DataflashReader(LogFile):
             yield from read_records(file, statistics)
 
     def _fit_clock(self) -> tuple[ClockFit | None, int, tuple[str, ...]]:
-        """Return the clock fitted to the GPS time of the whole log, the log's first stamp [microseconds], and what to say of both."""
+        """Return the clock fitted to the GPS time of the whole log, the log's first stamp [microseconds], and notes on both."""
         boot, utc, first_us = [], [], None
         for records in self._read(ReadStatistics()):
             for form, places in records.decodable():
@@ -138,10 +138,10 @@ class DataflashReader(LogFile):
 
 
 class _Stamps:
-    """Times since the vehicle's start of records that follow one another, and what is odd about them."""
+    """Times since the vehicle's start of consecutive records, with counts of implausible stamps; mutable, as blocks are streamed."""
 
     def __init__(self, first_us: int) -> None:
-        """Begin with the stamp of what comes before the first that has one [microseconds]."""
+        """Begin with the stamp for records before the first that has one [microseconds]."""
         self._last = first_us
         self._backward = 0
         self._most_us = 0
@@ -188,5 +188,5 @@ def _stated(records: Records) -> tuple[NDArray[np.int64], int]:
 
 
 def _pairs(table: Columns | None, key: str, value: str) -> Iterator[tuple[Any, Any]]:
-    """Yield what two columns of a table hold; nothing when the log has no such table."""
+    """Yield the rows of two columns of a table; nothing when the log has no such table."""
     return zip(table[key].tolist(), table[value].tolist(), strict=True) if table else iter(())

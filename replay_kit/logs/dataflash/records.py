@@ -1,7 +1,7 @@
 """Records of a DataFlash log, found a block at a time.
 
-A record is the bytes a3 95, its type, and what the FMT record of that type says. There is no checksum: after bad bytes a record counts only
-when another begins where it ends, or the log does.
+A record is the bytes a3 95, its type, and the fields that the FMT record of that type declares. There is no checksum: after bad bytes a
+record counts only when another one begins, or the log ends, where it ends.
 """
 
 from collections.abc import Iterator
@@ -40,7 +40,7 @@ class Records:
     formats: dict[int, Format]
 
     def kinds(self) -> Iterator[tuple[Format, Indices]]:
-        """Yield each kind that is met, with the places among the records where it is."""
+        """Yield each kind that occurs, with its indices among the records."""
         if not self.type.size:
             return
         order = np.argsort(self.type, kind="stable")
@@ -49,7 +49,7 @@ class Records:
             yield self.formats[number], places
 
     def decodable(self) -> Iterator[tuple[Format, Indices]]:
-        """Yield those kinds whose declaration is understood."""
+        """Yield the kinds whose declaration is understood."""
         return (kind for kind in self.kinds() if kind[0].known)
 
     def structured(self, form: Format, places: Indices) -> NDArray[Any]:
@@ -68,7 +68,7 @@ def is_dataflash(head: bytes) -> bool:
 
 
 def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records]:
-    """Yield the records block after block; what is between them, and a cut last one, are losses."""
+    """Yield the records block after block; bytes between them, and a cut last record, are losses."""
     formats: dict[int, Format] = {FMT_TYPE: FMT}
     data, offset, sound_end, at_end = b"", 0, 0, False
     while not at_end:
@@ -92,7 +92,7 @@ def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records
 
 
 def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) -> list[tuple[int, int, dict[int, Format]]]:
-    """Return (first, last byte, formats) of the parts of a block: a new part begins where a type is declared anew and otherwise."""
+    """Return (first, last byte, formats) of the parts of a block: a new part begins where a type is declared again and differently."""
     formats = dict(formats)
     pieces, first = [], 0
     for at in _magic(view, 0, min(searched, view.size - FMT.length + 1)).tolist():
@@ -100,7 +100,7 @@ def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) 
         if form is None or form.type == FMT_TYPE or formats.get(form.type) == form:
             continue
         if form.type in formats:
-            # what lies before goes by the earlier declaration
+            # records before this one are of the earlier declaration
             pieces.append((first, at, formats))
             formats, first = dict(formats), at
         formats[form.type] = form
@@ -131,13 +131,13 @@ def _records(
     inside = np.flatnonzero(end < view.size)
     after = end[inside]
     followed[inside] = (view[after] == MAGIC[0]) & ((after + 1 == view.size) | (view[np.minimum(after + 1, view.size - 1)] == MAGIC[1]))
-    # what nothing follows counts when it follows something itself and no sound record begins in it: then the next one is damaged, not it
+    # a record that no other follows counts when it follows one itself and no sound record begins in it: then the next one is damaged
     alone, sound = np.flatnonzero(~followed), start[followed]
     holds = np.searchsorted(sound, end[alone]) > np.searchsorted(sound, start[alone])
     followed[alone] = (np.isin(start[alone], end) | (start[alone] == sound_end)) & ~holds
     start, end = start[followed], end[followed]
-    met = chain(start, end)
-    return start[met], end[met]
+    kept = chain(start, end)
+    return start[kept], end[kept]
 
 
 def _magic(view: NDArray[np.uint8], first: int, last: int) -> Indices:

@@ -1,4 +1,4 @@
-"""A Seaglider's dive (basestation NetCDF) as the messages that other logs hold."""
+"""A Seaglider's dive (basestation NetCDF) as messages of the kinds that other logs hold."""
 
 import math
 from collections.abc import Iterator
@@ -94,7 +94,7 @@ class SeagliderReader(LogFile):
 
 
 def _positions(file: DiveFile) -> Iterator[Entry]:
-    """Yield the dead-reckoned track, a position a minute; its first and deepest samples are not special."""
+    """Yield the dead-reckoned track, one position a minute; the first and the deepest sample are treated like the others."""
     if not file.has("ctd_time", "ctd_depth", "latitude", "longitude"):
         return
     time_ns, known = file.time_ns("ctd_time")
@@ -145,7 +145,7 @@ def _inverted(file: DiveFile) -> Iterator[Entry]:
     for leg, end_ns in enumerate(_leg_ends(file)):
         velocity = np.stack([component[:, leg] for component in components], axis=-1)
         payload = _ping(file, end_ns, 2 * file.dive + leg, velocity, float(steps[0]), float(levels[0]))
-        # the levels are depths: the profile hangs from the surface, not from the glider
+        # the levels are depths: the profile begins at the surface, not at the glider
         payload |= {
             "reference": "earth",
             "orientation": "down",
@@ -171,7 +171,7 @@ def _leg_ends(file: DiveFile) -> tuple[int, ...]:
 
 
 def _ping(file: DiveFile, time_ns: int, ordinal: int, velocity: Array, cell_size: float, bin0_distance: float) -> dict[str, Any]:
-    """Return a ping in earth coordinates with what is not known as null.
+    """Return a ping in earth coordinates; unknown fields are null.
 
     Args:
         file: The dive.

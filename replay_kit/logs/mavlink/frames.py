@@ -1,7 +1,7 @@
 """Entries of a MAVLink telemetry log, found and checked a block at a time.
 
-An entry is eight bytes of microseconds, big-endian, then one MAVLink 1 or 2 frame. Nothing but the frame's own checksum says that an
-entry is sound, so every place where one seems to begin is checked, and the next entry is the first sound one after the end of the last.
+An entry is eight bytes of microseconds, big-endian, then one MAVLink 1 or 2 frame. Only the frame's own checksum shows that an
+entry is sound: every candidate is checked, and the next entry is the first sound one after the end of the last.
 """
 
 import re
@@ -18,7 +18,7 @@ from replay_kit.logs.mavlink.crc import checksums
 from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
 from replay_kit.logs.shared.statistics import ReadStatistics
 
-#: Read at once [bytes]: enough that the arrays of a block pay, little enough that they stay near the processor.
+#: Read at once [bytes]: large enough for arrays to be efficient, small enough for the processor's cache.
 BLOCK = 2 << 20
 _V1, _V2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
 _SIGNED = dialect.MAVLINK_IFLAG_SIGNED
@@ -35,7 +35,7 @@ _ENTRY = re.compile(rb"\x00[\x00-\x20].{6}[\xfd\xfe]", re.DOTALL)
 #: Checksums computed at once: noise can look like an entry at every second byte, and each may be 280 bytes long.
 _AT_ONCE = 1 << 16
 _UNKNOWN = 256
-#: Checksum byte of each message id; the last place stands for all ids beyond the known ones.
+#: Checksum byte of each message id; the last element is for all ids beyond the known ones.
 _EXTRA = np.full(max(dialect.mavlink_map) + 2, _UNKNOWN, dtype=np.uint16)
 for _id, _message in dialect.mavlink_map.items():
     _EXTRA[_id] = _message.crc_extra
@@ -114,7 +114,7 @@ def scan(data: bytes, offset: int, at_end: bool) -> tuple[Frames, int]:
 
 
 def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
-    """Return every place where an entry seems to begin and to be whole.
+    """Return the candidates: every place where an entry seems to begin and to be whole.
 
     Args:
         data: The block, then padding, so that the fields of what is too short can be read.
@@ -141,7 +141,7 @@ def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
 
 
 def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
-    """Return which entries are sound: a known message's checksum fits; after an unknown one another entry seems to begin."""
+    """Return which entries are sound: a known message's checksum fits; after an unknown one another candidate begins."""
     view = np.frombuffer(frames.data, dtype=np.uint8)
     check = frames.payload + frames.length
     stated = view[check].astype(np.uint16) | view[check + 1].astype(np.uint16) << 8

@@ -107,7 +107,7 @@ class TlogReader(LogFile):
         return replace(super().report(), notes=notes, unchecked=unchecked)
 
     def _read(self, statistics: ReadStatistics) -> Iterator[tuple[Frames, int, int]]:
-        """Yield the entries block by block, the position of the first in the file, and how many stamps were far from their neighbours."""
+        """Yield the entries block by block, the position of the first in the file, and the number of stamps far from their neighbours."""
         position, last_us = 0, None
         with self._opened() as file:
             for frames in read_frames(file, statistics):

@@ -1,7 +1,7 @@
 """The messages of our own logs as a MAVLink 2 telemetry log: a stamp of microseconds, then a frame, and so on.
 
-The carrier has no message for a depth-averaged current, and no field for a ping's amplitude, correlation and the like: these
-are left out, and counted. A ping goes as five ``DEBUG_FLOAT_ARRAY`` frames, NaN for what is not known.
+MAVLink has no message for a depth-averaged current, and no field for a ping's amplitude, correlation and the like: these
+are left out and counted. A ping is written as five ``DEBUG_FLOAT_ARRAY`` frames; unknown values are NaN.
 """
 
 import math
@@ -49,7 +49,7 @@ class TlogFrames:
     """Makes the entries of a telemetry log from messages, and counts what they cannot hold.
 
     Attributes:
-        left_out: How many messages by (topic, what was left out of the log and why).
+        left_out: Number of messages by (topic, what was left out and why).
     """
 
     def __init__(self, beside_vehicle: bool = False) -> None:
@@ -125,7 +125,7 @@ def _position_frames(message: Message, boot_ms: int) -> Iterator[Any]:
     degrees = _stated(payload, "latitude")
     if abs(degrees) > 90.0:
         raise _UnfitError("expected latitude from -90 to 90 degrees")
-    # a frame holds degrees up to 214: east above 180 becomes west
+    # a frame holds at most 214 degrees: east above 180 becomes west
     latitude, longitude = round(degrees * 1e7), round(math.remainder(_stated(payload, "longitude"), 360.0) * 1e7)
     depth = _number(extra.get("depth"))
     altitude = 0 if math.isnan(depth) else -round(depth * 1000.0)
@@ -164,7 +164,7 @@ def _ping_frames(message: Message, boot_ms: int) -> Iterator[Any]:
 
 
 def _cells(payload: Mapping[str, Any]) -> list[list[Any]]:
-    """Return a ping's velocities by cell; an empty cell is one of which nothing is known."""
+    """Return a ping's velocities by cell; an unknown cell is empty."""
     velocity, n_cells = list(payload["velocity"]), payload["n_cells"]
     if any(isinstance(cell, list | tuple) for cell in velocity):
         return [list(cell or ()) for cell in velocity]
@@ -185,7 +185,7 @@ def _columns(payload: Mapping[str, Any]) -> list[list[float]]:
 
 
 def _not_held(payload: Mapping[str, Any]) -> list[str]:
-    """Return what a ping states and its frames do not."""
+    """Return the fields of a ping that its frames do not hold."""
     lost = sorted(key for key, value in payload.items() if key not in _HELD and value not in (None, [], {}, ""))
     return [*lost, f"components of velocity after {_COMPONENTS}"] if max(map(len, _cells(payload)), default=0) > _COMPONENTS else lost
 

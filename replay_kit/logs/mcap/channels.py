@@ -33,11 +33,11 @@ class Sink:
 class Channels:
     """The channels and schemas declared so far; a decoder is built when its first message comes."""
 
-    def __init__(self, summary: Callable[[], Summary], rename: Callable[[str], str]) -> None:
+    def __init__(self, summary: Summary, rename: Callable[[str], str]) -> None:
         """Start with nothing declared.
 
         Args:
-            summary: Gives the file's summary, called only for channels not declared before their use, as after a lost chunk.
+            summary: The file's summary, used for channels that were not declared before their use, as after a lost chunk.
             rename: Gives what a topic of the file is called.
         """
         self._summary = summary
@@ -72,13 +72,13 @@ class Channels:
         return found
 
     def _build(self, channel_id: int) -> Sink:
-        channel = self._channels.get(channel_id) or self._summary().channels.get(channel_id)
+        channel = self._channels.get(channel_id) or self._summary.channels.get(channel_id)
         if channel is None:
             unknown = RawChannel(channel_id, f"(channel {channel_id})", "", (), None)
             return Sink(unknown.topic, "", "the file does not declare this channel", unknown)
         schema = None
         if channel.schema_id != 0:
-            schema = self._schemas.get(channel.schema_id) or self._summary().schemas.get(channel.schema_id)
+            schema = self._schemas.get(channel.schema_id) or self._summary.schemas.get(channel.schema_id)
         definition = (schema.name, schema.encoding, schema.data) if schema else None
         topic = self._rename(channel.topic)
         raw = RawChannel(channel_id, topic, channel.message_encoding, tuple(channel.metadata.items()), definition)

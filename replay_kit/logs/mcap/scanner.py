@@ -3,7 +3,6 @@
 import os
 import struct
 from collections.abc import Callable, Generator, Iterator
-from functools import cached_property
 from typing import BinaryIO, Generic, TypeVar
 
 from mcap.opcode import Opcode
@@ -26,7 +25,7 @@ from replay_kit.logs.mcap.records import (
     parse,
     parse_chunk,
 )
-from replay_kit.logs.mcap.summary import Summary, read_summary, resume_after
+from replay_kit.logs.mcap.summary import read_summary, resume_after
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: Fixed part of a message record: channel, sequence, log time, publish time. Unpacked here at once, because the library's
@@ -70,21 +69,16 @@ class McapScanner(Generic[_T]):
         self._make = make
         self._on_extra = on_extra
         self._size = os.fstat(file.fileno()).st_size
-        self._channels = Channels(lambda: self._summary, rename)
+        self._summary = read_summary(file, self._size)
+        self._channels = Channels(self._summary, rename)
         self._position = 0
         self._lost = 0
         self._lost_all_known = True
         self._outside = 0
         self._ended = False
-
-    @cached_property
-    def _summary(self) -> Summary:
-        summary = read_summary(self._file, self._size)
-        if summary.problem:
-            self._statistics.lose(
-                f"{summary.problem}: the index is not used, all messages that can be found are", self._size, 0, messages=0
-            )
-        return summary
+        if self._summary.problem:
+            what = f"{self._summary.problem}: the index is not used, all messages that can be found are"
+            statistics.lose(what, self._size, 0, messages=0)
 
     def messages(self) -> Iterator[_T]:
         """Yield the values that ``make`` returns, in the order of the file."""
@@ -100,13 +94,13 @@ class McapScanner(Generic[_T]):
         self._statistics.lose(what, start, end - start, messages=messages, span=span)
 
     def _read_from(self, start: int) -> Generator[_T, None, int | None]:
-        """Yield messages up to the end or to damage; return the offset at which to go on, or None."""
+        """Yield messages up to the end or to damage; return the offset at which reading goes on, or None."""
         for record in file_records(self._file, start, self._size, self._summary.next_offset):
             if not record.whole or not self._as_indexed(record):
                 return (yield from self._cut(record))
             if record.opcode == Opcode.CHUNK:
                 if not (yield from self._chunk(record)):
-                    return resume_after(self._file, record.offset, self._size, lambda: self._summary) or record.end
+                    return resume_after(self._file, record.offset, self._size, self._summary) or record.end
             elif record.opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
                 if self._summary.in_index(record.offset):
                     self._lose("a record of a chunk's index is damaged and not used", record.offset, record.end, 0)
@@ -116,7 +110,7 @@ class McapScanner(Generic[_T]):
                     if message is not None:
                         yield message
                 else:
-                    self._declare(record.opcode, record.body, record)
+                    self._declare(record.opcode, record.body, record.offset)
             elif record.opcode in _EXTRAS:
                 self._pass_on(record)
             else:
@@ -131,12 +125,12 @@ class McapScanner(Generic[_T]):
             self._lose(f"an attachment or metadata record is damaged and left out: {error}", record.offset, record.end, 0)
 
     def _as_indexed(self, record: Record) -> bool:
-        """Return whether a record is what the summary says of its place."""
+        """Return whether a record is the one that the summary lists at its offset."""
         chunk = self._summary.chunk_at(record.offset)
         return chunk is None or (record.opcode == Opcode.CHUNK and record.end - record.offset == chunk.chunk_length)
 
     def _chunk(self, record: Record) -> Generator[_T, None, bool]:
-        """Yield the messages of a whole chunk; return whether its length can be believed."""
+        """Yield the messages of a whole chunk; return whether its length is plausible."""
         try:
             chunk = parse_chunk(record.body)
         except RECORD_ERRORS:
@@ -168,9 +162,9 @@ class McapScanner(Generic[_T]):
 
         Args:
             data: The contents.
-            record: Where they stand.
-            unchecked: The chunk, when no checksum speaks for the contents: what contradicts its head is then left out, and a
-                record that is no schema, channel or message is damage, not a kind that later versions of the format may have.
+            record: The record that holds them.
+            unchecked: The chunk, when no checksum covers the contents: a message that contradicts the chunk's head is then left out, and
+                a record that is no schema, channel or message is damage, not a kind of a later version of the format.
         """
         end = 0
         span = _span(unchecked) if unchecked else None
@@ -185,7 +179,7 @@ class McapScanner(Generic[_T]):
             end = stop
             if opcode != _MESSAGE_OPCODE:
                 if opcode in INNER:
-                    self._declare(opcode, data[start:stop], record)
+                    self._declare(opcode, data[start:stop], record.offset)
             elif length < MESSAGE.size:
                 self._lose("a message record is too short and left out", record.offset, record.offset + length, 1)
             elif span is not None and not span[0] <= MESSAGE.unpack_from(data, start)[2] <= span[1]:
@@ -199,8 +193,8 @@ class McapScanner(Generic[_T]):
         return end
 
     def _cut(self, record: Record) -> Generator[_T, None, int | None]:
-        """Use what is left of a record that is not whole; return where reading goes on, or None."""
-        resume = resume_after(self._file, record.offset, self._size, lambda: self._summary)
+        """Yield the messages of what is left of a record that is not whole; return where reading goes on, or None."""
+        resume = resume_after(self._file, record.offset, self._size, self._summary)
         end = resume or self._size
         on = f"; reading goes on at byte {resume}" if resume else ""
         before = self._position
@@ -222,24 +216,22 @@ class McapScanner(Generic[_T]):
             self._lose("ends without a footer: everything before is used", record.offset, end, 0)
         else:
             what = f"cut inside a record, or no record begins here: everything before is used{on}"
-            self._lose_after_cut(what, record.offset, end, indexed)
+            listed = self._summary.chunk_at(record.offset)
+            span = None if listed is None else (listed.message_start_time, listed.message_end_time)
+            self._lose(what, record.offset, end, indexed, span)
         return resume
 
-    def _lose_after_cut(self, what: str, start: int, end: int, messages: int | None) -> None:
-        chunk = self._summary.chunk_at(start)
-        self._lose(what, start, end, messages, None if chunk is None else (chunk.message_start_time, chunk.message_end_time))
-
     def _indexed(self, record: Record) -> int | None:
-        """Return how many messages the index says that a chunk holds; None when it does not say."""
+        """Return the number of messages that the index lists for a chunk; None when it lists none."""
         chunk = self._summary.chunk_at(record.offset)
         end = record.offset + chunk.chunk_length if chunk else record.end
         return indexed_messages(self._file, end, self._size)
 
-    def _declare(self, opcode: int, body: bytes, record: Record) -> None:
+    def _declare(self, opcode: int, body: bytes, offset: int) -> None:
         try:
             self._channels.declare(opcode, body)
         except RECORD_ERRORS:
-            self._lose("a schema or channel record is damaged and left out", record.offset, record.offset + len(body), 0)
+            self._lose("a schema or channel record is damaged and left out", offset, offset + len(body), 0)
 
     def _message(self, data: bytes, start: int, end: int, record: Record) -> _T | None:
         if end - start < MESSAGE.size:
@@ -250,7 +242,7 @@ class McapScanner(Generic[_T]):
         return self._make(self._channels, data, start, end, position)
 
     def _check(self, record: Record) -> None:
-        """Compare what the file says about itself with what was met, unless a loss already explains a difference."""
+        """Compare the file's statements about itself with what was found, unless a loss already explains a difference."""
         if record.opcode == Opcode.FOOTER:
             self._file.seek(record.end)
             tail = self._file.read(len(MAGIC))
@@ -279,10 +271,10 @@ class McapScanner(Generic[_T]):
 
     def _check_count(self, stated: int, record: Record) -> None:
         if self._lost_all_known and stated != self._position + self._lost:
-            what = f"the file says that it holds {stated} messages, {self._position} were met"
+            what = f"the file states {stated} messages, {self._position} were found"
             self._lose(what, record.offset, record.offset, max(0, stated - self._position - self._lost))
 
 
 def _span(chunk: Chunk) -> tuple[int, int] | None:
-    """Return the times a chunk says that its messages have [ns]; None when they cannot be true."""
+    """Return the span of its messages' times that a chunk states [ns]; None when it cannot be true."""
     return (chunk.start_ns, chunk.end_ns) if 0 < chunk.end_ns >= chunk.start_ns else None

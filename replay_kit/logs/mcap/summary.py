@@ -1,10 +1,10 @@
-"""What the end of an MCAP file says about the whole of it, and where reading can go on after damage."""
+"""The summary section of an MCAP file, and the offset at which reading goes on after damage."""
 
 import re
 import struct
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -40,8 +40,8 @@ class Summary:
         channels: By number.
         chunks: In the order of their offsets.
         offsets: Where chunks, attachments, metadata and the summary itself begin [bytes], increasing.
-        statistics: What the file says it holds; None when it does not say.
-        problem: Why a summary that is there is not believed; empty when it is, or there is none.
+        statistics: The file's own counts; None when it states none.
+        problem: Why a summary that is there is not used; empty when it is used, or there is none.
         checked: Whether a checksum covers it.
     """
 
@@ -58,17 +58,17 @@ class Summary:
         return tuple(chunk.chunk_start_offset for chunk in self.chunks)
 
     def chunk_at(self, offset: int) -> ChunkIndex | None:
-        """Return what is said of the chunk that begins at a byte; None when none does."""
+        """Return the index entry of the chunk that begins at a byte; None when none does."""
         place = bisect_right(self._chunk_starts, offset) - 1
         return self.chunks[place] if place >= 0 and self._chunk_starts[place] == offset else None
 
     def next_offset(self, offset: int) -> int | None:
-        """Return where the next record that the summary knows begins after a byte; None when it knows of none."""
+        """Return the offset of the next record after a byte that the summary lists; None when it lists none."""
         place = bisect_right(self.offsets, offset)
         return self.offsets[place] if place < len(self.offsets) else None
 
     def in_index(self, offset: int) -> bool:
-        """Return whether a byte belongs to the message index of a chunk, where no message can stand."""
+        """Return whether a byte belongs to the message index of a chunk, which holds no messages."""
         place = bisect_right(self._chunk_starts, offset) - 1
         if place < 0:
             return False
@@ -128,19 +128,18 @@ def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
     )
 
 
-def resume_after(file: BinaryIO, offset: int, size: int, summary: Callable[[], Summary]) -> int | None:
-    """Return where a record begins after damage: the next that the summary knows, else the next that looks like a chunk.
+def resume_after(file: BinaryIO, offset: int, size: int, summary: Summary) -> int | None:
+    """Return where a record begins after damage: the next that the summary lists, else the next that looks like a chunk.
 
     Args:
         file: The open log.
         offset: Where the damaged record begins [bytes].
         size: Size of the file [bytes].
-        summary: Gives the file's summary.
+        summary: The file's summary.
     """
-    known = summary()
-    following = known.next_offset(offset)
+    following = summary.next_offset(offset)
     # a file may have a summary that lists no chunks
-    return following if known.chunks else _next_chunk(file, offset + 1, following or size) or following
+    return following if summary.chunks else _next_chunk(file, offset + 1, following or size) or following
 
 
 def _next_chunk(file: BinaryIO, offset: int, size: int) -> int | None:

@@ -20,7 +20,7 @@ _WHAT = {
     What.SURFACE: "at the surface",
     What.NO_DEPTH: "without a depth",
     What.TIME_BACK: "not later than the one before",
-    What.NOT_TOLD: "in no leg that can be told",
+    What.NOT_TOLD: "in an undetermined leg",
 }
 
 
@@ -88,7 +88,7 @@ def _test_json(test: str, count: TestCount, settings: MeasurementConfig) -> dict
 
 def _track_json(report: QualityReport) -> dict[str, Any]:
     track, legs = report.track, []
-    # the samples of a leg stand together
+    # the samples of a leg are consecutive
     numbers, first = np.unique(track.profile, return_index=True)
     for number, begin in zip(numbers.tolist(), first.tolist(), strict=True):
         if number:
