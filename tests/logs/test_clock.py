@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.logs.clock import fit_clock, gps_to_utc, leap_seconds, without_spikes
+from replay_kit.logs.shared.clock import fit_clock, gps_to_utc, leap_seconds, without_spikes
 from tests.reference.clock import slow_fit
 
 UTC = 1_700_000_000_000_000_000

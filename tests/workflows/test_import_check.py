@@ -62,7 +62,7 @@ def test_a_sound_survey_is_not_accused_and_tells_of_every_fault(surveys, estimat
 def test_a_sound_glider_is_not_accused_and_cannot_tell_a_declination(glider, estimator):
     found = check(glider, "sound", estimator)
     assert found.suspicions == ()
-    assert {"the declination was not applied", "the declination was applied twice"} <= set(found.unseen)
+    assert {"the declination was not applied", "the declination was applied twice"} <= set(found.undetermined)
 
 
 @pytest.mark.parametrize("fault", ["both signs are wrong", "the sign of depth is wrong: pressure"])
@@ -118,7 +118,7 @@ def test_what_a_ping_says_of_the_declination():
 def test_an_infinite_gain_is_null_in_json():
     answer = import_check_json(ImportCheck(3, (Suspicion("a", "b", math.inf), Suspicion("c", "d", 12.0)), ("e",)))
     assert [fault["log_likelihood_ratio"] for fault in answer["faults"]] == [None, 12.0]
-    assert answer["not_told"] == ["e"]
+    assert answer["undetermined"] == ["e"]
 
 
 def test_info_with_an_ensemble(capsys, tmp_path, surveys):

@@ -43,11 +43,11 @@ def test_a_suggested_mapping_is_printed_alone(capsys, log):
 
 def test_a_suggested_mapping_makes_the_topic_usable(capsys, log, tmp_path):
     before = inspect_log(log, load_config(None))
-    assert set(before.not_known) == {"/vendor/nav", "/vendor/text"}
+    assert set(before.unknown) == {"/vendor/nav", "/vendor/text"}
     code, _ = run_info(capsys, [log], suggest=tmp_path / "map.toml")
     assert code == 0
     _, said = run_info(capsys, [log], config=tmp_path / "map.toml", json_file=cli_info.Path("-"))
-    assert json.loads(said.out)["logs"][0]["positions"] == before.positions + 3
+    assert json.loads(said.out)["logs"][0]["positions"] == before.content.positions + 3
 
 
 def test_a_depth_averaged_current_is_no_position(tmp_path):
@@ -55,7 +55,7 @@ def test_a_depth_averaged_current_is_no_position(tmp_path):
         json_mcap([(0, "/dac", "replay_kit.DepthAveragedCurrent", {"start_fix": {"lat": 1.0, "lon": 2.0}})])
     )
     found = inspect_log(tmp_path / "dac.mcap", load_config(None))
-    assert found.not_known == {}
+    assert found.unknown == {}
     assert found.not_used == {"/dac": {"depth-averaged current: it is not a number": 1}}
 
 

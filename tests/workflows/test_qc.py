@@ -125,7 +125,7 @@ def test_sound_logs_lose_nothing(logs):
         assert topic.flags[Flag.FAIL] == 0
         suspect = sum(count.suspect for name, count in topic.tests.items() if name != "at_surface")
         assert suspect <= 1e-3 * topic.tests["max_speed"].evaluated
-        assert topic.lost == []
+        assert topic.lost == ()
 
 
 def test_settings_are_checked_and_come_back_from_a_result(tmp_path):

@@ -1,8 +1,8 @@
-"""MAVLink messages that a BlueOS recording holds as JSON, made what a telemetry log gives.
+"""MAVLink messages that a BlueOS recording holds as JSON, converted to the payloads of a telemetry log.
 
 On ``mavlink/{system}/{component}/{NAME}`` a message is ``{"header": {...}, "message": {"type": NAME, ...}}``; enums come as
-``{"type": "MAV_..."}`` or as their name, flags as ``{"bits": n}`` or as names joined by ``|``. The schemas are guessed by the
-recorder from each topic's first message and say nothing. Source: bluerobotics/blueos-recorder, bluerobotics/mavlink-server.
+``{"type": "MAV_..."}`` or as their name, flags as ``{"bits": n}`` or as names joined by ``|``. The recorder guesses the
+schemas from each topic's first message; they are not used. Source: bluerobotics/blueos-recorder, bluerobotics/mavlink-server.
 """
 
 import re
@@ -34,7 +34,7 @@ def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]]
 
 
 class _Fields:
-    """What the dialect says of one message's fields; nothing for a message that it does not know."""
+    """The dialect's definition of one message's fields; empty for a message that it does not know."""
 
     def __init__(self, message: Any) -> None:
         self.texts: frozenset[str] = frozenset()
@@ -67,7 +67,7 @@ def _payload(value: dict[str, Any], fields: _Fields) -> dict[str, Any]:
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):
         return value
     plain = {name: _value(name, item, fields) for name, item in message.items() if name != "type"}
-    # the recorder's library renames the field that its own word for the message's name would hide
+    # the recorder's library renames the field ``type``, which is its key for the message's name
     if "mavtype" in plain:
         plain["type"] = plain.pop("mavtype")
     return plain
@@ -88,7 +88,7 @@ def _value(name: str, value: Any, fields: _Fields) -> Any:
 
 
 def _number_of(words: Any) -> Any:
-    """Return the number that an enum's name stands for, or names joined by ``|``; the words themselves where one is unknown."""
+    """Return the number that an enum's name stands for, or names joined by ``|``; the names themselves where one is unknown."""
     if not isinstance(words, str):
         return words
     values = [_enum_values().get(word.strip()) for word in words.split("|")]

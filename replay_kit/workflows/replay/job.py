@@ -17,7 +17,6 @@ from replay_kit.core.plan import Place, Plan
 from replay_kit.core.surfacing import Surfacing
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
-from replay_kit.logs.copying import RawLog
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
 
@@ -166,8 +165,8 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
     """Copy the logs' messages into the result as they are, when the job wants them there: frames of a telemetry log as frames."""
     if job.include_inputs:
-        logs = [RawLog(path, number, config) for number, path in enumerate(job.logs)]
-        writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames() else log.messages()))
+        logs = [open_log(path, number, config) for number, path in enumerate(job.logs)]
+        writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames else log.raw_messages()))
 
 
 def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:

@@ -1,12 +1,12 @@
 """Variables of a Seaglider basestation NetCDF file as float64 arrays in SI units, one file a dive.
 
-What the files leave unsaid, and how it was settled:
+What the files do not state, and how it was determined:
 
 * ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up as the
   instrument reports them, and on real dives velZ equals the vertical speed from pressure at pitches of 35 degrees. East and
   north are by the instrument's own compass: they lag the track by the declination, which is thus not applied.
 * The first cell's centre is one blanking and one cell from the instrument, which looks up.
-* ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units say.
+* ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units attribute states.
 """
 
 from collections.abc import Mapping
@@ -54,7 +54,7 @@ class DiveFile:
     Attributes:
         path: The file.
         variables: Those that a log needs, by name.
-        dive_number: As the file's attributes say; None when they do not.
+        dive_number: As the file's attributes state; None when they do not.
     """
 
     path: Path
@@ -63,7 +63,7 @@ class DiveFile:
 
     @property
     def dive(self) -> int:
-        """Number of the dive; 0 when the file does not say."""
+        """Number of the dive; 0 when the file does not state it."""
         return self.dive_number if self.dive_number is not None else int(np.nan_to_num(self.scalar("log_dive")))
 
     def has(self, *names: str) -> bool:

@@ -1,4 +1,4 @@
-"""A Seaglider's dive (basestation NetCDF) as the messages that other logs hold."""
+"""A Seaglider's dive (basestation NetCDF) as messages of the kinds that other logs hold."""
 
 import math
 from collections.abc import Iterator
@@ -9,48 +9,32 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.message import LogReport, Message
-from replay_kit.logs.glider.seaglider_file import DiveFile, open_dive
-from replay_kit.logs.payloads import FIX, PING, location_fix, number, stamp
-from replay_kit.logs.statistics import Tally
+from replay_kit.core.message import Message
+from replay_kit.logs.glider.dive_file import DiveFile, open_dive
+from replay_kit.logs.reader import Entry, LogFile
+from replay_kit.logs.shared.payloads import FIX, PING, location_fix, number, stamp
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 _NS = 1_000_000_000
 _DECIMATED_NS = 60 * _NS
 _BAD_QUALITY = (3, 4, 6, 9)  # probably bad, bad, unsampled, missing
-
-# (time [ns], topic, schema, payload)
-_Entry = tuple[int, str, str, dict[str, Any]]
 _DAC = "replay_kit.DepthAveragedCurrent"
 _INVERTED = "/adcp/inverted"
 
 
-class SeagliderReader:
-    """A dive, read whole: a file is one dive of a few hours.
+class SeagliderReader(LogFile):
+    """A dive, read whole: a file is one dive of a few hours, by one clock."""
 
-    Attributes:
-        path: The file.
-        format: ``seaglider``.
-    """
+    format = "seaglider"
 
-    path: str
-    format: str = "seaglider"
-
-    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None) -> None:
-        """Read the file.
-
-        Args:
-            path: The file.
-            input: Position of the log among the run's inputs.
-            config: Taken for the sake of one signature; a dive has one clock.
+    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+        """Read the file; arguments as of ``LogFile``.
 
         Raises:
             LogError: The file cannot be read as NetCDF, or is no Seaglider's.
         """
-        del config
-        self.path = str(path)
-        self._input = input
-        self._tally = Tally()
-        self._file = open_dive(Path(path))
+        super().__init__(path, input, config, wanted)
+        self._dive = open_dive(path)
 
     def messages(self) -> Iterator[Message]:
         """Yield the dive's messages in order of time.
@@ -65,24 +49,16 @@ class SeagliderReader:
         Raises:
             LogError: A variable has a unit that is not understood.
         """
-        self._tally = Tally()
-        file = self._file
+        self.statistics = ReadStatistics()
+        file = self._dive
         inverted = list(_inverted(file))
         sources = [*self._mean_current(file), *_pings(file)]
         for _, _, _, payload in sources if inverted else ():
             payload["also_in"] = _INVERTED
-        entries = [*self._fixes(file), *_positions(file), *sources, *inverted]
-        # stable: at one time a position comes before what was measured there
-        entries.sort(key=lambda entry: entry[0])
-        for position, (time_ns, topic, schema, payload) in enumerate(entries):
-            self._tally.read[topic] += 1
-            yield Message(time_ns, topic, schema, payload, self._input, position)
+        # at one time a position comes before the velocities measured there
+        yield from self._by_time([*self._fixes(file), *_positions(file), *sources, *inverted])
 
-    def report(self) -> LogReport:
-        """Return what was met so far."""
-        return self._tally.report(self.path, self.format)
-
-    def _fixes(self, file: DiveFile) -> Iterator[_Entry]:
+    def _fixes(self, file: DiveFile) -> Iterator[Entry]:
         time_ns, known = file.time_ns("log_gps_time")
         longitude, latitude = file.array("log_gps_lon"), file.array("log_gps_lat")
         error = file.array("log_gps_hpe") if file.has("log_gps_hpe") else np.full(time_ns.size, np.nan)
@@ -93,7 +69,7 @@ class SeagliderReader:
             fix = location_fix(int(time_ns[k]), longitude[k], latitude[k], 0.0, False, error[k])
             yield int(time_ns[k]), "/vehicle/fix", FIX, fix
 
-    def _mean_current(self, file: DiveFile) -> Iterator[_Entry]:
+    def _mean_current(self, file: DiveFile) -> Iterator[Entry]:
         if not file.has("depth_avg_curr_east", "depth_avg_curr_north"):
             return
         time_ns, known = file.time_ns("log_gps_time")
@@ -116,13 +92,9 @@ class SeagliderReader:
         }
         yield int(time_ns[2]), "/dac", _DAC, payload
 
-    def _skip(self, topic: str, reason: str) -> None:
-        self._tally.read[topic] += 1
-        self._tally.undecodable(topic, reason)
 
-
-def _positions(file: DiveFile) -> Iterator[_Entry]:
-    """Yield the dead-reckoned track, a position a minute; its first and deepest samples are not special."""
+def _positions(file: DiveFile) -> Iterator[Entry]:
+    """Yield the dead-reckoned track, one position a minute; the first and the deepest sample are treated like the others."""
     if not file.has("ctd_time", "ctd_depth", "latitude", "longitude"):
         return
     time_ns, known = file.time_ns("ctd_time")
@@ -136,7 +108,7 @@ def _positions(file: DiveFile) -> Iterator[_Entry]:
             yield time, "/vehicle/position", FIX, location_fix(time, longitude[k], latitude[k], depth[k], True, math.nan)
 
 
-def _pings(file: DiveFile) -> Iterator[_Entry]:
+def _pings(file: DiveFile) -> Iterator[Entry]:
     """Yield the velocities relative to the glider."""
     if not file.has("ad2cp_time", "ad2cp_velX", "ad2cp_velY", "ad2cp_velZ", "ad2cp_cellSize", "ad2cp_blanking"):
         return
@@ -161,7 +133,7 @@ def _pings(file: DiveFile) -> Iterator[_Entry]:
         yield int(time_ns[k]), "/adcp", PING, payload
 
 
-def _inverted(file: DiveFile) -> Iterator[_Entry]:
+def _inverted(file: DiveFile) -> Iterator[Entry]:
     """Yield the absolute profiles of the descent and the ascent."""
     names = [f"ad2cp_inv_profile_{name}" for name in ("depth", "uocn", "vocn", "wocn")]
     if not file.has(*names, "ctd_time", "ctd_depth"):
@@ -173,7 +145,7 @@ def _inverted(file: DiveFile) -> Iterator[_Entry]:
     for leg, end_ns in enumerate(_leg_ends(file)):
         velocity = np.stack([component[:, leg] for component in components], axis=-1)
         payload = _ping(file, end_ns, 2 * file.dive + leg, velocity, float(steps[0]), float(levels[0]))
-        # the levels are depths: the profile hangs from the surface, not from the glider
+        # the levels are depths: the profile begins at the surface, not at the glider
         payload |= {
             "reference": "earth",
             "orientation": "down",
@@ -199,7 +171,7 @@ def _leg_ends(file: DiveFile) -> tuple[int, ...]:
 
 
 def _ping(file: DiveFile, time_ns: int, ordinal: int, velocity: Array, cell_size: float, bin0_distance: float) -> dict[str, Any]:
-    """Return a ping in earth coordinates with what is not known as null.
+    """Return a ping in earth coordinates; unknown fields are null.
 
     Args:
         file: The dive.

@@ -1,4 +1,4 @@
-"""A clock that counts from the vehicle's start, fitted to UTC although some of what the log says of UTC is late or wrong."""
+"""A clock that counts from the vehicle's start, fitted to UTC although some of the log's UTC stamps are late or wrong."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 Times = NDArray[np.int64]
 
-#: Shorter than this the jitter of the stamps hides what a quartz clock drifts [ns].
+#: In shorter logs the jitter of the stamps hides the drift of a quartz clock [ns].
 _SPAN_FOR_DRIFT_NS = 600_000_000_000
-#: No quartz clock drifts faster; what seems to is something else, and the residual shows it.
+#: No quartz clock drifts faster; a larger slope has another cause, which the residual shows.
 _MAX_DRIFT = 1e-3
-#: Pairs that the slope is taken from: it is the median over all pairs of pairs.
+#: Pairs used for the slope: it is the median over all pairs of pairs.
 _FOR_SLOPE = 400
 #: Farther from the fit than this many robust standard deviations, and than the least step that stamps have [ns], a pair is an outlier.
 _OUTLIER_STD = 5.0
 _OUTLIER_NS = 1_000_000
-#: What no single stamp of a log is ahead of, or behind, both its neighbours [microseconds].
+#: A single stamp farther than this ahead of, or behind, both its neighbours is wrong [microseconds].
 _SPIKE_US = 10_000_000
 _GPS_EPOCH_NS = 315_964_800_000_000_000
 _WEEK_MS = 604_800_000
@@ -35,7 +35,7 @@ class ClockFit:
     Attributes:
         boot_ns: A time on that clock [ns].
         utc_ns: UTC at that time [ns].
-        drift: What UTC gains on the clock [s/s].
+        drift: Rate at which UTC gains on the clock [s/s].
         residual_std: Standard deviation of the pairs that fit [s].
         pairs: Pairs of stamps it was fitted to.
         outliers: Those of them that do not fit.
@@ -88,17 +88,17 @@ def fit_clock(boot_ns: Times, utc_ns: Times) -> ClockFit:
 
 def _median_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     """Return the median slope of the lines through two points each (Theil, Sen); a few wrong points do not move it."""
-    # scipy.stats has it too, and takes longer to import than a log to read
+    # scipy.stats has it too, but takes longer to import than a log takes to read
     first, second = np.triu_indices(x.size, 1)
     apart = x[second] != x[first]
     return float(np.median((y[second] - y[first])[apart] / (x[second] - x[first])[apart]))
 
 
 def without_spikes(stamp_us: Times, before_us: int | None) -> tuple[Times, int]:
-    """Return stamps without those that are alone far from both neighbours, which take the next one's, and how many they were.
+    """Return stamps in which single ones far from both neighbours are replaced by the next one, and their number.
 
-    A stamp has no checksum. One flipped bit can put it years ahead, and all that follows would come too late to be put in order. The last
-    one has no next and stays, as does one in many thousand, where a reader's blocks meet.
+    A stamp has no checksum. One flipped bit can put it years ahead, and all messages after it would count as late. The last
+    one has no next one and stays, as does one in many thousand, at the edge of a reader's block.
 
     Args:
         stamp_us: Stamps that follow one another, shape (n,) [microseconds].
@@ -114,8 +114,13 @@ def without_spikes(stamp_us: Times, before_us: int | None) -> tuple[Times, int]:
     return steady, int(spikes.size)
 
 
+def spikes_note(spikes: int) -> str:
+    """Return the note on stamps that ``without_spikes`` replaced."""
+    return f"{spikes} stamps far from those before and after were replaced by the one after"
+
+
 def gps_to_utc(week: NDArray[np.int64], week_ms: NDArray[np.int64]) -> Times:
-    """Return UTC [ns] of GPS time: the leap seconds that GPS does not count are taken off.
+    """Return UTC [ns] of GPS time: the leap seconds, which GPS does not count, are subtracted.
 
     Args:
         week: Weeks since 6 January 1980, not folded into 1024.
