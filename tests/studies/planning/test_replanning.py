@@ -13,11 +13,12 @@ from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator import embed_member
 from replay_kit.studies.planning.legs import Leg, distance_to, fly_leg, measured, place_at
+from replay_kit.studies.planning.mission_legs import legs_planner
 from replay_kit.studies.planning.replan_rows import Flown, ReplanJob, ReplanRow, summarise
 from replay_kit.studies.planning.replanning import run_replanning
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.vehicle import EPOCH_NS
-from replay_kit.workflows.planning import MissionPlanner, legs_planner
+from replay_kit.workflows.planning import MissionPlanner
 from tests import synthetic
 from tests.studies.twins.truths import CENTRE, make_truth
 
