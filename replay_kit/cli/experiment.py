@@ -33,8 +33,7 @@ from replay_kit.core.errors import ConfigError, EstimatorError
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import read_ensemble, read_series, read_truth
 from replay_kit.studies import missions as on_missions
-from replay_kit.studies.accuracy import METHODS, AccuracyJob, run_accuracy
-from replay_kit.studies.accuracy_text import print_accuracy, to_json
+from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
 from replay_kit.studies.paper import FILES, PaperJob, check_folder, print_paper, run_paper, write_paper
 from replay_kit.studies.paper import to_json as paper_json
 from replay_kit.workflows.replay.job import check_paths, truth_path

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from replay_kit.core.errors import ConfigError
-from replay_kit.studies.truths import members_named
+from replay_kit.studies.twins.truths import members_named
 
 STUDIES = ("time", "relative", "dac", "outliers", "bias", "coverage")
 

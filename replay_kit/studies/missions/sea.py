@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.truths import leave_out
+from replay_kit.studies.twins.truths import leave_out
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
 

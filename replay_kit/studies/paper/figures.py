@@ -15,7 +15,7 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.studies.accuracy import build_method
+from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper.figures_flow import glides_3d, glides_top, truth_3d, truth_top
 from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.paper.tables import methods_with_modes

@@ -9,9 +9,9 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place, Plan
-from replay_kit.studies.bootstrap import bootstrap_median
 from replay_kit.studies.paper.rows import GlideRow
-from replay_kit.studies.reachable import Pair
+from replay_kit.studies.scoring.bootstrap import bootstrap_median
+from replay_kit.studies.twins.reachable import Pair
 
 PlanGlide = Callable[[FlowEstimate, Place, Place], Plan]
 FlyGlide = Callable[[FlowEstimate, Plan], tuple[Array, Array, float]]

@@ -17,10 +17,10 @@ from replay_kit.studies.paper.diagnostics import DepthKernel, coherence, depth_k
 from replay_kit.studies.paper.glides import FlyGlide, Glides, PlanGlide, run_glides
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths, sparse_over_truths
 from replay_kit.studies.paper.tables import Advance, Survey, run_table, rungs, sparse_rows
-from replay_kit.studies.pings import IDEAL_ERROR_STD, grid_observations, random_observations
-from replay_kit.studies.reachable import Pair, draw_pairs
-from replay_kit.studies.truths import Case, cases, most_distant
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.studies.twins.reachable import Pair, draw_pairs
+from replay_kit.studies.twins.truths import Case, cases, most_distant
 
 NOISE = 0.09  # m/s
 Progress = Callable[[int, int, str], None]

@@ -15,10 +15,10 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator import Estimator, ReducedBasisEstimator, embed_member
 from replay_kit.estimator.baselines.naive import Naive3D
 from replay_kit.estimator.basis.modes import cell_size
-from replay_kit.studies.accuracy import build_method
-from replay_kit.studies.bound import bound
+from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
-from replay_kit.studies.truths import Case
+from replay_kit.studies.scoring.bound import bound
+from replay_kit.studies.twins.truths import Case
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
 # The paper's numbers of modes below the full rank; one for each member comes with them.

@@ -9,7 +9,7 @@ from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, t
 from replay_kit.core.plan import Place
 from replay_kit.studies.planning.calls import Mission
 from replay_kit.studies.planning.world import Withheld
-from replay_kit.studies.reachable import SPEED, Pair, in_water, rk4
+from replay_kit.studies.twins.reachable import SPEED, Pair, in_water, rk4
 from replay_kit.studies.twins.vehicle import random_places
 
 # Glide angles that a mission may have, and those that goals are drawn with [degrees]: some of the range is left to the planner.

@@ -8,7 +8,7 @@ from replay_kit.studies.paper.diagnostics import coherence
 from replay_kit.studies.planning.misses import Flown, order_of, pictures_of, place_of_average, place_of_mean, tables_of
 from replay_kit.studies.planning.told import Told
 from replay_kit.studies.planning.world import LABELS, World
-from replay_kit.studies.reachable import TARGET_DEPTH, draw_pairs
+from replay_kit.studies.twins.reachable import TARGET_DEPTH, draw_pairs
 
 NAME = "glides"
 

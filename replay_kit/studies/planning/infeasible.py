@@ -17,7 +17,7 @@ from replay_kit.studies.planning.flights import ANGLES
 from replay_kit.studies.planning.masks import with_land
 from replay_kit.studies.planning.told import Asked, Table, Told
 from replay_kit.studies.planning.world import World
-from replay_kit.studies.reachable import SPEED
+from replay_kit.studies.twins.reachable import SPEED
 
 NAME = "infeasible"
 _SECONDS = 10.0

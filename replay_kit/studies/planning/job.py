@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.errors import ConfigError
-from replay_kit.studies.truths import members_named
+from replay_kit.studies.twins.truths import members_named
 
 # Members that are the truth in turn when none are named.
 _TRUTHS = 20

@@ -15,7 +15,7 @@ from replay_kit.studies.planning.pictures import MaskedView, draw_masked_cases
 from replay_kit.studies.planning.recheck import crossed, ends_of
 from replay_kit.studies.planning.told import Asked, Picture, Table, Told
 from replay_kit.studies.planning.world import World
-from replay_kit.studies.reachable import SPEED, Pair
+from replay_kit.studies.twins.reachable import SPEED, Pair
 
 NAME = "masked"
 _CLEAN = ("reached", "unreachable")

@@ -14,7 +14,7 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place
 from replay_kit.estimator.basis.modes import embed
 from replay_kit.studies.planning.recheck import Polygon, corners_of, crossed
-from replay_kit.studies.reachable import Pair
+from replay_kit.studies.twins.reachable import Pair
 
 _ISLANDS, _AREAS = (1, 5), (1, 4)  # at least, and fewer than
 _ISLAND_RADII = (0.6, 1.8)  # cells, of the two axes

@@ -9,10 +9,10 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Place
-from replay_kit.studies.bootstrap import bootstrap_median, bootstrap_ratio
 from replay_kit.studies.planning.pictures import draw_misses
 from replay_kit.studies.planning.told import Asked, Picture, Table
 from replay_kit.studies.planning.world import AVERAGED, LABELS, TRUTH
+from replay_kit.studies.scoring.bootstrap import bootstrap_median, bootstrap_ratio
 
 NEAR = 250.0  # m, a goal met this closely counts as reached
 

@@ -10,7 +10,7 @@ from replay_kit.studies.planning.flights import ANGLES, draw_missions
 from replay_kit.studies.planning.misses import NEAR, Flown, order_of, pictures_of, place_of_average, place_of_mean, tables_of
 from replay_kit.studies.planning.told import Told
 from replay_kit.studies.planning.world import LABELS, World
-from replay_kit.studies.reachable import SPEED
+from replay_kit.studies.twins.reachable import SPEED
 
 NAME = "missions"
 

@@ -9,7 +9,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid
-from replay_kit.studies.reachable import Pair, in_water
+from replay_kit.studies.twins.reachable import Pair, in_water
 
 Polygon = tuple[tuple[float, float], ...]
 # Distance between the points that are checked [m].

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.failures import EXPECTED_FAILURES, reason_of
+from replay_kit.studies.jobs.failures import EXPECTED_FAILURES, reason_of
 from replay_kit.studies.planning.calls import Calls
 from replay_kit.studies.planning.job import PlanningJob
 from replay_kit.studies.planning.studies import STUDIES

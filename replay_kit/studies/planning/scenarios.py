@@ -16,7 +16,7 @@ from replay_kit.studies.planning.pictures import ScenarioView, draw_scenarios
 from replay_kit.studies.planning.recheck import Polygon, corners_of, ends_of, winds_around
 from replay_kit.studies.planning.told import Asked, Picture, Table, Told
 from replay_kit.studies.planning.world import Withheld, World
-from replay_kit.studies.reachable import SPEED, Pair
+from replay_kit.studies.twins.reachable import SPEED, Pair
 
 NAME = "scenarios"
 _KEPT, _RATIO, _CORRECTED, _SECONDS = 0.12, 1.05, 0.8, 15.0

@@ -13,12 +13,12 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
-from replay_kit.studies.accuracy import build_method
-from replay_kit.studies.pings import random_observations
+from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.planning.calls import Calls
 from replay_kit.studies.planning.job import PlanningJob
-from replay_kit.studies.truths import Case, leave_out
 from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.studies.twins.profiles import random_observations
+from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
 TRUTH, AVERAGED = "truth", "depth_averaged_truth"

@@ -22,7 +22,6 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
-from replay_kit.studies.bootstrap import bootstrap_ratio
 from replay_kit.studies.planning import STUDIES, PlanningJob
 from replay_kit.studies.planning.flights import draw_missions, fly_plan
 from replay_kit.studies.planning.infeasible import cases, infeasible
@@ -32,6 +31,7 @@ from replay_kit.studies.planning.misses import Flown, order_of, place_of_average
 from replay_kit.studies.planning.recheck import corners_of, crossed, winds_around
 from replay_kit.studies.planning.scenarios import area_downstream, trespasses
 from replay_kit.studies.planning.world import build_world
+from replay_kit.studies.scoring.bootstrap import bootstrap_ratio
 from tests import synthetic
 from tests.planners.flow_samples import eddying_flow, place, uniform_flow
 from tests.reference import polygon

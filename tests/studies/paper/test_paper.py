@@ -24,10 +24,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
-from replay_kit.studies import reachable
-from replay_kit.studies.accuracy import build_method
-from replay_kit.studies.bootstrap import bootstrap_median
-from replay_kit.studies.bound import bound
+from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper import FILES, PaperJob, figures, print_paper, run_paper, to_json, write_paper
 from replay_kit.studies.paper.diagnostics import coherence, depth_kernel, level_correlation
 from replay_kit.studies.paper.findings import sparse_logs
@@ -35,10 +32,13 @@ from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_tr
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
 from replay_kit.studies.paper.text import text_tables
 from replay_kit.studies.paper.write import report, to_csv
-from replay_kit.studies.pings import IDEAL_ERROR_STD, grid_observations, random_observations
-from replay_kit.studies.reachable import draw_pairs
-from replay_kit.studies.truths import Case, leave_out
+from replay_kit.studies.scoring.bootstrap import bootstrap_median
+from replay_kit.studies.scoring.bound import bound
+from replay_kit.studies.twins import reachable
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.studies.twins.reachable import draw_pairs
+from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
 
