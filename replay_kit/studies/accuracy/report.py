@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.studies.accuracy.run import FIGURES, AccuracyResult, AccuracyRow
-from replay_kit.studies.reports.tables import Table
+from replay_kit.studies.reports.tables import Cell, Table
 from replay_kit.studies.reports.write import number, plain, print_tables, versions
 
 _COLUMNS = ("truth", "method", "pings", "rel. error", "RMSE", "bound", "NIS/dof", "cov. 50", "cov. 90", "CRPS")
@@ -27,7 +27,7 @@ def to_json(result: AccuracyResult) -> dict[str, Any]:
 
 def print_accuracy(result: AccuracyResult, console: Console) -> None:
     """Print the rows as a table, and below it why methods failed."""
-    rows = tuple(
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
         (result.truth if row.truth is None else str(row.truth), row.method, row.pings, *(number(getattr(row, name)) for name in FIGURES))
         for row in result.rows
     )

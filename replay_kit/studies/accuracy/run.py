@@ -203,7 +203,7 @@ def _run_seed(
 
 def _row(method: str, pings: int, least: float, by_seed: Sequence[tuple[Score, float]]) -> AccuracyRow:
     scores, nis = zip(*by_seed, strict=True)
-    means = {field.name: float(np.mean([getattr(of_seed, field.name) for of_seed in scores])) for field in fields(Score)}
+    means: dict[str, Any] = {field.name: float(np.mean([getattr(of_seed, field.name) for of_seed in scores])) for field in fields(Score)}
     errors = tuple(of_seed.rel_error for of_seed in scores)
     return AccuracyRow(method, pings, rel_error_by_seed=errors, bound=least, nis_per_dof=float(np.mean(nis)), **means)
 
@@ -220,7 +220,7 @@ def _means(rows: Sequence[AccuracyRow], job: AccuracyJob) -> list[AccuracyRow]:
                 failed = f"failed on {len(lost)} of {len(alike)} truths, first on member {lost[0].truth}: {lost[0].failed}"
                 out.append(AccuracyRow(method, pings, truth="mean", failed=failed))
                 continue
-            figures = {name: float(np.mean([getattr(row, name) for row in alike])) for name in FIGURES}
+            figures: dict[str, Any] = {name: float(np.mean([getattr(row, name) for row in alike])) for name in FIGURES}
             by_seed = tuple(float(value) for value in np.mean([row.rel_error_by_seed for row in alike], axis=0))
             out.append(AccuracyRow(method, pings, rel_error_by_seed=by_seed, truth="mean", **figures))
     return out

@@ -1,8 +1,8 @@
 """Tables, figures beside the limits required of them, and pictures, before they are written."""
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 NAN = math.nan
@@ -29,10 +29,9 @@ class Table:
     shown: bool = True
 
 
-def table_of(name: str, rows: Iterable[Any]) -> Table:
-    """Return the table of dataclasses of one kind, at least one: a column for each field."""
-    cells = [asdict(row) for row in rows]
-    return Table(name, name, tuple(cells[0]), tuple(tuple(row.values()) for row in cells))
+def named_columns(name: str, title: str, rows: Sequence[Mapping[str, Cell]], shown: bool = True) -> Table:
+    """Return the table of at least one row, each a cell for each column by its name."""
+    return Table(name, title, tuple(rows[0]), tuple(tuple(row.values()) for row in rows), shown)
 
 
 def is_within(value: float, at_least: float, at_most: float) -> bool:

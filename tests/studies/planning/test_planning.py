@@ -15,21 +15,19 @@ from typer.testing import CliRunner
 
 import planners
 from planners.mission.flights import fly_mission
-from replay_kit.cli import planning as cli_planning
 from replay_kit.cli.app import app
-from replay_kit.cli.planning import CALLS
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
 from replay_kit.studies.planning import STUDIES, PlanningJob
+from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average
 from replay_kit.studies.planning.flights import draw_missions, fly_plan
 from replay_kit.studies.planning.infeasible import cases, infeasible
 from replay_kit.studies.planning.masked import masked
 from replay_kit.studies.planning.masks import draw_masked, with_land
-from replay_kit.studies.planning.misses import Flown, order_of, place_of_average
 from replay_kit.studies.planning.recheck import corners_of, crossed, winds_around
-from replay_kit.studies.planning.scenarios import area_downstream, trespasses
+from replay_kit.studies.planning.scenarios import area_downstream, entering
 from replay_kit.studies.planning.world import build_world
 from replay_kit.studies.scoring.bootstrap import bootstrap_ratio
 from tests import synthetic
@@ -43,17 +41,17 @@ DRAWN = ("glides", "missions", "scenarios", "masked", "replanning")
 SQUARE = np.array([[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]])
 
 
-def world(**calls):
-    return build_world(MEMBERS, None, CONFIG, JOB, replace(CALLS, **calls), lambda what, steps: None)
+def world():
+    return build_world(MEMBERS, None, CONFIG, JOB, lambda what, steps=1: None)
 
 
 def flown(flow, miss, error=0.1):
     spot = Place(0.0, 0.0, 0.0)
-    return Flown(flow, 3, spot, spot, "reached", 1.0, miss, error, 0.1)
+    return Arrival(flow, 3, spot, spot, "reached", 1.0, miss, error, 0.1)
 
 
-def asked(told, words):
-    (one,) = (one for one in told.asked if words in one.what)
+def criterion(report, words):
+    (one,) = (one for one in report.criteria if words in one.what)
     return one
 
 
@@ -81,32 +79,29 @@ def answer(tmp_path_factory):
         "1",
     ]
     # one start, coarse steps and few legs: plans are tested elsewhere
-    quick = replace(
-        CALLS,
-        plan=partial(planners.plan, settings=planners.GlideSettings(starts=1, n_steps=8)),
-        settings=lambda **how: planners.MissionSettings(**{**how, "max_legs": 3}),
-    )
+    plan, settings = planners.plan, planners.MissionSettings
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cli_planning, "CALLS", quick)
+        patch.setattr(planners, "plan", partial(plan, settings=planners.GlideSettings(starts=1, n_steps=8)))
+        patch.setattr(planners, "MissionSettings", lambda **how: settings(**{**how, "max_legs": 3}))
         done = CliRunner().invoke(app, [*command, "--study", ",".join(DRAWN), "--json", str(folder / "answer.json")])
     assert done.exit_code == 0, done.output
     again = CliRunner().invoke(app, [*command, "--study", "masked"])
     return folder / "out", json.loads((folder / "answer.json").read_text()), done.output, again
 
 
-def test_studies_are_told_in_every_form(answer):
+def test_studies_are_reported_in_every_form(answer):
     out, said, printed, again = answer
     assert tuple(said["studies"]) == DRAWN
     assert said == json.loads((out / "planning.json").read_text())
     report = (out / "report.md").read_text()
-    for study, told in said["studies"].items():
-        for name, rows in told["tables"].items():
+    for study, reported in said["studies"].items():
+        for name, rows in reported["tables"].items():
             assert name.startswith(study)
             read = list(csv.DictReader(io.StringIO((out / f"{name}.csv").read_text())))
             assert [row.keys() for row in read] == [row.keys() for row in rows]
-        for one in told["asked"]:
+        for one in reported["criteria"]:
             assert one["what"] in report
-        assert f"{study}: what is asked" in printed
+        assert f"Acceptance criteria of {study}" in printed
     pictures = sorted(out.glob("*.png"))
     assert [picture.stem for picture in pictures] == [
         "glides_misses",
@@ -131,8 +126,8 @@ def test_plans_on_the_truth_meet_goals_that_the_truth_reaches(answer):
         assert max(on_truth) < least
         assert max(row["miss [m]"] for row in rows) > 10.0 * max(on_truth)
         assert {row["truth"] for row in rows} == {1}
-    met = {one["what"]: one["met"] for told in answer[1]["studies"].values() for one in told["asked"]}
-    assert all(met[what] for what in met if "crossings" in what or "flown anew" in what)
+    met = {one["what"]: one["met"] for reported in answer[1]["studies"].values() for one in reported["criteria"]}
+    assert all(met[what] for what in met if "crossings" in what or "recomputed" in what)
 
 
 def test_paths_flown_by_two_codes_end_at_one_place_and_goals_are_of_the_reachable_set():
@@ -183,38 +178,44 @@ def test_land_leaves_the_current_as_it_was_elsewhere():
     assert corners_of(flow.grid, case.areas[0]).shape[1] == 2
 
 
-def test_a_planner_that_goes_straight_over_land_is_caught():
+def test_a_planner_that_goes_straight_over_land_is_caught(monkeypatch):
     def straight(flow, start, goal, **_):
         ends = np.column_stack(to_local(flow.grid.projection, [start.longitude, goal.longitude], [start.latitude, goal.latitude]))
         one = {"headings_deg": np.zeros(1), "glide_angles_deg": np.full(1, 20.0), "surfacings": np.array([[goal.longitude, goal.latitude]])}
         track = np.column_stack([ends, np.zeros(2)])
         return SimpleNamespace(status="reached", message="", start=start, closest_approach=np.zeros(1), track=track, **one)
 
-    told = masked(world(plan_mission=straight))
-    assert (asked(told, "crossings").value, asked(told, "crossings").met) == (3, False)
-    assert not asked(told, "flown anew by other code").met
+    monkeypatch.setattr(planners, "plan_mission", straight)
+    report = masked(world())
+    assert (criterion(report, "crossings").value, criterion(report, "crossings").met) == (3, False)
+    assert not criterion(report, "its recomputed path").met
 
     def refuses(*_, **__):
         raise PlanError("no")
 
-    (row,) = masked(world(plan_mission=refuses)).tables[0].rows
+    monkeypatch.setattr(planners, "plan_mission", refuses)
+    (row,) = masked(world()).tables[0].rows
     assert row[:4] == ("refused", 3, 3, 0)
 
 
-def test_an_end_without_its_reason_is_counted():
+def test_an_end_without_its_reason_is_counted(monkeypatch):
     def refuses(*_):
         raise PlanError("land, outside, too deep, the current")
 
-    told = infeasible(world(plan=refuses))
-    assert asked(told, "named reason").met
-    assert "unreachable" in {row[2] for row in told.tables[0].rows}
+    with monkeypatch.context() as patch:
+        patch.setattr(planners, "plan", refuses)
+        report = infeasible(world())
+    assert criterion(report, "named reason").met
+    assert "unreachable" in {row[2] for row in report.tables[0].rows}
     silent = SimpleNamespace(status="unreachable", message="no")
-    told = infeasible(world(plan=lambda *_: silent, plan_mission=lambda *_, **__: silent))
-    assert (asked(told, "named reason").value, asked(told, "named reason").met) == (10, False)
-    assert [case.name for case in cases(eddying_flow(1), 1e-6)] == list(dict.fromkeys(row[0] for row in told.tables[0].rows))
+    monkeypatch.setattr(planners, "plan", lambda *_: silent)
+    monkeypatch.setattr(planners, "plan_mission", lambda *_, **__: silent)
+    report = infeasible(world())
+    assert (criterion(report, "named reason").value, criterion(report, "named reason").met) == (10, False)
+    assert [case.name for case in cases(eddying_flow(1), 1e-6)] == list(dict.fromkeys(row[0] for row in report.tables[0].rows))
 
 
-def test_the_area_lies_downstream_and_trespasses_are_counted_flight_by_flight():
+def test_the_area_lies_downstream_and_entries_are_counted_flight_by_flight():
     flow = uniform_flow(0.02, 0.1)
     track = np.column_stack([np.linspace(-9e3, 9e3, 40), np.zeros(40), np.full(40, 50.0)])
     flights = SimpleNamespace(place=track[None, :, :2] + np.array([-300.0, 0.0, 300.0])[:, None, None] * [0.0, 1.0])
@@ -224,10 +225,10 @@ def test_the_area_lies_downstream_and_trespasses_are_counted_flight_by_flight():
     # an end that bends back beside the middle is not in the area
     bent = np.vstack([track, [[0.0, 4e3, 50.0]]])
     assert corners_of(flow.grid, area_downstream(flow, SimpleNamespace(track=bent)))[:, 1].max() < 4e3
-    assert trespasses(corners, flights.place).tolist() == [False, True, True]
+    assert entering(corners, flights.place).tolist() == [False, True, True]
     # between its points a path may cut a corner
     sparse = np.array([[[-9e3, 0.0], [0.0, -120.0], [9e3, 0.0]]])
-    assert trespasses(corners, sparse).tolist() == [True]
+    assert entering(corners, sparse).tolist() == [True]
 
 
 def test_the_order_is_as_asked_or_not():
@@ -276,8 +277,8 @@ def test_a_wrong_option_makes_no_folder(tmp_path):
 def test_a_truth_of_its_own_leaves_no_member_out():
     truth = synthetic.ensemble(5, n_members=1, shape=(8, 9))
     with pytest.raises(ConfigError, match="--truth and --leave-out"):
-        build_world(MEMBERS, truth, CONFIG, JOB, CALLS, lambda what, steps: None)
-    (withheld,) = build_world(MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), CALLS, lambda what, steps: None).truths
+        build_world(MEMBERS, truth, CONFIG, JOB, lambda what, steps=1: None)
+    (withheld,) = build_world(MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), lambda what, steps=1: None).truths
     assert (withheld.case.ensemble.n_members, withheld.member) == (6, 6)
     assert withheld.case.truth is truth
 

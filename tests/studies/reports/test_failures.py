@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +14,9 @@ from replay_kit.studies.accuracy import AccuracyJob, run_accuracy, to_json
 from replay_kit.studies.accuracy import run as accuracy
 from replay_kit.studies.planning import PlanningJob, run_planning
 from replay_kit.studies.planning import run as planning_run
-from replay_kit.studies.planning.studies import Study
-from replay_kit.studies.planning.told import Table, Told
+from replay_kit.studies.planning.result import StudyReport
+from replay_kit.studies.planning.run import Study
+from replay_kit.studies.reports.tables import Table
 from tests import synthetic
 
 MEMBERS = synthetic.ensemble(n_members=5, shape=(5, 6))
@@ -135,7 +135,7 @@ def studies(monkeypatch):
             def made_up(world):
                 if isinstance(outcome, BaseException):
                     raise outcome
-                return Told(name, name, (Table(f"{name}-rows", "Rows", ("n",), ((outcome,),)),))
+                return StudyReport(name, name, (Table(f"{name}-rows", "Rows", ("n",), ((outcome,),)),))
 
             return Study(made_up, lambda job: 1)
 
@@ -149,15 +149,15 @@ def studies(monkeypatch):
 def test_a_study_that_fails_says_why_and_the_others_go_on(studies, error):
     kept = []
     job = studies(glides=1, missions=error, masked=3)
-    result = run_planning(MEMBERS, None, CONFIG, job, SimpleNamespace(), keep=kept.append)
-    assert [told.failed for told in result.told] == ["", f"{type(error).__name__}: {error}", ""]
-    assert [[told.study for told in each.told] for each in kept] == [list(job.studies)[:n] for n in range(4)]
+    result = run_planning(MEMBERS, None, CONFIG, job, keep=kept.append)
+    assert [report.failed for report in result.reports] == ["", f"{type(error).__name__}: {error}", ""]
+    assert [[report.study for report in each.reports] for each in kept] == [list(job.studies)[:n] for n in range(4)]
 
 
 @pytest.mark.parametrize("error", [TypeError("wrong"), ConfigError("an option")])
 def test_a_study_with_a_fault_of_the_program_ends_the_run(studies, error):
     with pytest.raises(type(error)):
-        run_planning(MEMBERS, None, CONFIG, studies(glides=1, missions=error), SimpleNamespace())
+        run_planning(MEMBERS, None, CONFIG, studies(glides=1, missions=error))
 
 
 def planning(ensemble, out, *more):
