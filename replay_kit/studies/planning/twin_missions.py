@@ -16,8 +16,7 @@ from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
 from replay_kit.studies.jobs.progress import Progress, counter
-from replay_kit.studies.missions.scene import own_estimator
-from replay_kit.studies.missions.sea import withhold
+from replay_kit.studies.missions.scene import own_estimator, withhold
 from replay_kit.studies.planning.legs import Leg, LegFlight, PlannedLegs, distance_to, fly_leg, measured, plan_legs
 from replay_kit.studies.planning.replan_rows import Outcome, ReplanJob, ReplanRow
 from replay_kit.studies.twins.field import Field, build_field
