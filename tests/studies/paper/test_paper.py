@@ -18,7 +18,6 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import planners
-from replay_kit.cli import experiment as cli_experiment
 from replay_kit.cli.app import app
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, ForecastError
@@ -28,10 +27,9 @@ from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper import FILES, PaperJob, figures, print_paper, run_paper, to_json, write_paper
 from replay_kit.studies.paper.diagnostics import coherence, depth_kernel, level_correlation
 from replay_kit.studies.paper.findings import sparse_logs
+from replay_kit.studies.paper.report import rows_to_csv, text_tables, to_markdown
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
-from replay_kit.studies.paper.text import text_tables
-from replay_kit.studies.paper.write import report, to_csv
 from replay_kit.studies.scoring.bootstrap import bootstrap_median
 from replay_kit.studies.scoring.bound import bound
 from replay_kit.studies.twins import reachable
@@ -45,14 +43,16 @@ from tests import synthetic
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig()
 # one start with coarse steps: plans are tested elsewhere
-CALLS = partial(planners.plan, settings=planners.GlideSettings(n_steps=8, starts=1)), planners.fly
+PLAN = partial(planners.plan, settings=planners.GlideSettings(n_steps=8, starts=1))
 JOB = PaperJob(leave_out="2", most_modes=12, plan_modes=12, pings=(3, 10), pairs=2)
 
 
 @pytest.fixture(scope="module")
 def study():
     seen = []
-    tables, shown = run_paper(MEMBERS, None, CONFIG, JOB, CALLS, lambda done, total, what: seen.append((done, total)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planners, "plan", PLAN)
+        tables, shown = run_paper(MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total)))
     return tables, shown, seen
 
 
@@ -69,6 +69,12 @@ def stay(flow, start, goal):
 
 def stayed(flow, plan):
     return np.zeros(1), np.zeros((1, 3)), 1.0
+
+
+@pytest.fixture
+def without_planning(monkeypatch):
+    monkeypatch.setattr(planners, "plan", stay)
+    monkeypatch.setattr(planners, "fly", stayed)
 
 
 def combination() -> Case:
@@ -144,6 +150,7 @@ def test_numerics_that_fail_are_a_row_with_the_reason():
     assert math.isnan(row.rel_error)
 
 
+@pytest.mark.usefixtures("without_planning")
 def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch):
     def build(name, ensemble, config):
         if name == "paper":
@@ -152,11 +159,11 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
 
     monkeypatch.setattr("replay_kit.studies.paper.tables.build_method", build)
     monkeypatch.setattr(figures, "build_method", build)
-    tables, shown = run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1), (stay, stayed))
+    tables, shown = run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1))
     assert {row.flow: row.pairs for row in tables.table3}["paper"] == 0
     assert "no estimate" in {row.flow: row.note for row in tables.table3}["paper"]
     assert {row.method for row in tables.table1 if row.note} == {row.method for row in tables.table2 if row.note} == {"paper"}
-    assert "cannot be built: Singular matrix" in report(tables)
+    assert "cannot be built: Singular matrix" in to_markdown(tables)
     assert to_json(tables)["sparse"][0]["rel_error"] is None
     assert [name for name, _, _ in islice(figures.draw(tables, shown), 4)] == ["singular_values"] * 2 + ["modes_top"] * 2
 
@@ -236,14 +243,15 @@ def test_over_truths_the_median_and_the_worst():
     assert (some.rel_error, some.note) == (0.2, "1 of 2 truths: singular")
 
 
+@pytest.mark.usefixtures("without_planning")
 def test_all_members_in_turn():
     few = Ensemble(MEMBERS.grid, MEMBERS.velocity[:3], None, "three")
-    tables, shown = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1), (stay, stayed))
+    tables, shown = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1))
     assert (tables.truth, tables.truths) == ("all", 3)
     assert shown.case.member is not None
     assert tables.shown_truth == f"three#{shown.case.member}"
     assert all(len(row.rel_error_by_truth) == 3 and row.rel_error <= row.rel_error_worst for row in tables.table1)
-    headings = text_tables(tables)[0].headings
+    headings = text_tables(tables)[0].columns
     assert "worst rel. error" in headings
 
 
@@ -278,7 +286,7 @@ def test_files_say_the_same_numbers(study, folder):
             for key, cell in asdict(value).items():
                 if isinstance(cell, float):
                     assert float(row[key]) == in_json[key] == cell
-    assert to_csv([replace(tables.table1[0], rel_error=math.nan)]).splitlines()[1].split(",")[4] == ""
+    assert rows_to_csv([replace(tables.table1[0], rel_error=math.nan)]).splitlines()[1].split(",")[4] == ""
 
 
 def test_console_and_report_show_the_rows(study, folder):
@@ -330,7 +338,7 @@ def test_the_same_study_gives_the_same_figures(study, folder):
 @pytest.mark.parametrize("job", [PaperJob("0", pings=()), PaperJob("0", pings=(5, 3)), PaperJob("0", pairs=0), PaperJob("0", seed=-1)])
 def test_wrong_jobs_are_said(job):
     with pytest.raises(ConfigError):
-        run_paper(MEMBERS, None, CONFIG, job, CALLS)
+        run_paper(MEMBERS, None, CONFIG, job)
 
 
 @pytest.fixture(scope="module")
@@ -376,9 +384,8 @@ def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
     assert (ocean / "full" / "table1.csv").read_text() == "precious"
 
 
+@pytest.mark.usefixtures("without_planning")
 def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatch):
-    monkeypatch.setattr(cli_experiment.planners, "plan", stay)
-    monkeypatch.setattr(cli_experiment.planners, "fly", stayed)
     monkeypatch.setattr(figures, "draw", lambda tables, shown: iter([("sparse", "png", b"drawn")]))
     options = [
         "--leave-out",
