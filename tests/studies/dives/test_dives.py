@@ -21,8 +21,8 @@ from replay_kit.estimator.evolving.fit_log import as_built, fit_to_log, fitted_e
 from replay_kit.estimator.evolving.likelihood import log_likelihoods, narrowed
 from replay_kit.estimator.update.screening import usable
 from replay_kit.studies.dives import read_dives, run_dives, to_json
+from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles, column
 from replay_kit.studies.dives.predict import conditional, expect, surfacing
-from replay_kit.studies.dives.rivals import column, rival_means, rival_profiles
 from replay_kit.studies.twins import Options, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
 from replay_kit.workflows.replay.job import look_ahead
@@ -141,9 +141,9 @@ def test_dives_of_a_twin_have_their_parts(dives):
     assert first.mean is not None
     assert first.fixes is not None
     assert first.fixes[0].time_ns < first.profiles[0].time_ns + _HOUR_NS
-    said = rival_profiles(dives[:2], DEPTH)
-    np.testing.assert_array_equal(said["last_dac"], np.tile(dives[1].mean.velocity, (DEPTH.size, 1)))
-    np.testing.assert_allclose(rival_means(dives[:2])["mean_so_far"][0], np.mean([dive.mean.velocity for dive in dives[:2]], axis=0))
+    predicted = baseline_profiles(dives[:2], DEPTH)
+    np.testing.assert_array_equal(predicted["last_dac"], np.tile(dives[1].mean.velocity, (DEPTH.size, 1)))
+    np.testing.assert_allclose(baseline_means(dives[:2])["mean_so_far"][0], np.mean([dive.mean.velocity for dive in dives[:2]], axis=0))
 
 
 def test_a_dive_is_predicted_from_the_dives_before_it_alone(estimator, dives):
@@ -153,8 +153,8 @@ def test_a_dive_is_predicted_from_the_dives_before_it_alone(estimator, dives):
     other = [*dives[:2], replace(dives[2], given=(), profiles=tuple(replace(p, velocity=p.velocity + 0.2) for p in dives[2].profiles))]
     ours, theirs = (run_dives(estimator, which, config, True, "e.nc") for which in (dives[:3], other))
     assert ours.dives[2].settings == theirs.dives[2].settings
-    np.testing.assert_allclose(ours.dives[1].profiles["estimate"], theirs.dives[1].profiles["estimate"], atol=1e-9)
-    shift = theirs.dives[2].profiles["estimate"] - ours.dives[2].profiles["estimate"]
+    np.testing.assert_allclose(ours.dives[1].errors["profiles"]["estimate"], theirs.dives[1].errors["profiles"]["estimate"], atol=1e-9)
+    shift = theirs.dives[2].errors["profiles"]["estimate"] - ours.dives[2].errors["profiles"]["estimate"]
     np.testing.assert_allclose(np.hypot(*shift.T), 0.2 * np.sqrt(2.0), atol=1e-6)
     answer = json.loads(json.dumps(to_json(ours), allow_nan=False))
     level = MEMBERS.grid.levels[-1]

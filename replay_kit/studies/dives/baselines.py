@@ -1,4 +1,4 @@
-"""What a dive would be predicted to be without an estimator: persistence of what was last seen, means, nothing."""
+"""Predictions of a dive without an estimator: persistence of the last dive, means of all dives, and no current."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,10 +10,8 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator.update.screening import usable
 from replay_kit.studies.dives.read import Dive
 
-# of a dive's profile: the profile of the last dive (mean of its legs at each depth), of its last leg, ...
-PROFILE_RIVALS = ("last_dive", "last_leg", "last_dac", "mean_so_far", "zero")
-# of its depth-averaged current
-DAC_RIVALS = ("last_dac", "mean_so_far", "zero")
+#: Baselines of a dive's profile, in the order of the tables.
+PROFILE_BASELINES = ("last_dive", "last_leg", "last_dac", "mean_so_far", "zero")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,31 +46,32 @@ def column(profiles: Sequence[Observation]) -> Column | None:
     return Column(sums[0], np.column_stack(sums[1:]))
 
 
-def rival_profiles(before: Sequence[Dive], depth: Array) -> dict[str, Array | None]:
-    """Return what each rival says of a profile, shape (n, 2) [m/s], true east and north; None where it has nothing to go by.
+def baseline_profiles(before: Sequence[Dive], depth: Array) -> dict[str, Array]:
+    """Return what each baseline predicts of a profile, shape (n, 2) [m/s], true east and north; without those that lack data.
+
+    ``last_dive`` is the mean at each depth of the last dive's profiles, ``last_leg`` that of its last leg, ``last_dac`` its
+    depth-averaged current, ``mean_so_far`` the mean at each depth of all profiles.
 
     Args:
         before: The dives before, at least one.
         depth: shape (n,) [m].
     """
-    last = before[-1]
-    columns = {
-        "last_dive": column(last.profiles),
-        "last_leg": column(last.legs[1] or last.legs[0]),
-        "mean_so_far": column([profile for dive in before for profile in dive.profiles]),
+    last, zero = before[-1], np.zeros((depth.size, 2))
+    profiles = {
+        "last_dive": last.profiles,
+        "last_leg": last.legs[1] or last.legs[0],
+        "mean_so_far": [profile for dive in before for profile in dive.profiles],
     }
-    said: dict[str, Array | None] = {name: None if known is None else known.at(depth) for name, known in columns.items()}
-    said["last_dac"] = None if last.mean is None else np.tile(np.array(last.mean.velocity), (depth.size, 1))
-    said["zero"] = np.zeros((depth.size, 2))
-    return {name: said[name] for name in PROFILE_RIVALS}
+    columns = {name: column(given) for name, given in profiles.items()}
+    predicted = {name: known.at(depth) for name, known in columns.items() if known is not None}
+    means = {name: zero + mean for name, mean in baseline_means(before).items() if name != "mean_so_far"}
+    return {name: (means | predicted)[name] for name in PROFILE_BASELINES if name in means | predicted}
 
 
-def rival_means(before: Sequence[Dive]) -> dict[str, Array | None]:
-    """Return what each rival says of a depth-averaged current, shape (1, 2) [m/s]; None where it has nothing to go by."""
+def baseline_means(before: Sequence[Dive]) -> dict[str, Array]:
+    """Return what each baseline predicts of a depth-averaged current, shape (1, 2) [m/s]; without those that lack data."""
     known = [np.array([dive.mean.velocity]) for dive in before if dive.mean is not None]
-    last = before[-1].mean
-    return {
-        "last_dac": None if last is None else np.array([last.velocity]),
-        "mean_so_far": np.mean(known, axis=0) if known else None,
-        "zero": np.zeros((1, 2)),
-    }
+    predicted = {} if before[-1].mean is None else {"last_dac": known[-1]}
+    if known:
+        predicted["mean_so_far"] = np.mean(known, axis=0)
+    return predicted | {"zero": np.zeros((1, 2))}
