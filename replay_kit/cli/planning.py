@@ -6,8 +6,6 @@ from typing import Annotated
 import typer
 from threadpoolctl import threadpool_limits
 
-import planners
-from planners.mission.flights import fly_mission
 from replay_kit.cli.options import (
     ConfigOption,
     JsonOption,
@@ -24,28 +22,12 @@ from replay_kit.cli.options import (
     forecast_part,
     write_json,
 )
-from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import EstimatorError
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.studies import planning as on_planning
-from replay_kit.studies.paper import check_folder
-from replay_kit.studies.planning.mission_legs import legs_planner
-from replay_kit.workflows.planning import MissionPlanner
+from replay_kit.studies.reports.write import check_folder
 from replay_kit.workflows.replay.job import check_paths, truth_path
-
-CALLS = on_planning.Calls(
-    plan=planners.plan,
-    fly=planners.fly,
-    plan_mission=planners.plan_mission,
-    fly_mission=fly_mission,
-    plan_scenarios=planners.plan_scenarios,
-    fly_corrected=lambda flow, samples, plan: planners.fly_scenarios(flow, samples, plan, pilot=planners.Pilot()),
-    glider=lambda speed, shallowest, steepest: planners.Glider(speed, None, shallowest, steepest),
-    settings=planners.MissionSettings,
-    no_go=planners.NoGo,
-    legs_planner=lambda depth: legs_planner(MissionPlanner.of(PlannerConfig(kind="mission", depth=depth))),
-)
 
 
 def planning(
@@ -56,19 +38,17 @@ def planning(
     leave_out: Annotated[
         str | None, typer.Option("--leave-out", metavar="K,K,...|all", help="Members withheld as truths; 20 evenly spread by default.")
     ] = None,
-    truth: Annotated[
-        str | None, typer.Option("--truth", metavar="T.nc[#member]", help="A truth of its own; no member is left out.")
-    ] = None,
+    truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="Truth from a file; no member is left out.")] = None,
     study: Annotated[str | None, typer.Option("--study", metavar="S1,S2,...", help=f"Of {', '.join(on_planning.STUDIES)}.")] = None,
     pairs: Annotated[int, typer.Option("--pairs", min=1, help="Starts and goals of glides and missions, over all truths.")] = 100,
-    pings: Annotated[int, typer.Option("--pings", min=1, help="Given to each estimate.")] = 450,
+    pings: Annotated[int, typer.Option("--pings", min=1, help="Pings given to each estimate.")] = 450,
     legs: Annotated[int, typer.Option("--legs", min=1, help="Dives of a mission.")] = 10,
-    scenarios: Annotated[int, typer.Option("--scenarios", min=1, help="Missions planned for samples.")] = 10,
-    fresh: Annotated[int, typer.Option("--fresh", min=1, help="Other samples that these are flown through.")] = 500,
+    scenarios: Annotated[int, typer.Option("--scenarios", min=1, help="Missions planned for samples of the estimate.")] = 10,
+    fresh: Annotated[int, typer.Option("--fresh", min=1, help="Other samples that these plans are flown in.")] = 500,
     masks: Annotated[int, typer.Option("--masks", min=1, help="Random cases with islands and areas.")] = 200,
-    replans: Annotated[int, typer.Option("--replans", min=1, help="Missions planned anew at each surfacing.")] = 40,
+    replans: Annotated[int, typer.Option("--replans", min=1, help="Missions replanned at each surfacing.")] = 40,
     noise: NoiseOption = 0.09,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of everything that is drawn.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all random draws.")] = 0,
     lead: LeadOption = None,
     region: RegionOption = None,
     levels: LevelsOption = None,
@@ -78,7 +58,7 @@ def planning(
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Plan on estimates, fly in the truth: glides, missions, scenarios, islands drawn at random, problems without a solution."""
+    """Plan on estimates and fly in the truth: glides, missions, scenarios, random islands, problems without a solution, replanning."""
     possible = [name for name in on_planning.STUDIES if truth is None or name != on_planning.WITHOUT_TRUTH]
     chosen = tuple(possible) if study is None else tuple(study.split(","))
     check_folder(out)
@@ -94,14 +74,14 @@ def planning(
     def keep(partial: on_planning.PlanningResult) -> None:
         # made before the first study, so that a folder that cannot be made is said at once
         out.mkdir(exist_ok=True)
-        if partial.told:
+        if partial.reports:
             on_planning.write_planning(out, partial)
 
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
-        result = on_planning.run_planning(members, withheld, settings.estimator, job, CALLS, advance, keep)
+        result = on_planning.run_planning(members, withheld, settings.estimator, job, advance, keep)
     console = console_beside(json_file)
     on_planning.print_planning(result, console)
     console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
     write_json(json_file, on_planning.to_json(result))
-    if all(told.failed for told in result.told):
-        raise EstimatorError(f"experiment planning: every study failed, the first with {result.told[0].failed}")
+    if all(report.failed for report in result.reports):
+        raise EstimatorError(f"experiment planning: every study failed, the first with {result.reports[0].failed}")

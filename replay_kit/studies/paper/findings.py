@@ -1,10 +1,11 @@
-"""What the study's tables show, in words with their numbers."""
+"""The findings of the study: its tables in words with their numbers."""
 
 from collections.abc import Sequence
 
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
-from replay_kit.studies.paper.text import LABELS, number
+from replay_kit.studies.reports.flows import AVERAGED, LABELS, TRUTH
+from replay_kit.studies.reports.write import number
 
 
 def conditions(tables: PaperTables) -> str:
@@ -43,8 +44,8 @@ def sparse_logs(tables: PaperTables) -> tuple[str, ...]:
 def glides(tables: PaperTables) -> str:
     """Return where the depth-averaged truth stands in Table III, and why."""
     ranked = sorted((row for row in tables.table3 if not row.note), key=lambda row: row.median)
-    average = next(row for row in ranked if row.flow == "depth_averaged_truth")
-    others = [row for row in ranked if row.flow not in ("truth", average.flow)]
+    average = next(row for row in ranked if row.flow == AVERAGED)
+    others = [row for row in ranked if row.flow not in (TRUTH, AVERAGED)]
     listed = ", ".join(f"{LABELS[row.flow]} {number(row.median, 0)} m ({row.within_250})" for row in others)
     better = [LABELS[row.flow] for row in others if row.median < average.median]
     stands = f"Better than it: {', '.join(better)}." if better else "No estimate does better."

@@ -12,8 +12,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.update.gate import Verdict, Watch, judge, softened_variance
-from replay_kit.studies.pings import random_observations
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 
 FEW = np.array([5.0, 60.0, 150.0, 300.0])
