@@ -13,10 +13,11 @@ from planners.mission.feedback import Pilot
 from planners.mission.kinds import plan_line, plan_mooring
 from planners.mission.plan import plan_mission
 from planners.mission.scenario import Chances, fly_scenarios, plan_scenarios
-from planners.mission.values import Bathymetry, MissionPlan, MissionSettings, NoGo, Weights
+from planners.mission.values import MissionPlan, MissionSettings, Weights
 from planners.mission.waypoints import Waypoints, waypoints_of
 from planners.path.plan import AuvPlan, plan_path
 from planners.path.program import Auv, AuvSettings
+from planners.route.hazards import Bathymetry, NoGo
 from planners.vehicle import Glider, SteadyFlight, fit_flight
 
 __all__ = [

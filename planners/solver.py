@@ -7,6 +7,8 @@ import casadi as ca
 
 from replay_kit.core.arrays import Array
 
+# Programs measure distances in kilometres and times in hours, so that their unknowns are of order one to a hundred.
+KM, HOUR = 1e3, 3600.0
 MOST_ITERATIONS = 80
 OPTIONS: dict[str, Any] = {
     "print_time": False,

@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from planners.glide.kinematics import velocity_through_water
 from planners.glide.settings import GlideSettings
-from planners.glide.track import Track, fly_glide, fractions_of_duration
 from planners.glide.transcription import GlideCase, approach, solve_glide
 from planners.route.region import Region
+from planners.track import Track, fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 

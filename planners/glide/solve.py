@@ -4,7 +4,7 @@ import numpy as np
 
 from planners.glide.candidate import AGREEMENT, Candidate, Task, fly_candidate, optimise, polish
 from planners.glide.explain import explain
-from planners.glide.seed import find_seeds
+from planners.glide.seeds import find_seeds
 from planners.glide.settings import GlideSettings
 from planners.glide.transcription import GlideCase
 from planners.route.region import locate, region_of

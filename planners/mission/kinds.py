@@ -6,14 +6,15 @@ from math import inf
 
 import numpy as np
 
-from planners.mission.guide import along_line, near_place
 from planners.mission.plan import plan_task
 from planners.mission.program import MissionGuess
+from planners.mission.reference_path import along_line, near_place
 from planners.mission.result import failed_plan, to_plan
 from planners.mission.solve import GoalSteps, solve_legs
 from planners.mission.task import MissionTask, mission_task
-from planners.mission.values import Bathymetry, MissionPlan, MissionSettings, NoGo, Weights
-from planners.route.front import Route
+from planners.mission.values import MissionPlan, MissionSettings, Weights
+from planners.route.graph import Route
+from planners.route.hazards import Bathymetry, NoGo
 from planners.route.region import locate
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array

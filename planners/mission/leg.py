@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import layer_function
-from planners.glide.track import fractions_of_duration
 from planners.spline import FlowSpline
+from planners.track import fractions_of_duration
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights

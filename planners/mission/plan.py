@@ -10,8 +10,8 @@ from planners.mission.program import MissionGuess
 from planners.mission.result import failed_plan, to_plan
 from planners.mission.solve import Attempt, GoalSteps, goals_met, safe_and_met, solve_legs, worth
 from planners.mission.task import MissionTask, front_of, guess_of, mission_task, out_of_reach, route_of
-from planners.mission.values import Bathymetry, MissionPlan, MissionSettings, NoGo
-from planners.route.hazards import Ring
+from planners.mission.values import MissionPlan, MissionSettings
+from planners.route.hazards import Bathymetry, NoGo, Ring
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

@@ -13,16 +13,15 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import graph_key
-from planners.mission.guide import Guide, GuideTerms
 from planners.mission.leg import leg_function, stage_latent
+from planners.mission.reference_path import Guide, GuideTerms
 from planners.route.hazards import beyond
-from planners.solver import MOST_ITERATIONS, OPTIONS, Program
+from planners.solver import HOUR, KM, MOST_ITERATIONS, OPTIONS, Program
 from planners.spline import FlowSpline
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
-KM, HOUR = 1e3, 3600.0
 # A kilometre of trespass costs so many times a kilometre missed along one axis.
 _TRESPASS = 4.0
 

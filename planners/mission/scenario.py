@@ -18,10 +18,11 @@ from planners.mission.flights import legs_of_plan
 from planners.mission.plan import attempts_of, goal_legs_of, goal_steps_of
 from planners.mission.program import MissionGuess
 from planners.mission.result import failed_plan, to_plan
+from planners.mission.safety_margin import Spread
 from planners.mission.solve import Attempt, safe_and_met, solve_clear, worth
-from planners.mission.spread import Spread
 from planners.mission.task import MissionTask, mission_task
-from planners.mission.values import Bathymetry, MissionPlan, MissionSettings, NoGo
+from planners.mission.values import MissionPlan, MissionSettings
+from planners.route.hazards import Bathymetry, NoGo
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from planners.mission.check import Finding, check
 from planners.mission.flight import Flight, Legs, fly_legs, refined
-from planners.mission.program import HOUR, KM, MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
-from planners.mission.spread import Spread
+from planners.mission.program import MissionAnswer, MissionData, MissionGuess, MissionShape, solve_mission
+from planners.mission.safety_margin import Spread
 from planners.mission.task import REFINED, MissionTask
-from planners.route.front import Route
+from planners.route.graph import Route
 from planners.route.hazards import half_planes
-from planners.solver import MOST_ITERATIONS
+from planners.solver import HOUR, KM, MOST_ITERATIONS
 from replay_kit.core.arrays import Array
 
 # Hours that a kilometre missed costs: more than any current takes to carry a glider over it.

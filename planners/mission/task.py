@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.glide.seed import tabulate
 from planners.mission.flight import Currents, currents_of
-from planners.mission.guide import Guide
 from planners.mission.leg import leg_depths, step_stops, steps_needed
 from planners.mission.program import MissionGuess
-from planners.mission.values import Bathymetry, MissionSettings, NoGo
-from planners.route.front import Front, Route, build_front
-from planners.route.hazards import Ring, bathymetry_rings, no_go_ring, region_rings, trespassed
+from planners.mission.reference_path import Guide
+from planners.mission.values import MissionSettings
+from planners.route.graph import Front, Route, build_front
+from planners.route.hazards import Bathymetry, NoGo, Ring, bathymetry_rings, no_go_ring, region_rings, trespassed
 from planners.route.region import Region, locate, region_of
+from planners.route.table import tabulate
 from planners.spline import FlowSpline, spline_of
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array

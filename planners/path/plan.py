@@ -11,14 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.glide.seed import tabulate
-from planners.glide.track import fly_glide
-from planners.mission.program import HOUR
-from planners.mission.values import NoGo
 from planners.path.program import Auv, AuvProblem, AuvSettings, solve_path
-from planners.route.front import build_front
-from planners.route.hazards import Ring, no_go_ring, region_rings, trespassed
+from planners.route.graph import build_front
+from planners.route.hazards import NoGo, Ring, no_go_ring, region_rings, trespassed
 from planners.route.region import Region, locate, region_of
+from planners.route.table import tabulate
+from planners.solver import HOUR
+from planners.track import fly_glide
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate

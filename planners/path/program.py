@@ -11,11 +11,10 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import graph_key
-from planners.glide.transcription import path_function
-from planners.mission.program import HOUR, KM
 from planners.route.hazards import Ring, beyond, half_planes
 from planners.route.region import Region
-from planners.solver import OPTIONS
+from planners.solver import HOUR, KM, OPTIONS
+from planners.track import path_function
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 

@@ -20,6 +20,38 @@ _FAR = 1e9
 _CHUNK = 2048
 
 
+@dataclass(frozen=True, slots=True)
+class NoGo:
+    """An area that is not to be entered.
+
+    Attributes:
+        polygon: Its corners, longitude and latitude [degrees].
+        name: What messages call it.
+        surface_only: It may be passed under water.
+    """
+
+    polygon: tuple[tuple[float, float], ...]
+    name: str
+    surface_only: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bathymetry:
+    """Depth of the bottom on a grid.
+
+    Attributes:
+        longitude: shape (J, I) [degrees east].
+        latitude: shape (J, I) [degrees north].
+        depth: shape (J, I) [m], positive down; land is 0 or less, NaN is not known and counts as land.
+        clearance: Kept above the bottom [m].
+    """
+
+    longitude: Array
+    latitude: Array
+    depth: Array
+    clearance: float = 20.0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Ring:
     """A closed line that is not to be crossed.

@@ -14,9 +14,8 @@ import numpy as np
 
 from planners import Auv, AuvSettings, GlideSettings, plan, plan_path
 from planners.flow import field_function
-from planners.glide.kinematics import rk4_step
-from planners.glide.track import fly_glide, fractions_of_duration
 from planners.route.region import region_of
+from planners.track import fly_glide, fractions_of_duration, rk4_step
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
@@ -30,7 +29,7 @@ from tests.benchmarks.planners_masked import masked_row
 from tests.benchmarks.planners_search import closest_by_search, tabulated
 from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place
-from tests.reference.front import front_time
+from tests.reference.route_graph import front_time
 from tests.reference.zermelo import time_in_jet, time_in_solid_rotation, time_in_uniform_current
 
 Row = dict[str, Any]

@@ -14,8 +14,8 @@ import numpy as np
 from planners import Glider
 from planners.flow import field_function
 from planners.mission.leg import leg_depths, leg_function, stage_latent, steps_needed
-from planners.mission.program import HOUR, KM, MissionData, MissionGuess, MissionShape, _programs, solve_mission
-from planners.solver import OPTIONS
+from planners.mission.program import MissionData, MissionGuess, MissionShape, _programs, solve_mission
+from planners.solver import HOUR, KM, OPTIONS
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.benchmarks.estimator import row

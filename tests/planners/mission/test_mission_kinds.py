@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from planners import MissionPlan, MissionSettings, NoGo, plan_line, plan_mission, plan_mooring
-from planners.mission.guide import Guide, along_line, near_place
 from planners.mission.program import MissionShape
+from planners.mission.reference_path import Guide, along_line, near_place
 from planners.mission.solve import _guide_places, _weights, worth
 from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import Weights
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
-from tests.reference.guide import distance_from_line, distance_from_place
+from tests.reference.reference_path import distance_from_line, distance_from_place
 
 SETTINGS = MissionSettings(depth=300.0)
 HOURS = 3600.0

@@ -8,11 +8,12 @@ import pytest
 
 from planners import Glider, MissionSettings
 from planners.mission.flight import Flight
-from planners.mission.guide import GuideTerms, along_line, near_place
-from planners.mission.program import HOUR, KM, MissionData, MissionGuess, MissionShape, _unknowns, solve_mission
+from planners.mission.program import MissionData, MissionGuess, MissionShape, _unknowns, solve_mission
+from planners.mission.reference_path import GuideTerms, along_line, near_place
 from planners.mission.solve import GoalSteps, _along, _guide_places
 from planners.mission.task import REFINED, MissionTask, mission_task
-from planners.route.front import Route
+from planners.route.graph import Route
+from planners.solver import HOUR, KM
 from tests.planners.flow_samples import place, still_flow
 
 GLIDER = Glider()

@@ -7,8 +7,8 @@ import pytest
 
 from planners import Glider, MissionSettings, Weights
 from planners.mission.check import Finding
-from planners.mission.guide import near_place
 from planners.mission.plan import attempts_of
+from planners.mission.reference_path import near_place
 from planners.mission.solve import Attempt, _weights, energy_of, goals_met, strayed, worth
 from planners.mission.task import MissionTask, mission_task
 from planners.vehicle import SteadyFlight

@@ -12,8 +12,8 @@ from planners.mission.feedback import aim, fly_corrected
 from planners.mission.flight import Flight, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import legs_of_plan
 from planners.mission.plan import attempts_of
+from planners.mission.safety_margin import Spread, tolerance_factor
 from planners.mission.scenario import _cut_anew, chances_of, few_enough, most_enough, points_at
-from planners.mission.spread import Spread, tolerance_factor
 from planners.mission.task import mission_task
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError

@@ -18,7 +18,7 @@ from planners.output.waypoints import _minutes, waypoint_json, waypoint_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
-from tests.reference.guide import farthest_left_out
+from tests.reference.reference_path import farthest_left_out
 
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 FLOW = eddying_flow(7)

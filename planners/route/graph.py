@@ -14,8 +14,8 @@ from scipy.ndimage import map_coordinates
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from planners.glide.seed import FlowTable
 from planners.route.hazards import Ring
+from planners.route.table import FlowTable
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 
