@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 
 from planners.mission.flight import Flight
 from planners.mission.task import MissionTask
-from planners.route.hazards import Ring, trespassed
+from planners.route.hazards import SPACING, Ring, densified, first_violation
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic
 
-# Distance between the points checked [m].
-SPACING = 10.0
 # Angles [rad] and depths [m] are compared to this.
 _ANGLE, _DEPTH = 1e-6, 1e-3
 
@@ -45,16 +43,13 @@ def check(task: MissionTask, flight: Flight) -> Finding | None:
     if not np.all(np.isfinite(flight.place)):
         return Finding("the path is not a number", 0.0, 1, float("nan"), float("nan"))
     track = np.column_stack([flight.place[0], flight.depth])
-    way = np.linalg.norm(np.diff(track, axis=0), axis=1)
-    pieces = np.maximum(np.ceil(way / SPACING).astype(int), 1)
-    number = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(pieces))])
-    dense = np.column_stack([np.interp(number, np.arange(len(track)), track[:, i]) for i in range(3)])
+    number, dense = densified(track)
     too_deep = (dense[:, 2] > task.region.deepest + _DEPTH) | (dense[:, 2] < -_DEPTH)
     # where it begins it is, whatever may be forbidden there
     surfaced = np.flatnonzero((dense[:, 2] <= _DEPTH) & (number > 1.0))
-    lane = trespassed(task.rings, dense[surfaced, :2], surfacing=True)
+    lane = first_violation(task.rings, dense[surfaced, :2], surfacing=True)
     found = [
-        trespassed(task.rings, dense[:, :2], surfacing=False),
+        first_violation(task.rings, dense[:, :2], surfacing=False),
         None if lane is None else (lane[0], int(surfaced[lane[1]])),
         ("land", int(np.argmin(task.region.wet(dense)))) if not task.region.wet(dense).all() else None,
         ("the surface or the deepest level", int(np.argmax(too_deep))) if too_deep.any() else None,
@@ -91,7 +86,7 @@ def _clearance(ring: Ring, place: Array, numbers: NDArray[np.intp]) -> Array:
     """Return how far each of K paths, shape (K, n, 2) [m], keeps clear of one ring; only successive numbers are joined by a step."""
     clear = np.full(place.shape[:2], np.inf)
     longest = float(np.max(np.linalg.norm(np.diff(place, axis=1), axis=2)[:, np.diff(numbers) == 1], initial=0.0))
-    near = np.ones(clear.shape, dtype=bool) if ring.outside else (ring.from_box(place.reshape(-1, 2)) <= longest).reshape(clear.shape)
+    near = ring.is_near(place.reshape(-1, 2), longest).reshape(clear.shape)
     clear[near] = ring.clearance(place[near])
     # a step that begins no farther away than it is long may come nearer on its way
     flight, step = np.nonzero((np.abs(clear[:, :-1]) <= longest) & (np.diff(numbers) == 1))

@@ -15,7 +15,7 @@ import numpy as np
 from planners.flow import graph_key
 from planners.mission.leg import leg_function, stage_latent
 from planners.mission.reference_path import Guide, GuideTerms
-from planners.route.hazards import beyond
+from planners.route.hazards import plane_violations
 from planners.solver import HOUR, KM, MOST_ITERATIONS, OPTIONS, Program
 from planners.spline import FlowSpline
 from planners.vehicle import Glider
@@ -234,7 +234,7 @@ def _build(flow: FlowEstimate, vehicle: Glider, shape: MissionShape, times: Arra
         places, end_time = leg(place, start_time + time * HOUR, heading, angle, depths[profile], drifts[k], latent[profile])
         meet.append(ca.vertcat(places[:, -1] / KM - legs[k][:2], (end_time - start_time) / HOUR - legs[k][2]))
         if n_planes:
-            within.append(beyond(places / KM, planes[k], n_planes) - trespass)
+            within.append(plane_violations(places / KM, planes[k], n_planes) - trespass)
         guide.add(k, places / KM)
         passed.append(places)
         place, time = legs[k][:2] * KM, legs[k][2]

@@ -12,7 +12,7 @@ from planners.mission.program import MissionGuess
 from planners.mission.reference_path import Guide
 from planners.mission.values import MissionSettings
 from planners.route.graph import Front, Route, build_front
-from planners.route.hazards import Bathymetry, NoGo, Ring, bathymetry_rings, no_go_ring, region_rings, trespassed
+from planners.route.hazards import Bathymetry, NoGo, Ring, first_violation, hazard_rings
 from planners.route.region import Region, locate, region_of
 from planners.route.table import tabulate
 from planners.spline import FlowSpline, spline_of
@@ -149,14 +149,9 @@ def mission_task(
     if deepest > settings.depth:
         raise PlanError(f"the goal at {deepest:g} m is deeper than the dives, {settings.depth:g} m; choose deeper dives")
     begin, ends = locate(region, start, "start"), np.array([locate(region, goal, name) for goal, name in zip(goals, names, strict=True)])
-    rings = region_rings(region, settings.depth)
-    rings += tuple(no_go_ring(region.grid.projection, area.polygon, area.name, area.surface_only) for area in areas[0])
-    if areas[1] is not None:
-        rings += bathymetry_rings(
-            region.grid.projection, areas[1].longitude, areas[1].latitude, areas[1].depth, settings.depth + areas[1].clearance
-        )
+    rings = hazard_rings(region, settings.depth, *areas)
     for name, point in zip(["start", *names], [begin, *ends], strict=True):
-        inside = trespassed(rings, point[None, :2], surfacing=name != "start" and point[2] == 0.0)
+        inside = first_violation(rings, point[None, :2], surfacing=name != "start" and point[2] == 0.0)
         if inside is not None or not region.wet(np.array([[*point[:2], settings.depth]]))[0]:
             why = "land" if inside is None else inside[0]
             raise PlanError(f"{name} is where dives to {settings.depth:g} m may not go: {why}; move it, or dive less deep")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import shapely
 
 from planners.mission.flight import Currents, Legs, currents_of, fly_legs, refined
 from planners.mission.flights import legs_of_plan
@@ -203,6 +204,4 @@ def heading_for(plan: MissionPlan, way: Array, angle: float, current: Array) -> 
 
 def _distance_to_legs(points: Array, corners: Array) -> Array:
     """Return the distance [m] of points, shape (n, 2), from the nearest of the straight lines between corners, shape (m, 2) [m]."""
-    edges, away = np.diff(corners, axis=0), points[:, None] - corners[:-1]
-    share = np.clip(np.sum(away * edges, axis=2) / np.maximum(np.sum(edges**2, axis=1), 1e-12), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(away - share[..., None] * edges, axis=2).min(axis=1))
+    return np.asarray(shapely.distance(shapely.LineString(corners), shapely.points(points)))

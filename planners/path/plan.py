@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from planners.path.program import Auv, AuvProblem, AuvSettings, solve_path
 from planners.route.graph import build_front
-from planners.route.hazards import NoGo, Ring, no_go_ring, region_rings, trespassed
+from planners.route.hazards import NoGo, Ring, densified, first_violation, hazard_rings
 from planners.route.region import Region, locate, region_of
 from planners.route.table import tabulate
 from planners.solver import HOUR
@@ -24,8 +24,8 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place
 
 AuvStatus = Literal["reached", "unreachable", "unsafe"]
-# Steps of the dense flight for each of the optimiser's, and spacing of its check [m].
-_REFINED, _SPACING = 2, 10.0
+# Steps of the dense flight for each of the optimiser's.
+_REFINED = 2
 # Rounds of half-planes laid anew for the path found, which have to lower the cost by this share.
 _ROUNDS, _PROGRESS = 6, 1e-3
 
@@ -84,8 +84,9 @@ def plan_path(
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
     if not np.all(np.isfinite(flow.latent)):
         raise PlanError("the current is not a number; check the estimate's latent velocities")
-    areas = tuple(no_go_ring(flow.grid.projection, area.polygon, area.name) for area in no_go)
-    rings = region_rings(region, max(begin[2], end[2])) + areas
+    # a free path has no surfacings: every area counts at all depths
+    areas = tuple(replace(area, surface_only=False) for area in no_go)
+    rings = hazard_rings(region, max(begin[2], end[2]), areas)
     problem = AuvProblem(flow, region, rings, vehicle, settings, begin, end)
 
     def made(guess: Array, free: bool, held: tuple[Array, float] | None = None) -> AuvPlan:
@@ -101,7 +102,7 @@ def plan_path(
         # the route is clear; the depths are those found without it, and the deeper they are the more is land
         depths = np.interp(np.linspace(0.0, 1.0, len(route)), np.linspace(0.0, 1.0, len(plans[0].track)), plans[0].track[:, 2])
         route = np.column_stack([route[:, :2], depths])
-        problem = replace(problem, rings=region_rings(region, float(depths.max())) + areas)
+        problem = replace(problem, rings=hazard_rings(region, float(depths.max()), areas))
         plans += _kept_clear(settings, route, lambda along, margin: made(along, False, (along, margin)))
     return min(plans, key=lambda plan: _worth(settings, plan))
 
@@ -174,10 +175,8 @@ def _fly(flow: FlowEstimate, settings: AuvSettings, begin: Array, through: Array
 
 def _crossed(region: Region, rings: tuple[Ring, ...], track: Array) -> str | None:
     """Return what a track crosses that it may not, by points no farther apart than ten metres; None when it crosses nothing."""
-    pieces = np.maximum(np.ceil(np.linalg.norm(np.diff(track, axis=0), axis=1) / _SPACING).astype(int), 1)
-    number = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(pieces))])
-    dense = np.column_stack([np.interp(number, np.arange(len(track)), track[:, i]) for i in range(3)])
-    ring = trespassed(rings[:1] + tuple(ring for ring in rings[1:] if ring.name != "land"), dense[:, :2], surfacing=True)
+    dense = densified(track)[1]
+    ring = first_violation(rings[:1] + tuple(ring for ring in rings[1:] if ring.name != "land"), dense[:, :2], surfacing=True)
     if ring is not None:
         return ring[0]
     return None if region.wet(dense).all() else "land"

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import graph_key
-from planners.route.hazards import Ring, beyond, half_planes
+from planners.route.hazards import Ring, half_planes, plane_violations
 from planners.route.region import Region
 from planners.solver import HOUR, KM, OPTIONS
 from planners.track import path_function
@@ -153,7 +153,7 @@ def _build(flow: FlowEstimate, n: int, steps: int, n_planes: int, options: dict[
         places = path(at, piece[3:], ca.repmat(duration * HOUR / (n * steps), steps, 1), latent)
         meet.append(places[:, -1] / KM - piece[:3])
         if n_planes:
-            within.append(beyond(places[:2, -steps:] / KM, planes[k], n_planes) - trespass)
+            within.append(plane_violations(places[:2, -steps:] / KM, planes[k], n_planes) - trespass)
         at = piece[:3] * KM
     meet.append(pieces[-1][:3] - end / KM - (slacks[:3] - slacks[3:]))
     power = weights[0] + weights[1] * sum((ca.sumsqr(piece[3:]) + 1e-8) ** 1.5 for piece in pieces) / n

@@ -60,7 +60,7 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
 def crosses(flow: FlowEstimate, plan: MissionPlan, areas: tuple[NoGo, ...]) -> bool:
     """Return whether a plan's track is anywhere on land, outside of the region or in an area that may not be entered under water."""
     track = _dense(plan.track)
-    rings = [no_go_ring(flow.grid.projection, area.polygon, area.name) for area in areas if not area.surface_only]
+    rings = [no_go_ring(flow.grid.projection, area) for area in areas if not area.surface_only]
     return not region_of(flow.grid).allowed(track).all() or any(bool(ring.inside(track[:, :2]).any()) for ring in rings)
 
 

@@ -201,7 +201,7 @@ def test_a_forbidden_area_is_gone_round_or_passed_under(surface_only: bool):
     free, clear = (plan_mission(*ask, settings=replace(SETTINGS, depth=390.0), no_go=areas) for areas in ((), (area,)))
     assert clear.status == "reached"
     assert clear.duration >= free.duration * (1.0 - 1e-4)
-    ring = no_go_ring(flow.grid.projection, area.polygon, area.name)
+    ring = no_go_ring(flow.grid.projection, area)
     track = np.vstack([np.linspace(a, b, 100) for a, b in zip(clear.track[:-1], clear.track[1:], strict=True)])
     assert not ring.forbids(_local(flow, clear)).any()
     assert ring.forbids(track[:, :2]).any() == surface_only
@@ -309,7 +309,7 @@ def test_settings_that_cannot_be_are_refused(wrong: dict[str, float]):
     with pytest.raises(PlanError, match="expected"):
         MissionSettings(**wrong)
     with pytest.raises(PlanError, match="three pairs"):
-        no_go_ring(still_flow().grid.projection, ((152.0, -40.0), (152.1, -40.0)), "line")
+        no_go_ring(still_flow().grid.projection, NoGo(((152.0, -40.0), (152.1, -40.0)), "line"))
 
 
 def test_half_planes_keep_a_point_on_its_side_and_lead_out():
