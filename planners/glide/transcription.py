@@ -4,7 +4,6 @@ Minimised over the duration too, the distance at the end is the closest approach
 plan to plan (latent velocities, places, limits, steps) is a parameter, so that one graph serves every estimate on the same nodes.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from planners.flow import graph_key
-from planners.solver import KM
+from planners.solver import KM, Recent
 from planners.track import Integrator, path_function, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -108,8 +107,7 @@ class GlideSolution:
     return_status: str
 
 
-_programs: OrderedDict[Any, GlideProgram] = OrderedDict()
-_MOST_PROGRAMS = 8
+_programs = Recent[GlideProgram](8)
 
 
 def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
@@ -121,13 +119,7 @@ def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: I
         bounded: Whether the path is constrained to the region.
         integrator: Of the steps.
     """
-    key = (*graph_key(flow), n_steps, bounded, integrator)
-    if key not in _programs:
-        _programs[key] = _build(flow, n_steps, bounded, integrator)
-        if len(_programs) > _MOST_PROGRAMS:
-            _programs.popitem(last=False)
-    _programs.move_to_end(key)
-    return _programs[key]
+    return _programs.get((*graph_key(flow), n_steps, bounded, integrator), lambda: _build(flow, n_steps, bounded, integrator))
 
 
 def approach(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, float], fractions: Array) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.path.program import Auv, AuvProblem, AuvSettings, solve_path
-from planners.route.graph import build_front
+from planners.route.graph import build_route_graph
 from planners.route.hazards import NoGo, Ring, densified, first_violation, hazard_rings
 from planners.route.region import Region, locate, region_of
 from planners.route.table import tabulate
@@ -103,15 +103,15 @@ def plan_path(
         depths = np.interp(np.linspace(0.0, 1.0, len(route)), np.linspace(0.0, 1.0, len(plans[0].track)), plans[0].track[:, 2])
         route = np.column_stack([route[:, :2], depths])
         problem = replace(problem, rings=hazard_rings(region, float(depths.max()), areas))
-        plans += _kept_clear(settings, route, lambda along, margin: made(along, False, (along, margin)))
-    return min(plans, key=lambda plan: _worth(settings, plan))
+        plans += _solve_within_half_planes(settings, route, lambda along, margin: made(along, False, (along, margin)))
+    return min(plans, key=lambda plan: _ranking_key(settings, plan))
 
 
-def _worth(settings: AuvSettings, plan: AuvPlan) -> tuple[bool, bool, float]:
+def _ranking_key(settings: AuvSettings, plan: AuvPlan) -> tuple[bool, bool, float]:
     return plan.closest_approach > settings.tolerance, plan.status == "unsafe", getattr(plan, _COST[settings.objective])
 
 
-def _kept_clear(settings: AuvSettings, route: Array, made: Callable[[Array, float], AuvPlan]) -> list[AuvPlan]:
+def _solve_within_half_planes(settings: AuvSettings, route: Array, made: Callable[[Array, float], AuvPlan]) -> list[AuvPlan]:
     """Return the paths found within half-planes, laid along a route and anew along each path found until that gains nothing more.
 
     Half-planes hold the ends of steps; where a step between two cuts a corner the margin is doubled.
@@ -140,7 +140,9 @@ def _route(problem: AuvProblem) -> Array:
     def wet(points: Array) -> NDArray[np.bool_]:
         return problem.region.wet(np.column_stack([points, np.full(len(points), deepest)]))
 
-    route = build_front(table, shares, problem.rings, wet, problem.vehicle.speed).route(begin[:2], end[:2], problem.settings.max_duration)
+    route = build_route_graph(table, shares, problem.rings, wet, problem.vehicle.speed).route(
+        begin[:2], end[:2], problem.settings.max_duration
+    )
     times = np.linspace(0.0, route.times[-1], 100)
     return np.column_stack([route.at(times), np.linspace(begin[2], end[2], 100)])
 

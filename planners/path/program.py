@@ -3,7 +3,6 @@
 Unknown are these velocities, the duration and where each piece ends. Places are in kilometres and times in hours.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,14 +12,13 @@ import numpy as np
 from planners.flow import graph_key
 from planners.route.hazards import Ring, half_planes, plane_violations
 from planners.route.region import Region
-from planners.solver import HOUR, KM, OPTIONS
+from planners.solver import HOUR, KM, OPTIONS, Recent
 from planners.track import path_function
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
 # Hours that a kilometre missed costs.
 _PENALTY = 50.0
-_MOST_PROGRAMS = 4
 # Half-planes for each step's end.
 _PLANES = 3
 # With free depths the best one is often that of a level, where hats bend and no gradient vanishes: that search ends after so many steps.
@@ -78,7 +76,7 @@ class AuvProblem:
     end: Array
 
 
-_programs: OrderedDict[Any, tuple[Any, Array]] = OrderedDict()
+_programs = Recent[tuple[Any, Array]](4)
 
 
 def solve_path(problem: AuvProblem, guess: Array, free: bool, held: tuple[Array, float] | None) -> tuple[Array, float, int, str]:
@@ -129,13 +127,9 @@ def _at_equal_times(track: Array, n: int) -> Array:
 
 def _program(flow: FlowEstimate, settings: AuvSettings, free: bool, held: bool) -> tuple[Any, Array]:
     """Return the solver of a flow's nodes, held to half-planes or not, and the zeros that its equations are to meet."""
+    options = {**OPTIONS, "ipopt.max_iter": _FREE_STEPS} if free else OPTIONS
     key = (*graph_key(flow), settings.pieces, settings.steps, free, held)
-    if key not in _programs:
-        options = {**OPTIONS, "ipopt.max_iter": _FREE_STEPS} if free else OPTIONS
-        _programs[key] = _build(flow, settings.pieces, settings.steps, _PLANES if held else 0, options)
-        if len(_programs) > _MOST_PROGRAMS:
-            _programs.popitem(last=False)
-    return _programs[key]
+    return _programs.get(key, lambda: _build(flow, settings.pieces, settings.steps, _PLANES if held else 0, options))
 
 
 def _build(flow: FlowEstimate, n: int, steps: int, n_planes: int, options: dict[str, Any]) -> tuple[Any, Array]:

@@ -37,9 +37,11 @@ from replay_kit.workflows.replay.job import check_paths, truth_path
 CALLS = on_planning.Calls(
     plan=planners.plan,
     fly=planners.fly,
-    plan_mission=planners.plan_mission,
+    plan_mission=lambda flow, start, goals, **asked: planners.plan_mission(flow, planners.MissionRequest(start, (goals,), **asked)),
     fly_mission=fly_mission,
-    plan_scenarios=planners.plan_scenarios,
+    plan_scenarios=lambda flow, samples, start, goals, *, allowed, **asked: planners.plan_scenarios(
+        flow, samples, planners.MissionRequest(start, (goals,), **asked), allowed=allowed
+    ),
     fly_corrected=lambda flow, samples, plan: planners.fly_scenarios(flow, samples, plan, pilot=planners.Pilot()),
     glider=lambda speed, shallowest, steepest: planners.Glider(speed, None, shallowest, steepest),
     settings=planners.MissionSettings,

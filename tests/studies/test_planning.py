@@ -139,7 +139,7 @@ def test_paths_flown_by_two_codes_end_at_one_place_and_goals_are_of_the_reachabl
     withheld = world().truths[0]
     (pair,) = draw_missions(withheld, withheld.truth, 1, 300.0, 3, 0)
     settings = planners.MissionSettings(depth=300.0, legs=3)
-    plan = planners.plan_mission(withheld.truth, pair.start, pair.target, settings=settings)
+    plan = planners.plan_mission(withheld.truth, planners.MissionRequest(pair.start, (pair.target,), settings=settings))
     assert plan.status == "reached"
     path = fly_plan(withheld.truth, plan, 300.0)
     assert np.linalg.norm(path[-1, :2] - fly_mission(withheld.truth, plan).place[0, -1]) < 1.0

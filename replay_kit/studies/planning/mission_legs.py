@@ -19,11 +19,11 @@ def legs_planner(planner: MissionPlanner) -> PlanLegs:
         limited = replace(planner, settings=replace(planner.settings, max_legs=most_legs))
         planned = limited.plan(flow, start, goal, start_time_ns, None if warm is None else warm.memory)
         mission: planners.MissionPlan = planned.memory
-        drifts = np.append(np.full(max(len(mission.turns) - 1, 0), mission.settings.surface_time), 0.0)
+        drifts = np.append(np.full(max(len(mission.yo_depths) - 1, 0), mission.settings.surface_time), 0.0)
         speeds = (mission.vehicle.speeds(np, angle) for angle in np.deg2rad(mission.glide_angles_deg))
         legs = tuple(
             Leg(float(heading), float(along), float(down), turns, float(drift))
-            for heading, (along, down), turns, drift in zip(mission.headings_deg, speeds, mission.turns, drifts, strict=False)
+            for heading, (along, down), turns, drift in zip(mission.headings_deg, speeds, mission.yo_depths, drifts, strict=False)
         )
         ends = tuple(Place(float(longitude), float(latitude), 0.0) for longitude, latitude in mission.surfacings)
         return PlannedLegs(legs, ends, float(mission.closest_approach[-1]), planned)
