@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from planners.glide.kinematics import velocity_through_water
 from planners.glide.settings import GlideSettings
-from planners.glide.track import Track, fly_glide, fractions_of_duration
 from planners.glide.transcription import GlideCase, approach, solve_glide
 from planners.route.region import Region
+from planners.track import Track, fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
@@ -68,14 +67,14 @@ class Candidate:
     time: float
     distance: float
     track: Track
-    promised: float = float("nan")
+    predicted_distance: float = float("nan")
     iterations: int = 0
     return_status: str = "not started"
 
     @property
-    def agrees(self) -> bool:
+    def is_consistent(self) -> bool:
         """Whether the dense path comes as close as the optimiser promised."""
-        return self.distance <= self.promised + AGREEMENT
+        return self.distance <= self.predicted_distance + AGREEMENT
 
 
 def fly_candidate(task: Task, heading: float, glide_angle: float, duration: float, refinement: int = _DENSE) -> Candidate:
@@ -122,9 +121,9 @@ def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
         guess = answer.heading, answer.glide_angle, answer.duration
         flown = fly_candidate(task, *guess)
         if best is None or flown.distance < best.distance:
-            best = replace(flown, promised=answer.distance)
+            best = replace(flown, predicted_distance=answer.distance)
         fixed = task.settings.integrator == "euler"
-        if best.agrees or fixed or (flown.until < flown.duration and (bounded or aground(task, flown))):
+        if best.is_consistent or fixed or (flown.until < flown.duration and (bounded or stops_on_land(task, flown))):
             break
         # A path cut short is not a matter of step length: from the same guess again, now within the region.
         if flown.until < flown.duration:
@@ -134,7 +133,7 @@ def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
     return best and replace(best, iterations=iterations, return_status=answer.return_status)
 
 
-def aground(task: Task, flown: Candidate) -> bool:
+def stops_on_land(task: Task, flown: Candidate) -> bool:
     """Return whether what cuts a glide short is land, not the region's edge."""
     beyond = flown.track.at(np.array([min(flown.until + 1.0, flown.duration)]))
     return bool(task.region.inside(beyond)[0])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planners.glide.candidate import Candidate, Task, aground
+from planners.glide.candidate import Candidate, Task, stops_on_land
 from replay_kit.core.plan import PlanStatus
 
 # A limit counts as binding when the path ends this close to it [m], or within this share of the longest duration.
@@ -29,7 +29,7 @@ def _binding(task: Task, best: Candidate) -> str:
     if float(np.linalg.norm(end - task.case.start)) < _NEAR:
         return "every glide leads away from the goal: the current is stronger than the vehicle"
     if best.until < best.duration and best.time > best.until - 1.0:
-        return "the path meets land there" if aground(task, best) else "the path leaves the region that the forecast covers there"
+        return "the path meets land there" if stops_on_land(task, best) else "the path leaves the region that the forecast covers there"
     if best.time >= (1.0 - _NEAR_SHARE) * task.settings.max_duration:
         return f"limit: the longest glide considered, max_duration = {task.settings.max_duration:g} s"
     if _distance_to_sides(task, end) < _NEAR:

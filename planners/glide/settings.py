@@ -1,9 +1,8 @@
 """What a glide may do."""
 
 from dataclasses import dataclass
-from typing import Literal
 
-Integrator = Literal["rk4", "euler"]
+from planners.track import Integrator
 
 
 @dataclass(frozen=True, slots=True)

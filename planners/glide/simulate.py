@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from planners.glide.kinematics import velocity_through_water
-from planners.glide.track import fly_glide, fractions_of_duration
 from planners.route.region import locate, region_of
+from planners.track import fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north

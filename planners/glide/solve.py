@@ -4,7 +4,7 @@ import numpy as np
 
 from planners.glide.candidate import AGREEMENT, Candidate, Task, fly_candidate, optimise, polish
 from planners.glide.explain import explain
-from planners.glide.seed import find_seeds
+from planners.glide.seeds import find_seeds
 from planners.glide.settings import GlideSettings
 from planners.glide.transcription import GlideCase
 from planners.route.region import locate, region_of
@@ -16,7 +16,7 @@ _DEFAULT = GlideSettings()
 # A goal passed this close needs no further start [m].
 _CLOSE_ENOUGH = 1.0
 # A seed this many kernel lengths farther from the goal than the best one is not worth a start.
-_WORTH = 3.0
+_SEED_RANGE = 3.0
 _MOST_SEEDS = 8
 # An optimum within a centimetre of a seed that was one already (a warm start) is no worse than it [m].
 _TIE = 1e-2
@@ -68,8 +68,8 @@ def plan(
     if best is seed or (settings.integrator == "rk4" and best.distance > seed.distance + _TIE):
         best = polish(task, seed)
         notes.append("IPOPT did no better than the seed, which was polished by Nelder-Mead instead")
-    elif not best.agrees and best.until == best.duration:
-        notes.append(f"the optimiser promised {best.promised:.1f} m, more than {AGREEMENT:g} m from the dense path")
+    elif not best.is_consistent and best.until == best.duration:
+        notes.append(f"the optimiser promised {best.predicted_distance:.1f} m, more than {AGREEMENT:g} m from the dense path")
     statistics = _statistics(solved, seed, best)
     return _to_plan(task, best, (start, goal, start_time_ns, turn), notes, statistics)
 
@@ -86,7 +86,7 @@ def _seeds(task: Task) -> list[Candidate]:
     """Return the optimiser's starts, flown in the flow itself, nearest to the goal first; none when no path is finite."""
     case = task.case
     found = find_seeds(task.flow, task.region, case.start, case.goal, case.speed, case.max_duration, _MOST_SEEDS)
-    reach = _WORTH * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
+    reach = _SEED_RANGE * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
     guesses = [(seed.heading, seed.glide_angle, seed.duration) for seed in found if seed.distance <= found[0].distance + reach]
     return sorted(_flown(task, guesses), key=lambda seed: seed.distance)[: task.settings.starts]
 
@@ -117,8 +117,8 @@ def _statistics(solved: list[Candidate], seed: Candidate, best: Candidate) -> di
         "worst_optimum": max((candidate.distance for candidate in solved), default=seed.distance),
         "return_status": best.return_status,
     }
-    if np.isfinite(best.promised):
-        statistics["solver_distance"] = best.promised
+    if np.isfinite(best.predicted_distance):
+        statistics["solver_distance"] = best.predicted_distance
     return statistics
 
 

@@ -3,7 +3,6 @@
 Unknown are these velocities, the duration and where each piece ends. Places are in kilometres and times in hours.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,17 +10,15 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import graph_key
-from planners.glide.transcription import path_function
-from planners.mission.program import HOUR, KM
-from planners.route.hazards import Ring, beyond, half_planes
+from planners.route.hazards import Ring, half_planes, plane_violations
 from planners.route.region import Region
-from planners.solver import OPTIONS
+from planners.solver import HOUR, KM, OPTIONS, Recent
+from planners.track import path_function
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
 # Hours that a kilometre missed costs.
 _PENALTY = 50.0
-_MOST_PROGRAMS = 4
 # Half-planes for each step's end.
 _PLANES = 3
 # With free depths the best one is often that of a level, where hats bend and no gradient vanishes: that search ends after so many steps.
@@ -79,7 +76,7 @@ class AuvProblem:
     end: Array
 
 
-_programs: OrderedDict[Any, tuple[Any, Array]] = OrderedDict()
+_programs = Recent[tuple[Any, Array]](4)
 
 
 def solve_path(problem: AuvProblem, guess: Array, free: bool, held: tuple[Array, float] | None) -> tuple[Array, float, int, str]:
@@ -130,13 +127,9 @@ def _at_equal_times(track: Array, n: int) -> Array:
 
 def _program(flow: FlowEstimate, settings: AuvSettings, free: bool, held: bool) -> tuple[Any, Array]:
     """Return the solver of a flow's nodes, held to half-planes or not, and the zeros that its equations are to meet."""
+    options = {**OPTIONS, "ipopt.max_iter": _FREE_STEPS} if free else OPTIONS
     key = (*graph_key(flow), settings.pieces, settings.steps, free, held)
-    if key not in _programs:
-        options = {**OPTIONS, "ipopt.max_iter": _FREE_STEPS} if free else OPTIONS
-        _programs[key] = _build(flow, settings.pieces, settings.steps, _PLANES if held else 0, options)
-        if len(_programs) > _MOST_PROGRAMS:
-            _programs.popitem(last=False)
-    return _programs[key]
+    return _programs.get(key, lambda: _build(flow, settings.pieces, settings.steps, _PLANES if held else 0, options))
 
 
 def _build(flow: FlowEstimate, n: int, steps: int, n_planes: int, options: dict[str, Any]) -> tuple[Any, Array]:
@@ -154,7 +147,7 @@ def _build(flow: FlowEstimate, n: int, steps: int, n_planes: int, options: dict[
         places = path(at, piece[3:], ca.repmat(duration * HOUR / (n * steps), steps, 1), latent)
         meet.append(places[:, -1] / KM - piece[:3])
         if n_planes:
-            within.append(beyond(places[:2, -steps:] / KM, planes[k], n_planes) - trespass)
+            within.append(plane_violations(places[:2, -steps:] / KM, planes[k], n_planes) - trespass)
         at = piece[:3] * KM
     meet.append(pieces[-1][:3] - end / KM - (slacks[:3] - slacks[3:]))
     power = weights[0] + weights[1] * sum((ca.sumsqr(piece[3:]) + 1e-8) ** 1.5 for piece in pieces) / n

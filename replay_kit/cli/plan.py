@@ -11,8 +11,11 @@ from rich.table import Table
 
 from planners import (
     Glider,
+    Line,
     MissionPlan,
+    MissionRequest,
     MissionSettings,
+    Mooring,
     fly_scenarios,
     plan_line,
     plan_mission,
@@ -135,13 +138,13 @@ def plan(
     made, chances = (
         (kind.plan(flow, begin, goals, how), None)
         if risk is None
-        else plan_scenarios(estimates[0], drawn, begin, goals, allowed=risk, **how)
+        else plan_scenarios(estimates[0], drawn, MissionRequest(begin, goals, **how), allowed=risk)
     )
     few = waypoints_of(flow, made, waypoint_tolerance) if waypoints is not None and len(made.headings_deg) else None
     ellipses, spread = _spread(drawn, made, kind)
     if spread is not None:
         chances = chances or fly_scenarios(estimates[0], drawn, made, no_go=how["no_go"], bathymetry=how["bathymetry"])
-        spread |= {"safe": chances.safe, "trespass": dict(chances.trespass), "allowed": risk}
+        spread |= {"safe": chances.safe, "trespass": dict(chances.violations), "allowed": risk}
     projection = estimates[0].grid.projection
     print_mission(made, few, spread, console_beside(json_file, geojson, csv))
     write_text(geojson, to_geojson(made, projection, ellipses) + "\n")
@@ -185,12 +188,13 @@ class Kind:
 
     def plan(self, flow: FlowEstimate | list[FlowEstimate], begin: Place, goals: tuple[Place, ...], how: dict[str, Any]) -> MissionPlan:
         """Return the mission of this kind."""
+        request = MissionRequest(begin, goals, **how)
         if self.mooring is not None:
             radius, hours = self.mooring
-            return plan_mooring(flow, begin, goals[0], radius, 3600.0 * hours, surfacings_only=self.surfacings_only, **how)
+            return plan_mooring(flow, request, Mooring(radius, 3600.0 * hours, self.surfacings_only))
         if self.line_weight is not None:
-            return plan_line(flow, begin, goals[0], weight=self.line_weight, **how)
-        return plan_mission(flow, begin, goals, **how)
+            return plan_line(flow, request, Line(weight=self.line_weight))
+        return plan_mission(flow, request)
 
 
 def check_together(mooring: str | None, line: bool, given: dict[str, Any]) -> None:

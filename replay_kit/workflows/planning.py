@@ -111,11 +111,7 @@ class MissionPlanner:
             settings = replace(settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns)))
         mission = planners.plan_mission(
             self._over_time(flow, start, goal, start_time_ns),
-            start,
-            goal,
-            vehicle=self.vehicle,
-            settings=settings,
-            start_time_ns=start_time_ns,
+            planners.MissionRequest(start, (goal,), vehicle=self.vehicle, settings=settings, start_time_ns=start_time_ns),
             warm=before,
         )
         return Planned(as_glide(mission, flow.grid.projection), self._next_surfacing(flow, mission), mission)
@@ -150,7 +146,7 @@ class MissionPlanner:
 
     def _next_surfacing(self, flow: FlowEstimate, mission: planners.MissionPlan) -> Surfacing | None:
         """Return where the first leg ends at the surface; None when there is no leg, or it ends below."""
-        if len(mission.headings_deg) == 0 or mission.turns[0][-1] > 0.0:
+        if len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
             return None
         first = _first_leg(mission)
         at = [float(np.interp(first.surfacing_times[0], mission.track_time, mission.track[:, k])) for k in (0, 1)]
@@ -174,7 +170,7 @@ def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:
         headings_deg=mission.headings_deg[:1],
         glide_angles_deg=mission.glide_angles_deg[:1],
         pitches_deg=mission.pitches_deg[:1],
-        turns=mission.turns[:1],
+        yo_depths=mission.yo_depths[:1],
         surfacings=mission.surfacings[:1],
         surfacing_times=surfaces,
         goals=mission.goals[-1:],

@@ -52,7 +52,7 @@ def missions(world: World) -> StudyReport:
         return draw_missions(withheld, withheld.truth, count, world.depth, world.job.legs, world.job.seed)
 
     def plan(flow: FlowEstimate, pair: Pair) -> planners.MissionPlan:
-        return planners.plan_mission(flow, pair.start, pair.target, vehicle=world.glider, settings=settings)
+        return planners.plan_mission(flow, planners.MissionRequest(pair.start, (pair.target,), world.glider, settings))
 
     def fly(truth: FlowEstimate, mission: planners.MissionPlan, pair: Pair) -> Outcome:
         if len(mission.headings_deg):

@@ -52,7 +52,7 @@ def infeasible(world: World) -> StudyReport:
         return planners.plan(flow, start, goal)
 
     def mission(flow: FlowEstimate, start: Place, goal: Place) -> planners.MissionPlan:
-        return planners.plan_mission(flow, start, goal, vehicle=world.glider, settings=settings)
+        return planners.plan_mission(flow, planners.MissionRequest(start, (goal,), world.glider, settings))
 
     rows = []
     for case in cases(flow, world.truths[0].config.nugget):

@@ -116,11 +116,11 @@ def plan_legs(
     limited = replace(planner, settings=replace(planner.settings, max_legs=most_legs))
     planned = limited.plan(flow, *way, start_time_ns, None if warm is None else warm.planned)
     mission = planned.memory
-    drifts = np.append(np.full(max(len(mission.turns) - 1, 0), mission.settings.surface_time), 0.0)
+    drifts = np.append(np.full(max(len(mission.yo_depths) - 1, 0), mission.settings.surface_time), 0.0)
     speeds = (mission.vehicle.speeds(np, angle) for angle in np.deg2rad(mission.glide_angles_deg))
     legs = tuple(
         Leg(float(heading), float(along), float(down), depths, float(drift))
-        for heading, (along, down), depths, drift in zip(mission.headings_deg, speeds, mission.turns, drifts, strict=False)
+        for heading, (along, down), depths, drift in zip(mission.headings_deg, speeds, mission.yo_depths, drifts, strict=False)
     )
     ends = tuple(Place(float(longitude), float(latitude), 0.0) for longitude, latitude in mission.surfacings)
     return PlannedLegs(legs, ends, float(mission.closest_approach[-1]), planned)

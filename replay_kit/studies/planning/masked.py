@@ -106,7 +106,8 @@ def _planned(world: World, case: Masked, number: tuple[int, int]) -> tuple[_Row,
 
     def make() -> planners.MissionPlan | PlanError:
         try:
-            return planners.plan_mission(case.flow, case.pair.start, case.pair.target, vehicle=world.glider, settings=settings, no_go=areas)
+            ends = case.pair.start, (case.pair.target,)
+            return planners.plan_mission(case.flow, planners.MissionRequest(*ends, world.glider, settings, areas))
         except PlanError as error:
             return error
 

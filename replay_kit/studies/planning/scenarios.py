@@ -40,15 +40,15 @@ class _Case:
 
     def plan(self, *areas: planners.NoGo) -> planners.MissionPlan:
         """Return the deterministic plan, made on the estimate alone."""
-        return planners.plan_mission(self.flow, self.pair.start, self.pair.target, no_go=areas, **self.how)
+        return planners.plan_mission(self.flow, self._request(areas))
 
     def plan_scenarios(self, allowed: float, *areas: planners.NoGo) -> tuple[planners.MissionPlan, float]:
         """Return the plan for the samples, and the seconds it took."""
-        ends = self.pair.start, self.pair.target
-        (plan, _), seconds = timed(
-            partial(planners.plan_scenarios, self.flow, self.samples, *ends, allowed=allowed, no_go=areas, **self.how)
-        )
+        (plan, _), seconds = timed(partial(planners.plan_scenarios, self.flow, self.samples, self._request(areas), allowed=allowed))
         return plan, seconds
+
+    def _request(self, areas: tuple[planners.NoGo, ...]) -> planners.MissionRequest:
+        return planners.MissionRequest(self.pair.start, (self.pair.target,), no_go=areas, **self.how)
 
     def miss(self, plan: planners.MissionPlan) -> float:
         """Return the 90th percentile of the miss distances of a plan in the fresh samples [m]."""

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from planners import GlideSettings, fly, plan
-from planners.glide.seed import _fans, find_seeds, tabulate
-from planners.glide.track import fly_glide, fractions_of_duration
+from planners.glide.seeds import _fans, find_seeds
 from planners.route.region import region_of
+from planners.route.table import tabulate
+from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.glide.seed import _fans, _fly_all, find_seeds, tabulate
+from planners.glide.seeds import _fans, _fly_all, find_seeds
 from planners.route.region import region_of
+from planners.route.table import tabulate
 from tests.planners.flow_samples import eddying_flow, still_flow
 
 SPEED, LONGEST = 0.3, 2e5

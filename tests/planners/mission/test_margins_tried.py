@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planners.mission.scenario import Chances, _wider, chances_of, points_at
+from planners.mission.spread import Spread
 
 from planners import Glider, MissionSettings, plan_scenarios
 from planners.mission import scenario
 from planners.mission.plan import attempts_of
-from planners.mission.scenario import Chances, _wider, chances_of, points_at
-from planners.mission.spread import Spread
 from planners.mission.task import mission_task
 from tests.planners.flow_samples import place, uniform_flow
 

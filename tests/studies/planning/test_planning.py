@@ -134,7 +134,7 @@ def test_paths_flown_by_two_codes_end_at_one_place_and_goals_are_of_the_reachabl
     withheld = world().truths[0]
     (pair,) = draw_missions(withheld, withheld.truth, 1, 300.0, 3, 0)
     settings = planners.MissionSettings(depth=300.0, legs=3)
-    plan = planners.plan_mission(withheld.truth, pair.start, pair.target, settings=settings)
+    plan = planners.plan_mission(withheld.truth, planners.MissionRequest(pair.start, (pair.target,), settings=settings))
     assert plan.status == "reached"
     path = fly_plan(withheld.truth, plan, 300.0)
     assert np.linalg.norm(path[-1, :2] - fly_mission(withheld.truth, plan).place[0, -1]) < 1.0
@@ -179,7 +179,8 @@ def test_land_leaves_the_current_as_it_was_elsewhere():
 
 
 def test_a_planner_that_goes_straight_over_land_is_caught(monkeypatch):
-    def straight(flow, start, goal, **_):
+    def straight(flow, request):
+        start, (goal,) = request.start, request.goals
         ends = np.column_stack(to_local(flow.grid.projection, [start.longitude, goal.longitude], [start.latitude, goal.latitude]))
         one = {"headings_deg": np.zeros(1), "glide_angles_deg": np.full(1, 20.0), "surfacings": np.array([[goal.longitude, goal.latitude]])}
         track = np.column_stack([ends, np.zeros(2)])

@@ -15,7 +15,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from rich.console import Console
 from typer.testing import CliRunner
 
-from planners import plan_mission
+from planners import MissionRequest, plan_mission
 from replay_kit.cli import app as cli
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig, load_config
@@ -220,8 +220,8 @@ def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0))
     # 14 km take 13.4 h at 0.29 m/s, and half as long again: steps to 10, 20 and 30 h
     flows = [growing, *(growing.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3))]
-    expected = plan_mission(flows, start, goal, vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15)
+    expected = plan_mission(flows, MissionRequest(start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15))
     np.testing.assert_array_equal(planner.plan(growing, start, goal, 10**15, None).plan.track, expected.track)
-    once = plan_mission(still, start, goal, vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15)
+    once = plan_mission(still, MissionRequest(start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15))
     np.testing.assert_array_equal(planner.plan(same, start, goal, 10**15, None).plan.track, once.track)
     assert np.abs(once.track[: len(expected.track)] - expected.track[: len(once.track)]).max() > 50.0

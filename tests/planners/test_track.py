@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.glide.track import Track, fly_glide, fractions_of_duration
 from planners.route.region import region_of
+from planners.track import Track, fly_glide, fractions_of_duration
 from tests.planners.flow_samples import LEVELS, eddying_flow, still_flow
 
 # of a grid: south, east, north, west

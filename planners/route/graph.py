@@ -14,8 +14,8 @@ from scipy.ndimage import map_coordinates
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from planners.glide.seed import FlowTable
 from planners.route.hazards import Ring
+from planners.route.table import FlowTable
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 
@@ -45,7 +45,7 @@ class Route:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Front:
+class RouteGraph:
     """The graph of one mission.
 
     Attributes:
@@ -104,9 +104,9 @@ class Front:
         return int(rows[best] * self.free.shape[1] + columns[best])
 
 
-def build_front(
+def build_route_graph(
     table: FlowTable, depth_shares: Array, rings: Sequence[Ring], wet: Callable[[Array], NDArray[np.bool_]], speed: float
-) -> Front:
+) -> RouteGraph:
     """Return the graph of a flow.
 
     Args:
@@ -133,7 +133,7 @@ def build_front(
         raise PlanError(
             f"what may not be entered leaves no water that a search on {wide:.0f} m finds; allow a wider path, or dive less deep"
         )
-    return Front(table.origin, spacing, current, free, _edges(current, free, spacing, speed))
+    return RouteGraph(table.origin, spacing, current, free, _edges(current, free, spacing, speed))
 
 
 def _edges(current: Array, free: NDArray[np.bool_], spacing: Array, speed: float) -> csr_array:

@@ -1,17 +1,24 @@
-"""A glide flown densely in a flow with NumPy, and the closest approach on its continuous path."""
+"""Paths of constant velocity through water: integrated with NumPy or CasADi, and their closest approach on the continuous path.
+
+The integration steps are the same text for NumPy arrays and CasADi expressions, so that the optimiser and the check of its solution
+cannot differ.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Literal
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.glide.kinematics import rk4_step
+from planners.flow import field_function
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import velocity_kernel
 
+Integrator = Literal["rk4", "euler"]
 # Each round narrows the time of closest approach sixteenfold; five leave well under a millimetre.
 _ZOOM_POINTS, _ZOOM_ROUNDS = 33, 5
 
@@ -66,6 +73,39 @@ class Track:
         return float(low)
 
 
+def velocity_through_water(maths: Any, heading: Any, glide_angle: Any, speed: Any) -> tuple[Any, Any, Any]:
+    """Return the velocity through water [m/s] as (east, north, down) in the frame that the heading refers to.
+
+    Args:
+        maths: ``numpy`` or ``casadi``: where sine and cosine come from.
+        heading: Clockwise from north [rad].
+        glide_angle: Below the horizontal, positive down [rad].
+        speed: Through water [m/s].
+    """
+    horizontal = speed * maths.cos(glide_angle)
+    return horizontal * maths.sin(heading), horizontal * maths.cos(heading), speed * maths.sin(glide_angle)
+
+
+def euler_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -> Any:
+    """Return the position one step of Euler's later, as in Kong et al. (IROS 2021); arguments as for ``rk4_step``."""
+    return position + step * first
+
+
+def rk4_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -> Any:
+    """Return the position one classical Runge-Kutta step later.
+
+    Args:
+        rate: Velocity over ground at a position.
+        position: Where the step begins; a vector or a stack of them.
+        step: Length of the step [s], a scalar or one that broadcasts against the positions.
+        first: ``rate(position)``, which the caller often needs too.
+    """
+    second = rate(position + step / 2.0 * first)
+    third = rate(position + step / 2.0 * second)
+    fourth = rate(position + step * third)
+    return position + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+
+
 def fractions_of_duration(start_depth: float, end_depth: float, levels: Array, n_steps: int) -> Array:
     """Return where the steps of a steady glide end, shape (n_steps + 1,) from 0 to 1, with a step's end at each level crossed.
 
@@ -115,3 +155,24 @@ def fly_glide(flow: FlowEstimate, start: Array, velocity: Array, time: Array) ->
         positions.append(rk4_step(over_ground, positions[-1], step, velocities[-1]))
         velocities.append(over_ground(positions[-1]))
     return Track(time, np.array(positions), np.array(velocities))
+
+
+def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4") -> ca.Function:
+    """Return the function (start, velocity, steps, latent) -> positions after each step.
+
+    The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
+    function for one step each derivative would evaluate its own.
+    """
+    current = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
+    inputs: list[Any] = [ca.MX.sym(*what) for what in (("start", 3), ("velocity", 3), ("steps", n_steps), ("latent", *flow.latent.shape))]
+    start, velocity, steps, latent = inputs
+
+    def over_ground(at: Any) -> Any:
+        return velocity + ca.vertcat(current(at, latent), 0.0)
+
+    one_step = rk4_step if integrator == "rk4" else euler_step
+    positions: list[Any] = [start]
+    for i in range(n_steps):
+        positions.append(one_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
+    options: dict[str, Any] = {"is_diff_in": [True, True, True, False], "never_inline": True, "cse": True}
+    return ca.Function("path", inputs, [ca.horzcat(*positions[1:])], options)

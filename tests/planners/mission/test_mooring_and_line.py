@@ -7,16 +7,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planners import MissionPlan, MissionSettings, NoGo, plan_line, plan_mission, plan_mooring
-from planners.mission.guide import Guide, along_line, near_place
+from planners import Line, MissionPlan, MissionRequest, MissionSettings, Mooring, NoGo, plan_line, plan_mission, plan_mooring
+from planners.mission.attempt import ranking_key
 from planners.mission.program import MissionShape
-from planners.mission.solve import _guide_places, _weights, worth
+from planners.mission.reference_path import ReferencePath, along_line, near_place
+from planners.mission.solve import _reference_weights_and_limits, _weights
 from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import Weights
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
-from tests.reference.guide import distance_from_line, distance_from_place
+from tests.reference.reference_path import distance_from_line, distance_from_place
 
 SETTINGS = MissionSettings(depth=300.0)
 HOURS = 3600.0
@@ -35,10 +36,11 @@ def test_distances_from_a_place_and_a_line_are_those_point_by_point():
     assert few.farthest_and_rms(time, path, np.array([1, 2, 3])) == pytest.approx((300.0, 300.0 * np.sqrt(2.0 / 3.0)))
 
 
-def _task(guide: Guide | None, weights: Weights) -> MissionTask:
+def _task(reference: ReferencePath | None, weights: Weights) -> MissionTask:
     flow = still_flow()
-    ask = (flow, (place(flow, 0.0, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),)), Glider(hotel=2.0))
-    return replace(mission_task(*ask, replace(SETTINGS, surface_time=900.0, margin=100.0, objective=weights), ((), None), 0), guide=guide)
+    settings = replace(SETTINGS, surface_time=900.0, margin=100.0, objective=weights)
+    request = MissionRequest(place(flow, 0.0, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), Glider(hotel=2.0), settings)
+    return replace(mission_task(flow, request), reference_path=reference)
 
 
 def test_of_the_weights_the_largest_is_one():
@@ -51,11 +53,11 @@ def test_of_the_weights_the_largest_is_one():
 def test_being_off_a_guide_costs_by_the_hour_and_the_squared_kilometre():
     task = _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
     legs = SimpleNamespace(headings=np.zeros(2))
-    attempt = SimpleNamespace(legs=legs, flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])), miss=np.zeros(1), finding=None)
+    attempt = SimpleNamespace(legs=legs, flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])), miss=np.zeros(1), violation=None)
     # three hours at two, and three times five a squared kilometre
-    assert worth(task, SimpleNamespace(**vars(attempt), away=(800.0, 200.0))) == pytest.approx((False, 0.0, 6.0 + 15.0 * 0.04))
+    assert ranking_key(task, SimpleNamespace(**vars(attempt), deviation=(800.0, 200.0))) == pytest.approx((False, 0.0, 6.0 + 15.0 * 0.04))
     # 400 m beyond the width
-    assert worth(task, SimpleNamespace(**vars(attempt), away=(1400.0, 1000.0))) == pytest.approx((True, 400.0, 21.0))
+    assert ranking_key(task, SimpleNamespace(**vars(attempt), deviation=(1400.0, 1000.0))) == pytest.approx((True, 400.0, 21.0))
 
 
 @pytest.mark.parametrize("surfacings_only", [False, True])
@@ -64,7 +66,7 @@ def test_a_place_near_a_guide_counts_for_as_long_as_the_glider_takes_to_it(surfa
     task = _task(replace(near_place(np.zeros(2), 1e3, HOURS, surfacings_only), weight=3.0), Weights(time=1.0))
     shape = MissionShape(2, 2, (2,), (0, 0), 0, True, (0,), True)
     angles, depths = np.array([0.3, 0.5]), [np.array([0.0, 300.0, 0.0])] * 2
-    cost, limits = _guide_places(task, angles, shape, depths, 2.0)
+    cost, limits = _reference_weights_and_limits(task, angles, shape, depths, 2.0)
     down = 300.0 / (0.3 * np.sin(angles)) / HOURS
     if surfacings_only:
         np.testing.assert_allclose(cost, 2.0 * np.array([[0.0, 0.0, 2.0 * down[0] + 0.25], [0.0, 0.0, 2.0 * down[1]]]))
@@ -78,7 +80,7 @@ def test_a_place_near_a_guide_counts_for_as_long_as_the_glider_takes_to_it(surfa
 def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_way():
     flow, bearing = uniform_flow(0.27 * np.sin(0.7), 0.27 * np.cos(0.7)), np.rad2deg(0.7)
     here = place(flow, 0.0, 0.0, 0.0)
-    result = plan_mooring(flow, here, here, 1000.0, 10.0 * HOURS, settings=SETTINGS)
+    result = plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 10.0 * HOURS))
     assert result.status == "reached"
     np.testing.assert_allclose(result.headings_deg, bearing + 180.0, atol=1.0)
     # 0.3 m/s through water: the glide angle whose cosine makes 0.27 m/s of it
@@ -92,7 +94,7 @@ def test_a_mooring_heads_against_a_uniform_current_at_the_angle_that_makes_no_wa
 def test_in_still_water_a_glider_cannot_stand_but_surfaces_to_either_side():
     flow = still_flow()
     here = place(flow, 0.0, 0.0, 0.0)
-    result = plan_mooring(flow, here, here, 900.0, 10.0 * HOURS, surfacings_only=True, settings=SETTINGS)
+    result = plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(900.0, 10.0 * HOURS, surfacings_only=True))
     hop = 600.0 / np.tan(np.deg2rad(35.0))
     assert result.status == "reached"
     # from the mooring the first dive leads a hop away; after that half a hop is the least that all can be away
@@ -103,7 +105,7 @@ def test_in_still_water_a_glider_cannot_stand_but_surfaces_to_either_side():
 def test_a_current_that_is_too_strong_carries_out_of_the_mooring_and_that_is_said():
     flow = uniform_flow(0.4, 0.0)
     here = place(flow, -5e3, 0.0, 0.0)
-    result = plan_mooring(flow, here, here, 1000.0, 6.0 * HOURS, settings=SETTINGS)
+    result = plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 6.0 * HOURS))
     assert result.status == "unreachable"
     assert "farther than 1000 m" in result.message
     np.testing.assert_allclose(result.headings_deg, 270.0, atol=1.0)
@@ -111,7 +113,7 @@ def test_a_current_that_is_too_strong_carries_out_of_the_mooring_and_that_is_sai
 
 def test_a_line_is_held_by_a_crab_angle():
     flow = uniform_flow(0.0, 0.12)
-    result = plan_line(flow, place(flow, -6e3, 0.0, 0.0), place(flow, 5e3, 0.0, 0.0), settings=SETTINGS)
+    result = plan_line(flow, MissionRequest(place(flow, -6e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),), settings=SETTINGS))
     crab = np.rad2deg(np.arcsin(0.12 / 0.3 / np.cos(np.deg2rad(result.glide_angles_deg))))
     assert result.status == "reached"
     np.testing.assert_allclose(result.headings_deg, 90.0 + crab, atol=0.3)
@@ -122,8 +124,8 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
     flow = eddying_flow(7, speed=0.3)
     begin, end = place(flow, -8e3, -4e3, 0.0), place(flow, 6e3, 6e3, 0.0)
     settings = replace(SETTINGS, legs=6)
-    free = plan_mission(flow, begin, end, settings=settings)
-    loose, tight = (plan_line(flow, begin, end, weight=weight, settings=settings) for weight in (0.0, 30.0))
+    free = plan_mission(flow, MissionRequest(begin, (end,), settings=settings))
+    loose, tight = (plan_line(flow, MissionRequest(begin, (end,), settings=settings), Line(weight=weight)) for weight in (0.0, 30.0))
     assert loose.status == tight.status == "reached"
     assert loose.duration == pytest.approx(free.duration, rel=1e-3)
     off = along_line(free.track[0, :2], np.array([6e3, 6e3]), 1.0, np.inf).farthest_and_rms
@@ -135,7 +137,7 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
 
 def test_the_end_of_a_line_is_reached_also_where_the_way_leads_far_from_it():
     flow = eddying_flow(4, speed=0.4)
-    result = plan_line(flow, place(flow, -8e3, -4e3, 0.0), place(flow, 10e3, 5e3, 0.0), settings=SETTINGS)
+    result = plan_line(flow, MissionRequest(place(flow, -8e3, -4e3, 0.0), (place(flow, 10e3, 5e3, 0.0),), settings=SETTINGS))
     assert result.status == "reached", result.message
     # the current carries it off, and no line is worth missing the end for
     assert result.statistics["farthest_m"] > 5e3
@@ -145,8 +147,8 @@ def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
     flow = still_flow()
     corners = [place(flow, *corner, 0.0) for corner in ((-1e3, -2e3), (1e3, -2e3), (1e3, 1.5e3), (-1e3, 1.5e3))]
     area = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
-    ask = (flow, place(flow, -5e3, 0.0, 0.0), place(flow, 5e3, 0.0, 0.0))
-    result = plan_line(*ask, width=300.0, settings=replace(SETTINGS, legs=6), no_go=(area,))
+    ends = place(flow, -5e3, 0.0, 0.0), (place(flow, 5e3, 0.0, 0.0),)
+    result = plan_line(flow, MissionRequest(*ends, settings=replace(SETTINGS, legs=6), no_go=(area,)), Line(width=300.0))
     assert result.status == "unreachable"
     assert "farther than 300 m" in result.message
     # the corner is the nearest that it can stay
@@ -156,12 +158,16 @@ def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
 
 def _mooring(radius: float = 1e3, duration: float = 10.0 * HOURS, east: float = 0.0) -> MissionPlan:
     flow = still_flow()
-    return plan_mooring(flow, place(flow, east, 0.0, 0.0), place(flow, 0.0, 0.0, 0.0), radius, duration, settings=SETTINGS)
+    return plan_mooring(
+        flow, MissionRequest(place(flow, east, 0.0, 0.0), (place(flow, 0.0, 0.0, 0.0),), settings=SETTINGS), Mooring(radius, duration)
+    )
 
 
 def _line(east: float = 5e3, weight: float = 1.0) -> MissionPlan:
     flow = still_flow()
-    return plan_line(flow, place(flow, 0.0, 0.0, 0.0), place(flow, east, 0.0, 0.0), weight=weight, settings=SETTINGS)
+    return plan_line(
+        flow, MissionRequest(place(flow, 0.0, 0.0, 0.0), (place(flow, east, 0.0, 0.0),), settings=SETTINGS), Line(weight=weight)
+    )
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
 
-def front_time(flow: FlowEstimate, depth: float, begin: Array, end: Array, speed: float, points: int, reach: int) -> float:
+def graph_time(flow: FlowEstimate, depth: float, begin: Array, end: Array, speed: float, points: int, reach: int) -> float:
     """Return when a front of a vehicle's speed [m/s] that starts at ``begin`` (2,) reaches ``end`` (2,) [s]; infinity when it does not.
 
     The grid is turned so that both places are points of it; an edge leads at most ``reach`` points away along either axis.
