@@ -1,9 +1,9 @@
 """A log's messages, and a reader's report on the log as a whole."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol
 
 
 class Message(NamedTuple):
@@ -73,19 +73,11 @@ class LogReport:
     notes: tuple[str, ...] = ()
 
 
-class LogReader(Protocol):
+class LogReader(AbstractContextManager["LogReader"], Protocol):
     """A log opened for reading, a context whose end closes the passes that were not finished."""
 
     path: str
     format: str
-
-    def __enter__(self) -> Self:
-        """Return the log."""
-        ...
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Close what is open."""
-        ...
 
     def messages(self) -> Iterator[Message]:
         """Yield the decoded messages in the file's order; ``merge`` puts them in the order of their times."""

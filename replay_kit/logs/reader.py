@@ -1,13 +1,12 @@
 """What the readers of all formats share: a log file as a context, read in passes, with its statistics and its copies."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, ClassVar, Self
+from typing import Any, BinaryIO, ClassVar
 
 from mcap.records import Attachment, Metadata
 
@@ -24,7 +23,7 @@ Entry = tuple[int, str, str, dict[str, Any]]
 OnExtra = Callable[[Attachment | Metadata], None]
 
 
-class LogFile(ABC):
+class LogFile(AbstractContextManager["LogFile"]):
     """A log opened for reading. Each pass reads the file anew; leaving the context closes the passes that were not finished.
 
     Topics are renamed as ``logs.remap`` states, in messages, copies and the report.
@@ -58,11 +57,7 @@ class LogFile(ABC):
         self._wanted = wanted
         self._files: list[BinaryIO] = []
 
-    def __enter__(self) -> Self:
-        """Return the log."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the file of every unfinished pass."""
         for file in self._files:
             file.close()

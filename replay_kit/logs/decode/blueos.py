@@ -7,7 +7,9 @@ schemas from each topic's first message; they are not used. Source: bluerobotics
 
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, reduce
+from operator import or_
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -26,33 +28,29 @@ def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]]
     """
     if match := _TOPIC.fullmatch(topic):
         name = match[1]
-        fields = _Fields.of(name)
+        fields = _fields().get(name) or _Fields(frozenset(), {})
         return name, lambda data: _payload(decode_json(data), fields)
     if _PART.fullmatch(topic):
         return "", _field
     return None
 
 
+@dataclass(frozen=True, slots=True)
 class _Fields:
-    """The dialect's definition of one message's fields; empty for a message that it does not know."""
+    """The dialect's definition of one message's fields: those that are text, and the enum of others; empty for an unknown message."""
 
-    def __init__(self, message: Any) -> None:
-        self.texts: frozenset[str] = frozenset()
-        self.enums: Mapping[str, str] = {}
-        if message is not None:
-            kinds = zip(message.fieldnames, message.fieldtypes, strict=True)
-            self.texts = frozenset(name for name, kind in kinds if kind == "char")
-            self.enums = message.fieldenums_by_name
-
-    @staticmethod
-    @cache
-    def of(name: str) -> "_Fields":
-        return _Fields(_messages().get(name))
+    texts: frozenset[str]
+    enums: Mapping[str, str]
 
 
 @cache
-def _messages() -> dict[str, Any]:
-    return {message.msgname: message for message in dialect.mavlink_map.values()}
+def _fields() -> dict[str, _Fields]:
+    """Return the fields of each message of the dialect, by its name."""
+    found = {}
+    for message in dialect.mavlink_map.values():
+        kinds = zip(message.fieldnames, message.fieldtypes, strict=True)
+        found[message.msgname] = _Fields(frozenset(name for name, kind in kinds if kind == "char"), message.fieldenums_by_name)
+    return found
 
 
 @cache
@@ -92,13 +90,7 @@ def _number_of(words: Any) -> Any:
     if not isinstance(words, str):
         return words
     values = [_enum_values().get(word.strip()) for word in words.split("|")]
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
-        return words
-    number = 0
-    for value in known:
-        number |= value
-    return number
+    return words if None in values else reduce(or_, values)
 
 
 def _text(value: Any) -> Any:
