@@ -1,5 +1,6 @@
 """Pings made absolute: what is turned, what is taken off, what is refused, and that nothing is done twice."""
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,11 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Observation, Reason
 from replay_kit.measurements import Skipped, Used
+from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping import frames
+from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
+from replay_kit.measurements.ping.profile import profile_of
 from tests.measurements.messages import CONFIG, fix, only, ping, run
 from tests.reference import frames as slow
 
@@ -41,8 +45,16 @@ def _raw(system: str, convention: str = "teledyne", **changes: Any) -> dict[str,
     return {**payload, "heading": heading, "pitch": pitch, "roll": roll, **changes}
 
 
-def _horizontal(payload: Any) -> Any:
-    return np.array(payload["velocity"])[:, :2]
+def _absolute(payload: dict[str, Any], config: MeasurementConfig = CONFIG) -> AdcpPing:
+    return earth_referenced(parse_ping(payload), config)
+
+
+def _error_std(ping: AdcpPing, config: MeasurementConfig) -> Any:
+    return profile_of(ping, 0.0, 0.0, config).error_std
+
+
+def _horizontal(ping: AdcpPing) -> Any:
+    return ping.velocity[:, :2]
 
 
 @pytest.mark.parametrize(
@@ -57,33 +69,35 @@ def _horizontal(payload: Any) -> Any:
     ],
 )
 def test_every_coordinate_system_gives_the_current_over_the_ground(system, convention):
-    absolute = earth_referenced(_raw(system, convention), MeasurementConfig(velocity_std=0.3))
+    config = MeasurementConfig(velocity_std=0.3)
+    absolute = _absolute(_raw(system, convention), config)
     np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
-    assert (absolute["coordinate_system"], absolute["reference"], absolute["ground_reference"]) == ("earth", "earth", "bottom_track")
-    assert absolute["declination_applied"] is True
-    assert bool(absolute["bin_mapped"]) == (system == "beam")
-    np.testing.assert_allclose(absolute["velocity_std"], 0.3)
-    assert absolute["platform_velocity"]["velocity_std"] == 0.4
+    assert (absolute.coordinate_system, absolute.reference, absolute.platform_velocity.source) == ("earth", "earth", "bottom_track")
+    assert absolute.measured_system == system
+    assert absolute.attitude.declination_applied is True
+    assert absolute.bin_mapped == (system == "beam")
+    np.testing.assert_allclose(_error_std(absolute, config), 0.3)
+    assert absolute.platform_velocity.error_std == 0.4
 
 
 def test_what_is_absolute_stays_as_it_is():
-    raw = ping(0).payload
+    raw = parse_ping(ping(0).payload)
     assert earth_referenced(raw, CONFIG) is raw
-    once = earth_referenced(_raw("beam"), CONFIG)
+    once = _absolute(_raw("beam"))
     assert earth_referenced(once, CONFIG) is once
 
 
 def test_words_and_truths_may_be_the_numbers_of_mavlink():
     numbers = {"coordinate_system": 2.0, "reference": 1.0, "orientation": 0.0, "declination_applied": 1.0, "bin_mapped": 0.0}
-    absolute = earth_referenced(_raw("ship", **numbers), CONFIG)
+    absolute = _absolute(_raw("ship", **numbers))
     np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
 
 
 def test_a_declination_turns_a_velocity_once():
     magnetic = {"declination_applied": False, "magnetic_declination": 90.0, "reference": "earth", "velocity": [[0.0, 1.0, None]] * 3}
-    absolute = earth_referenced({**ping(0).payload, **magnetic}, CONFIG)
+    absolute = _absolute({**ping(0).payload, **magnetic})
     np.testing.assert_allclose(_horizontal(absolute), np.tile([1.0, 0.0], (3, 1)), atol=1e-15)
-    assert absolute["magnetic_declination"] == 90.0
+    assert absolute.attitude.declination == 90.0
     assert earth_referenced(absolute, CONFIG) is absolute
 
 
@@ -96,16 +110,16 @@ def test_a_declination_east_turns_a_magnetic_heading_clockwise(convention, forwa
     raw |= {"velocity": [forward] * 3, "beam_unit_vectors": None, "declination_applied": False, "magnetic_declination": declination}
     bearing = np.deg2rad(30.0 + declination)
     expected = np.tile([np.sin(bearing), np.cos(bearing)], (3, 1))
-    np.testing.assert_allclose(_horizontal(earth_referenced(raw, CONFIG)), expected, atol=1e-12)
+    np.testing.assert_allclose(_horizontal(_absolute(raw)), expected, atol=1e-12)
 
 
 def test_the_configured_declination_is_for_pings_that_state_none():
     unknown = _raw("ship", declination_applied=False, magnetic_declination=None, heading=25.0)
     with pytest.raises(MeasurementError, match="declination unknown"):
-        earth_referenced(unknown, CONFIG)
-    absolute = earth_referenced(unknown, MeasurementConfig(magnetic_declination=10.0))
+        _absolute(unknown)
+    absolute = _absolute(unknown, MeasurementConfig(magnetic_declination=10.0))
     np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
-    stated = earth_referenced({**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0))
+    stated = _absolute({**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0))
     np.testing.assert_allclose(_horizontal(stated), _horizontal(absolute))
 
 
@@ -113,18 +127,19 @@ def test_a_lost_beam_is_solved_around_in_water_and_bottom():
     raw = _raw("beam")
     raw["velocity"] = [row if k else [None, *row[1:]] for k, row in enumerate(raw["velocity"])]
     raw["bottom_track"]["velocity"][3] = None
-    np.testing.assert_allclose(_horizontal(earth_referenced(raw, CONFIG)), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    np.testing.assert_allclose(_horizontal(_absolute(raw)), np.tile(WATER[:2], (3, 1)), atol=1e-12)
     raw["velocity"][1] = [None, None, 0.1, 0.2]
-    assert np.isnan(_horizontal(earth_referenced(raw, CONFIG))[1]).all()
+    assert np.isnan(_horizontal(_absolute(raw))[1]).all()
 
 
 def test_gps_stands_in_for_a_lost_bottom():
     own = {"east": VESSEL[0], "north": VESSEL[1], "velocity_std": 0.4, "source": "gps"}
     for track in (None, {"velocity": [None] * 4}, {"velocity": "deep"}, "lost"):
-        absolute = earth_referenced(_raw("beam", bottom_track=track, platform_velocity=own), MeasurementConfig(velocity_std=0.3))
+        config = MeasurementConfig(velocity_std=0.3)
+        absolute = _absolute(_raw("beam", bottom_track=track, platform_velocity=own), config)
         np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
-        assert absolute["ground_reference"] == "gps"
-        np.testing.assert_allclose(absolute["velocity_std"], 0.3)
+        assert absolute.platform_velocity.source == "gps"
+        np.testing.assert_allclose(_error_std(absolute, config), 0.3)
         assert added_velocity(absolute, CONFIG) == (tuple(VESSEL[:2]), 0.4)
 
 
@@ -132,10 +147,10 @@ def test_gps_stands_in_for_a_lost_bottom():
     "own", [None, {"east": 1.0, "north": None, "velocity_std": 0.1}, {"east": 1.0, "north": 0.0, "velocity_std": 90.0}, 3]
 )
 def test_without_a_motion_a_ping_stays_relative(own):
-    raw = _raw("beam", bottom_track=None, platform_velocity=own)
+    raw = parse_ping(_raw("beam", bottom_track=None, platform_velocity=own))
     relative = earth_referenced(raw, CONFIG)
     np.testing.assert_allclose(_horizontal(relative), np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
-    assert (relative["coordinate_system"], relative["reference"], relative["ground_reference"]) == ("earth", "platform", None)
+    assert (relative.coordinate_system, relative.reference, relative.measured_system) == ("earth", "platform", "beam")
     assert added_velocity(relative, CONFIG) == (None, np.inf)
     assert earth_referenced(relative, CONFIG) is relative
     # what is not used is not turned
@@ -143,21 +158,19 @@ def test_without_a_motion_a_ping_stays_relative(own):
 
 
 def test_a_beams_stated_error_grows_in_the_solution():
-    absolute = earth_referenced(_raw("beam", velocity_std=[0.1, 0.2, 0.3]), CONFIG)
+    absolute = _absolute(_raw("beam", velocity_std=[0.1, 0.2, 0.3]))
     # two beams at 20 degrees from the vertical give a component: 1 / (sqrt(2) sin 20)
     expected = np.array([0.1, 0.2, 0.3]) / (np.sqrt(2.0) * np.sin(np.deg2rad(20.0)))
-    np.testing.assert_allclose(absolute["velocity_std"], expected)
+    np.testing.assert_allclose(absolute.velocity_std, expected)
 
 
 def test_flat_arrays_are_those_of_protobuf():
     raw = _raw("beam")
     flat = {"velocity": list(np.ravel(raw["velocity"])), "beam_unit_vectors": list(np.ravel(raw["beam_unit_vectors"]))}
-    absolute = earth_referenced(raw, CONFIG)
-    assert earth_referenced({**raw, **flat, "velocity_std": []}, CONFIG) | {"beam_unit_vectors": None} == absolute | {
-        "beam_unit_vectors": None
-    }
+    for name, value in asdict(parse_ping({**raw, **flat, "velocity_std": []})).items():
+        np.testing.assert_equal(value, asdict(parse_ping(raw))[name])
     # protobuf writes an empty list for what is not known
-    unknown = earth_referenced(_raw("instrument", beam_unit_vectors=[]), CONFIG)
+    unknown = _absolute(_raw("instrument", beam_unit_vectors=[]))
     np.testing.assert_allclose(_horizontal(unknown), np.tile(WATER[:2], (3, 1)), atol=1e-12)
 
 
@@ -175,7 +188,7 @@ def test_flat_arrays_are_those_of_protobuf():
 )
 def test_a_rotation_that_lacks_something_is_refused_with_the_reason(changes, reason):
     with pytest.raises(MeasurementError, match=reason):
-        earth_referenced(_raw("beam", **changes), CONFIG)
+        _absolute(_raw("beam", **changes))
 
 
 JUNK = (
@@ -239,8 +252,9 @@ def test_bins_below_the_bottom_are_flagged():
 def test_velocities_of_an_unknown_declination_are_not_taken_as_true():
     magnetic = {**ping(0).payload, "declination_applied": False, "magnetic_declination": None}
     with pytest.raises(MeasurementError, match="declination unknown"):
-        earth_referenced(magnetic, CONFIG)
-    assert earth_referenced({**magnetic, "magnetic_declination": 0.0}, CONFIG)["velocity"] == magnetic["velocity"]
+        _absolute(magnetic)
+    stated = parse_ping({**magnetic, "magnetic_declination": 0.0})
+    assert earth_referenced(stated, CONFIG) is stated
 
 
 LISTED = {"cell_size": None, "bin0_distance": None, "cell_distances": [16.0, 48.0, 80.0]}
@@ -249,15 +263,15 @@ LISTED = {"cell_size": None, "bin0_distance": None, "cell_distances": [16.0, 48.
 def test_listed_cells_are_mapped_as_spaced_ones_are():
     sheared = _raw("beam")
     sheared["velocity"] = [[(k + 1) * value for value in row] for k, row in enumerate(sheared["velocity"])]
-    absolute = earth_referenced(sheared | LISTED, CONFIG)
-    np.testing.assert_allclose(_horizontal(absolute), _horizontal(earth_referenced(sheared, CONFIG)), atol=1e-12)
+    absolute = _absolute(sheared | LISTED)
+    np.testing.assert_allclose(_horizontal(absolute), _horizontal(_absolute(sheared)), atol=1e-12)
     assert np.isfinite(_horizontal(absolute)).all()
 
 
 @pytest.mark.parametrize("distances", [[16.0, 48.0, 81.0], [80.0, 48.0, 16.0], [16.0, None, 80.0]])
 def test_cells_that_are_not_evenly_spaced_cannot_be_mapped(distances):
     with pytest.raises(MeasurementError, match="evenly spaced"):
-        earth_referenced(_raw("beam", **LISTED | {"cell_distances": distances}), CONFIG)
+        _absolute(_raw("beam", **LISTED | {"cell_distances": distances}))
 
 
 def test_listed_cells_below_the_bottom_are_flagged():

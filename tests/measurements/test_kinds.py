@@ -10,8 +10,8 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, VehicleState
 from replay_kit.measurements import Skipped
-from replay_kit.measurements.kinds import canonical, statement
-from replay_kit.measurements.vehicle.motion import Dvl
+from replay_kit.measurements.messages.kinds import canonical, statement
+from replay_kit.measurements.messages.motion import Dvl
 from tests.logs.log_samples import one_channel_mcap
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap

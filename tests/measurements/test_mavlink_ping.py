@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.writer import MAX_CELLS, write_tlog
-from replay_kit.measurements.ping import mavlink as mavlink_ping
+from replay_kit.measurements.messages.mavlink_ping import SCHEMA, PingFrame, assemble, is_complete, ping_frame
 
 # NaN is "unknown", as null is; infinities are no velocities
 NUMBER = st.one_of(st.none(), st.floats(-1e6, 1e6, allow_nan=False))
@@ -36,14 +36,20 @@ def pings(draw: st.DrawFn) -> dict[str, Any]:
     }
 
 
+def frames_in(path: Path) -> tuple[set[int], list[PingFrame]]:
+    """Return the times [ns] and the frames of the pings in a log."""
+    found = [(message.time_ns, ping_frame(message)) for message in open_log(path).messages() if message.schema == SCHEMA]
+    return {time_ns for time_ns, _ in found}, [frame for _, frame in found if frame is not None]
+
+
 def through_a_log(folder: Path, payload: dict[str, Any], time_ns: int) -> dict[str, Any]:
     write_tlog(folder / "log", [Message(time_ns, "/adcp", "replay_kit.AdcpPing", payload, 0, 0)])
-    frames = [message for message in open_log(folder / "log").messages() if mavlink_ping.is_ping_frame(message)]
-    assert {mavlink_ping.frame_key(frame)[1:] for frame in frames} == {(payload["ping"] % 65536, time_ns // 1000)}
-    assert {frame.time_ns for frame in frames} == {time_ns // 1000 * 1000}
-    by_name = {frame.payload["name"]: frame for frame in frames}
-    assert mavlink_ping.is_complete(by_name)
-    return mavlink_ping.assemble(by_name)
+    times_ns, frames = frames_in(folder / "log")
+    assert {frame.key[1:] for frame in frames} == {(payload["ping"] % 65536, time_ns // 1000)}
+    assert times_ns == {time_ns // 1000 * 1000}
+    by_name = {frame.name: frame for frame in frames}
+    assert is_complete(by_name)
+    return assemble(by_name)
 
 
 def float32(values: Any) -> Any:
@@ -75,8 +81,6 @@ def test_a_ping_without_one_of_its_frames_is_not_complete(tmp_path: Path, part: 
         "velocity": [[0.1, 0.2, 0.3]],
     }
     write_tlog(tmp_path / "log", [Message(10**18, "/adcp", "replay_kit.AdcpPing", payload, 0, 0)])
-    frames = {
-        m.payload["name"]: m for m in open_log(tmp_path / "log").messages() if mavlink_ping.is_ping_frame(m) and m.payload["name"] != part
-    }
+    frames = {frame.name: frame for frame in frames_in(tmp_path / "log")[1] if frame.name != part}
     assert len(frames) == 4
-    assert not mavlink_ping.is_complete(frames)
+    assert not is_complete(frames)

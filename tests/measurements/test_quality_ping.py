@@ -7,8 +7,9 @@ from replay_kit.config.quality import QualityConfig
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, Reason
 from replay_kit.measurements import Used
+from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping import frames
-from replay_kit.measurements.ping.payload import read_profile
+from replay_kit.measurements.ping.profile import profile_of
 from replay_kit.measurements.quality.ping import checks
 from tests.measurements.messages import fix, only, ping, run
 
@@ -103,9 +104,9 @@ def test_pings_at_the_surface_are_suspect_of_vehicles_that_dive_only():
 
 
 def test_the_speed_of_a_relative_profile_says_nothing():
-    payload = ping(0, **SOUND, reference="platform").payload | {"velocity": [[4.0, 0.0, 0.0]] * 6}
+    relative = parse_ping(ping(0, **SOUND, reference="platform").payload | {"velocity": [[4.0, 0.0, 0.0]] * 6})
     config = MeasurementConfig()
-    found = {check.test: check for check in checks(payload, read_profile(payload, 0.0, 0.0, config), 0.0, 0, config)}
+    found = {check.test: check for check in checks(relative, profile_of(relative, 0.0, 0.0, config), 0.0, 0, config)}
     assert found["speed"].why_not == "velocity is relative to the platform"
 
 
@@ -149,3 +150,20 @@ def test_every_test_can_be_switched_off():
         "switched off",
         "no bottom track",
     }
+
+
+def test_beams_percent_good_is_each_beam_s_also_where_gps_makes_the_ping_absolute_later():
+    """A ping of beams turns to earth coordinates when it comes and to reference earth when its fixes are there: in two steps."""
+    vectors = frames.janus_vectors(20.0)
+    beam = {"coordinate_system": "beam", "reference": "platform", "attitude_convention": "teledyne", "heading": 0.0, "pitch": 0.0}
+    beam |= {"roll": 0.0, "beam_unit_vectors": vectors.tolist(), "declination_applied": True, "bin_mapped": True}
+    beam |= {**SOUND, "velocity": np.tile(vectors @ [0.1, 0.2, 0.0], (6, 1)).tolist(), "percent_good": [[60, 5, 5, 60]] * 6}
+    fixes = [fix(k, 152.0 + 1e-5 * k) for k in range(120)]
+    messages = sorted([*fixes, ping(60.5, **beam)], key=lambda message: message.time_ns)
+    events = run(messages)
+    (observation,) = only(Observation, events)
+    assert observation.reference == "earth"
+    (tests,) = [event.checks for event in only(Used, events) if event.checks]
+    (percent_good,) = [check for check in tests if check.test == "percent_good"]
+    # the third best of four beams, not the sum of the first and fourth number
+    assert percent_good.flags.tolist() == [FAIL] * 6

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Observation
-from replay_kit.measurements.kinds import statement
-from replay_kit.measurements.ping.mavlink import assemble, is_ping_frame
-from replay_kit.measurements.ping.payload import number
+from replay_kit.measurements.messages.fields import number
+from replay_kit.measurements.messages.kinds import statement
+from replay_kit.measurements.messages.mavlink_ping import assemble, ping_frame
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.messages import fix, only, run
@@ -127,8 +127,9 @@ def test_ds_adcp_in_cdr(folder, ping):
 @given(ping=pings())
 def test_blueos_json(folder, ping):
     messages = read_mcap(folder, json_mcap([(0, TOPIC, TOPIC.replace("/", "."), frame) for frame in blueos_frames(ping)]))
-    assert all(is_ping_frame(message) for message in messages)
-    payload = assemble({message.payload["name"]: message for message in messages})
+    frames = [ping_frame(message) for message in messages]
+    assert None not in frames
+    payload = assemble({frame.name: frame for frame in frames})
     assert_same(ping, payload, [*NUMBERS, *GEOMETRY, "velocity", "velocity_std"], lambda values: values.astype(np.float32))
     ours, theirs = profiles([through_json(folder, {**ping, **payload, "orientation": ping["orientation"]})], messages)
     assert_equal(ours, theirs)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from replay_kit.measurements.vehicle.segments import What, segments
+from replay_kit.measurements.vehicle.segments import SegmentClass, segments
 from tests.reference.segments import way_of
 
 LEG, GAP, SURFACE = 10.0, 600.0, 3.0
@@ -41,8 +41,8 @@ def test_what_cannot_be_told_is_counted_and_leaves_the_rest():
     time_ns = np.array([0, 1, 2, 3, 4, 5, 5, 6, 7, 8]) * MINUTE
     found = of(depth, time_ns)
     assert found.direction.tolist() == [0, 1, 1, 0, 1, -1, 0, -1, -1, 0]
-    assert [found.count(what) for what in What] == [6, 2, 1, 1, 0]
-    assert of([8.0, 12.0, 9.0]).what.tolist() == [What.NOT_TOLD] * 3
+    assert [found.count(what) for what in SegmentClass] == [6, 2, 1, 1, 0]
+    assert of([8.0, 12.0, 9.0]).sample_class.tolist() == [SegmentClass.UNDETERMINED] * 3
 
 
 def test_a_leg_ends_at_a_gap_and_the_dive_goes_on():
@@ -57,7 +57,7 @@ def test_a_stamp_from_the_future_costs_one_leg_its_middle():
     time_ns[3] = 10**18
     found = of([0, 20, 40, 60, 80, 100, 60, 20, 8, 0], time_ns)
     assert found.direction.tolist() == [0, 1, 1, 0, 0, -1, -1, -1, -1, 0]
-    assert found.what[[3, 4, 5]].tolist() == [What.NOT_TOLD, What.TIME_BACK, What.LEG]
+    assert found.sample_class[[3, 4, 5]].tolist() == [SegmentClass.UNDETERMINED, SegmentClass.TIME_BACK, SegmentClass.LEG]
 
 
 @pytest.mark.parametrize("depth", [[], [np.nan], [np.inf, -np.inf], [5.0], [0.0] * 4, [-20.0, -50.0, -20.0]])
@@ -86,11 +86,11 @@ def test_every_track_has_sound_segments(track, scale):
         inside = numbers[numbers > 0]
         assert set(np.diff(inside)) <= {0, 1}
         assert inside.size == 0 or inside[0] == 1
-    assert np.array_equal(found.profile > 0, found.what == What.LEG)
+    assert np.array_equal(found.profile > 0, found.sample_class == SegmentClass.LEG)
     assert np.array_equal(found.direction != 0, found.profile > 0)
     assert not found.profile[found.dive == 0].any()
     for number in range(1, found.profile.max(initial=0) + 1):
         assert len({(found.dive[k], found.yo[k], found.direction[k]) for k in np.flatnonzero(found.profile == number)}) == 1
     scaled = of(depth, time_ns * scale, GAP * scale)
-    for name in ("dive", "yo", "profile", "direction", "what", "surfacings", "apogees"):
+    for name in ("dive", "yo", "profile", "direction", "sample_class", "surfacings", "apogees"):
         assert np.array_equal(getattr(found, name), getattr(scaled, name))

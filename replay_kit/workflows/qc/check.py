@@ -17,9 +17,10 @@ from replay_kit.core.observation import Flag, Observation, Reason
 from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import merge
 from replay_kit.measurements import NOT_A_KIND, MeasurementState, Skipped, Used, finish, initial_state, interpret
-from replay_kit.measurements.ping.payload import depth_of_pressure, number
-from replay_kit.measurements.ping.pings import PING_SCHEMA
+from replay_kit.measurements.messages.fields import number
+from replay_kit.measurements.messages.profiles import PING_SCHEMA
 from replay_kit.measurements.quality.ping import Check
+from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 from replay_kit.measurements.vehicle.segments import Segments, segments
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.job import open_readers

@@ -10,17 +10,17 @@ from rich.table import Table
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.logs.losses import loss_json, loss_lines
-from replay_kit.measurements.vehicle.segments import What
+from replay_kit.measurements.vehicle.segments import SegmentClass
 from replay_kit.workflows.info.inspect import iso, not_used_lines, print_lines
 from replay_kit.workflows.qc.check import QualityReport, TestCount, TopicQuality
 
 # of a topic, printed; JSON has all
 _LOST_SHOWN = 5
 _WHAT = {
-    What.SURFACE: "at the surface",
-    What.NO_DEPTH: "without a depth",
-    What.TIME_BACK: "not later than the one before",
-    What.NOT_TOLD: "in an undetermined leg",
+    SegmentClass.SURFACE: "at the surface",
+    SegmentClass.NO_DEPTH: "without a depth",
+    SegmentClass.TIME_BACK: "not later than the one before",
+    SegmentClass.UNDETERMINED: "in an undetermined leg",
 }
 
 

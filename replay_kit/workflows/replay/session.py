@@ -15,7 +15,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Outcome, Surfacing, outcome_of
 from replay_kit.estimator import BLOCK, Estimator
 from replay_kit.measurements import Event, Skipped, Used
-from replay_kit.measurements.vehicle.surfacing import SurfacingWatch, watched
+from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.build import flow_at, weights_of
 from replay_kit.workflows.replay.job import Planned, Planner, ReplayJob
@@ -71,7 +71,7 @@ class Run:
     planned: Planned | None = None
     expected: tuple[int, Surfacing] | None = None
     outcomes: list[Outcome] = field(default_factory=list)
-    watch: SurfacingWatch = field(default_factory=SurfacingWatch)
+    watch: SurfacingState = field(default_factory=SurfacingState)
     surfaced: VehicleState | None = None
     plan_note: str = ""
     next_plan_ns: int | None = None
@@ -117,7 +117,7 @@ def work_off(run: Run) -> None:
             if run.writer is not None:
                 with run.clock.stage("write"):
                     run.writer.fix(event)
-        run.watch, fix = watched(run.watch, event, run.config.measurements.surface_depth)
+        run.watch, fix = detect_surfacing(run.watch, event, run.config.measurements.surface_depth)
         run.surfaced = fix or run.surfaced
     run.waiting.clear()
     run.n_observations = 0

@@ -27,7 +27,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing, outcome_of
 from replay_kit.estimator import embed_member
 from replay_kit.forecast import read_truth
-from replay_kit.measurements.vehicle.surfacing import SurfacingWatch, watched
+from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
 from replay_kit.results.summary import print_summary, to_json
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.planning import MissionPlanner, planner_of
@@ -139,9 +139,9 @@ def position(seconds: float, depth: float, dead_reckoned: bool = False) -> Vehic
 
 def seen_in(events) -> list[float]:
     """Return the times [s] of the fixes at which surfacings were seen."""
-    watch, found = SurfacingWatch(), []
+    watch, found = SurfacingState(), []
     for event in events:
-        watch, fix = watched(watch, event, 3.0)
+        watch, fix = detect_surfacing(watch, event, 3.0)
         if fix is not None:
             found.append(fix.time_ns / 1e9)
     return found

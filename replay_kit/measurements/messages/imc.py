@@ -6,8 +6,8 @@ from typing import Any
 
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.measurements.ping.payload import number, whole_number
-from replay_kit.measurements.vehicle.position import Position, checked
+from replay_kit.measurements.messages.fields import number, whole_number
+from replay_kit.measurements.messages.position import Position, checked
 
 _VALID_POSITION = 0x0004
 _DEAD_RECKONING = (2, "DEAD_RECKONING")

@@ -6,10 +6,10 @@ from typing import Any
 
 from replay_kit.config.mapping import PositionMap, ProfileMap, TopicMap, VelocityMap
 from replay_kit.core.errors import MeasurementError
-from replay_kit.measurements.kinds import Statement
-from replay_kit.measurements.ping.foreign import Ping
-from replay_kit.measurements.ping.payload import depth_of_pressure, number
-from replay_kit.measurements.vehicle.position import Depth, Position, Pressure, checked
+from replay_kit.measurements.messages.fields import number
+from replay_kit.measurements.messages.position import Depth, Position, Pressure, checked
+from replay_kit.measurements.messages.profiles import StatedPing
+from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 
 _NAMES_SHOWN = 12
 # how many of a unit make the unit used inside; dividing by a power of ten rounds once
@@ -20,7 +20,7 @@ _ATMOSPHERE_DBAR = 10.1325
 _COORDINATES = {"enu": "earth", "ned": "earth"}
 
 
-def mapped(payload: Mapping[str, Any], entry: TopicMap) -> Statement:
+def mapped(payload: Mapping[str, Any], entry: TopicMap) -> StatedPing | Position | Depth | Pressure | str:
     """Return what a message states by its topic's mapping, or why it states nothing.
 
     Args:
@@ -97,12 +97,12 @@ def _sign(entry: TopicMap) -> float:
     return 1.0 if entry.depth_positive == "down" else -1.0
 
 
-def _profile(payload: Mapping[str, Any], entry: ProfileMap) -> Ping | str:
+def _profile(payload: Mapping[str, Any], entry: ProfileMap) -> StatedPing | str:
     cells = _cells(payload, entry)
     if isinstance(cells, str):
         return cells
     position = None if entry.longitude is None else _position(payload, entry)
-    return Ping(
+    return StatedPing(
         {
             "coordinate_system": _COORDINATES.get(entry.frame, entry.frame),
             "reference": entry.reference,
@@ -117,7 +117,7 @@ def _profile(payload: Mapping[str, Any], entry: ProfileMap) -> Ping | str:
     )
 
 
-def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> Ping | str:
+def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> StatedPing | str:
     """Return one velocity as a profile of one cell, at the distance 0 from an instrument where it was measured."""
     place: Position | str | None = None
     if entry.place is not None:
@@ -131,7 +131,7 @@ def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> Ping | str:
         fields = {"pressure": 0.0, "transducer_depth": entry.at_depth}
     elif entry.depth is not None:
         fields = _instrument_depth(_depth(payload, entry))
-    return Ping(
+    return StatedPing(
         {
             "coordinate_system": "earth",
             "reference": entry.reference,

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.ping.attitude import Orientation
-from replay_kit.measurements.ping.payload import number
 
 _ATMOSPHERE_PA = 101_325.0
 _PA_PER_DBAR = 10_000.0
@@ -90,12 +90,6 @@ def nav_sat_fix(payload: Mapping[str, Any]) -> Position | str:
     return checked(payload.get("longitude"), payload.get("latitude"), math.nan, False)
 
 
-def global_position_int(payload: Mapping[str, Any]) -> Position | str:
-    """Return the position in a MAVLink ``GLOBAL_POSITION_INT``, or why it is none."""
-    longitude, latitude = number(payload.get("lon")) * 1e-7, number(payload.get("lat")) * 1e-7
-    return checked(longitude, latitude, -number(payload.get("relative_alt")) * 1e-3, False)
-
-
 def fluid_pressure(payload: Mapping[str, Any]) -> Pressure:
     """Return the pressure of a ``sensor_msgs/FluidPressure`` (absolute, Pa)."""
     return Pressure((number(payload.get("fluid_pressure")) - _ATMOSPHERE_PA) / _PA_PER_DBAR)
@@ -126,8 +120,20 @@ def _pose(payload: Mapping[str, Any], pose: Any, where: str) -> Pose | str:
     if frame == "earth":
         return "position in the frame 'earth', whose axes are not east, north and up"
     ned = frame.endswith("ned")
-    orientation = Orientation(pose.get("orientation"), ned)
+    orientation = orientation_of(pose.get("orientation"), ned)
     return Pose(y, x, z, orientation) if ned else Pose(x, y, -z, orientation)
+
+
+def orientation_of(quaternion: Any, ned: bool = False) -> Orientation:
+    """Return the orientation of a ROS ``Quaternion``; its numbers are NaN where it does not state them.
+
+    Args:
+        quaternion: The message, of whatever type.
+        ned: Whether its frames have z down; see ``Orientation``.
+    """
+    stated = quaternion if isinstance(quaternion, Mapping) else {}
+    x, y, z, w = (number(stated.get(name)) for name in "xyzw")
+    return Orientation((x, y, z, w), ned)
 
 
 def checked(longitude: Any, latitude: Any, depth: float, dead_reckoned: bool) -> Position | str:

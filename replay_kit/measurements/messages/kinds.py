@@ -12,36 +12,59 @@ from types import MappingProxyType
 from typing import Any
 
 from replay_kit.core.message import Message
-from replay_kit.measurements.current.mean import MeanCurrent, depth_averaged_current
-from replay_kit.measurements.ping import foreign as profile_kinds
+from replay_kit.measurements.current.mean import MeanCurrent
+from replay_kit.measurements.messages import imc, mavlink_ping, mavlink_vehicle, motion, position, profiles
+from replay_kit.measurements.messages.mean_current import depth_averaged_current
+from replay_kit.measurements.messages.position import Depth, Pose, Position, Pressure
+from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.ping.attitude import Orientation
-from replay_kit.measurements.ping.foreign import Ping
-from replay_kit.measurements.vehicle import imc, motion
-from replay_kit.measurements.vehicle import position as vehicle
-from replay_kit.measurements.vehicle.position import Depth, Pose, Position, Pressure
 
 #: What a message states, or in words why it cannot be used.
-Statement = Position | Depth | Pressure | Pose | Orientation | Ping | MeanCurrent | motion.Dvl | str
+Statement = (
+    Position
+    | Depth
+    | Pressure
+    | Pose
+    | Orientation
+    | StatedPing
+    | mavlink_ping.PingFrame
+    | mavlink_vehicle.GpsStatus
+    | mavlink_vehicle.NavigationPosition
+    | MeanCurrent
+    | motion.Dvl
+    | str
+)
 Reader = Callable[[Mapping[str, Any]], Statement]
 
 _READERS: Mapping[str, Reader | str] = MappingProxyType(
     {
-        "replay_kit.AdcpPing": profile_kinds.adcp_ping,
+        "replay_kit.AdcpPing": profiles.adcp_ping,
         "replay_kit.DepthAveragedCurrent": depth_averaged_current,
-        "ds_sensor_msgs.Adcp": profile_kinds.ds_adcp,
-        "foxglove.LocationFix": vehicle.location_fix,
-        "foxglove_msgs.LocationFix": vehicle.location_fix,
-        "sensor_msgs.NavSatFix": vehicle.nav_sat_fix,
-        "sensor_msgs.FluidPressure": vehicle.fluid_pressure,
+        "ds_sensor_msgs.Adcp": profiles.ds_adcp,
+        "foxglove.LocationFix": position.location_fix,
+        "foxglove_msgs.LocationFix": position.location_fix,
+        "sensor_msgs.NavSatFix": position.nav_sat_fix,
+        "sensor_msgs.FluidPressure": position.fluid_pressure,
         "sensor_msgs.Imu": motion.imu,
-        "nav_msgs.Odometry": vehicle.odometry,
-        "geometry_msgs.PoseStamped": vehicle.pose_stamped,
-        "geometry_msgs.PoseWithCovarianceStamped": vehicle.odometry,
+        "nav_msgs.Odometry": position.odometry,
+        "geometry_msgs.PoseStamped": position.pose_stamped,
+        "geometry_msgs.PoseWithCovarianceStamped": position.odometry,
         "marine_acoustic_msgs.Dvl": motion.dvl,
         "ds_sensor_msgs.Dvl": motion.dvl,
+        "dataflash.GPS": mavlink_vehicle.dataflash_gps,
+        "dataflash.POS": mavlink_vehicle.dataflash_position,
+        "dataflash.CTUN": mavlink_vehicle.dataflash_depth,
     }
 )
-_ANY_PACKAGE: Mapping[str, Reader] = MappingProxyType({"CurrentProfile": profile_kinds.current_profile})
+# of messages whose topic says of which system they are
+_MAVLINK: Mapping[str, Callable[[Message], Statement | None]] = MappingProxyType(
+    {
+        "DEBUG_FLOAT_ARRAY": mavlink_ping.ping_frame,
+        "GLOBAL_POSITION_INT": mavlink_vehicle.global_position_int,
+        "GPS_RAW_INT": mavlink_vehicle.gps_raw_int,
+    }
+)
+_ANY_PACKAGE: Mapping[str, Reader] = MappingProxyType({"CurrentProfile": profiles.current_profile})
 _IMC: Mapping[str, Reader] = MappingProxyType({**_ANY_PACKAGE, "GpsFix": imc.gps_fix, "EstimatedState": imc.estimated_state})
 _SEPARATORS = re.compile(r"::|[/.]")
 # a pose on such a topic is where something should go, not where the vehicle is
@@ -55,8 +78,11 @@ def statement(message: Message) -> Statement | None:
     """Return what a message states, or why it cannot be used; None for a kind that is not known.
 
     Raises:
+        MeasurementError: A frame of a ping does not say of which ping it is.
         ValueError, TypeError, LookupError, AttributeError, OverflowError: The payload is not what the schema's name promises.
     """
+    if message.schema in _MAVLINK:
+        return _MAVLINK[message.schema](message)
     reader = _reader(message.schema, message.topic)
     if reader is None and not message.schema:
         # IMC in JSON names its messages inside, when nothing outside does

@@ -4,15 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
-from replay_kit.measurements.current.mean import Dives, sunk
-from replay_kit.measurements.ping import mavlink as mavlink_ping
+from replay_kit.measurements.current.mean import Dives, record_depth
+from replay_kit.measurements.events import Event
+from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame
+from replay_kit.measurements.messages.position import Pose
+from replay_kit.measurements.ping.adcp_ping import PlatformVelocity
 from replay_kit.measurements.ping.attitude import Orientation
-from replay_kit.measurements.ping.ground import GroundVelocity
-from replay_kit.measurements.ping.waiting import WaitingPing
-from replay_kit.measurements.vehicle import mavlink as mavlink_vehicle
-from replay_kit.measurements.vehicle.position import Pose
+from replay_kit.measurements.ping.platform_velocity import Fixes
+from replay_kit.measurements.steps.position_matching import WaitingPing
+from replay_kit.measurements.vehicle.dives import is_submerged
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +28,10 @@ class MeasurementState:
         origins: By topic of poses, its first pose since the last measured fix, and the position known then.
         waiting: Pings that wait for a position, in the order of their times.
         orientation: Last one of a message that is no ping, after its time [ns, UTC].
-        frames: Frames of MAVLink pings that are not complete yet.
-        fixes: What the GPS of each MAVLink system last said.
+        frames: Frames by name of MAVLink pings that are not complete yet.
+        gps_fix_ns: Time of the last three-dimensional fix of each MAVLink system's GPS [ns, UTC]; None while it had none.
         dives: The way since the last fixes, for mean currents.
-        bottom: Last velocity over the ground by a DVL.
+        bottom: Last velocity over the ground by a DVL, after its time [ns, UTC].
         track: Latest fixes at the surface.
         system: Number of the MAVLink system whose position and depth count: the one asked for, or the first that states a position.
     """
@@ -42,11 +43,11 @@ class MeasurementState:
     origins: Mapping[str, tuple[VehicleState, Pose]] = field(default_factory=dict)
     waiting: tuple[WaitingPing, ...] = ()
     orientation: tuple[int, Orientation] | None = None
-    frames: tuple[tuple[mavlink_ping.Key, dict[str, Message]], ...] = ()
-    fixes: tuple[mavlink_vehicle.LastFix, ...] = ()
+    frames: Mapping[Key, Mapping[str, PingFrame]] = field(default_factory=dict)
+    gps_fix_ns: Mapping[str, int | None] = field(default_factory=dict)
     dives: Dives = field(default_factory=Dives)
-    bottom: GroundVelocity | None = None
-    track: tuple[VehicleState, ...] = ()
+    bottom: tuple[int, PlatformVelocity] | None = None
+    track: Fixes = ()
     system: str | None = None
 
     @property
@@ -55,8 +56,12 @@ class MeasurementState:
         return None if self.fix is None else self.fix.latitude
 
 
+#: The state after a message, and the events that it completes.
+Step = tuple[MeasurementState, list[Event]]
+
+
 def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -> MeasurementState:
-    """Return the state with a depth noted; a dive begins at twice the surface depth and ends above it."""
-    submerged = depth > 2.0 * config.surface_depth or (state.submerged and depth > config.surface_depth)
+    """Return the state with a depth noted; see ``is_submerged`` for where dives begin and end."""
+    submerged = is_submerged(depth, config.surface_depth, state.submerged)
     begun = submerged and not state.submerged
-    return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=sunk(state.dives, depth))
+    return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=record_depth(state.dives, depth))

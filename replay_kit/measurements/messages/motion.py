@@ -7,9 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from replay_kit.measurements.messages.fields import number, whole_number
+from replay_kit.measurements.messages.position import orientation_of
 from replay_kit.measurements.ping.attitude import Attitude, Orientation
 from replay_kit.measurements.ping.frames import nortek_rotation
-from replay_kit.measurements.ping.payload import number, whole_number
 
 _MODES: Mapping[int | None, Literal["bottom", "water"]] = {1: "bottom", 2: "water"}
 _INSTRUMENT = 1
@@ -37,7 +38,7 @@ def imu(payload: Mapping[str, Any]) -> Orientation | str:
     covariance = payload.get("orientation_covariance")
     if isinstance(covariance, list | tuple) and covariance and number(covariance[0]) == -1.0:
         return "attitude: it states no orientation"
-    return Orientation(payload.get("orientation"))
+    return orientation_of(payload.get("orientation"))
 
 
 def dvl(payload: Mapping[str, Any]) -> Dvl | str:

@@ -9,9 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from replay_kit.measurements.ping.payload import COORDINATE_SYSTEMS, number, whole_number
-from replay_kit.measurements.vehicle.position import Position
+from replay_kit.measurements.messages.adcp_ping import COORDINATE_SYSTEMS
+from replay_kit.measurements.messages.fields import number, whole_number
+from replay_kit.measurements.messages.position import Position
 
+#: Schema of our own pings.
+PING_SCHEMA = "replay_kit.AdcpPing"
 _NUCLEUS_BEAMS = 3
 _MM_PER_M = 1000.0
 _INT16_MISSING = -32768
@@ -26,7 +29,7 @@ _IMC_COORDINATES = {"XYZ": ("instrument", None), "BEAMS": ("beam", None), "NED":
 
 
 @dataclass(frozen=True, slots=True)
-class Ping:
+class StatedPing:
     """A profile of the current.
 
     Attributes:
@@ -40,12 +43,12 @@ class Ping:
     elsewhere: bool = False
 
 
-def adcp_ping(payload: Mapping[str, Any]) -> Ping:
+def adcp_ping(payload: Mapping[str, Any]) -> StatedPing:
     """Return our own ping as it is."""
-    return Ping(payload)
+    return StatedPing(payload)
 
 
-def ds_adcp(payload: Mapping[str, Any]) -> Ping | str:
+def ds_adcp(payload: Mapping[str, Any]) -> StatedPing | str:
     """Return the profile of a ``ds_sensor_msgs/Adcp``, or why there is none.
 
     A cell holds one vector, or in beam coordinates one vector along each beam; zeros mean no solution. The message does not say
@@ -59,7 +62,7 @@ def ds_adcp(payload: Mapping[str, Any]) -> Ping | str:
         return _UINT16_WHOLE_METRES
     directions = [_vector(unit) for unit in payload["beam_unit_vec"]]
     read = _along_beams if COORDINATE_SYSTEMS[mode] == "beam" else _first_vector
-    return Ping(
+    return StatedPing(
         {
             "coordinate_system": COORDINATE_SYSTEMS[mode],
             "orientation": "down",
@@ -72,7 +75,7 @@ def ds_adcp(payload: Mapping[str, Any]) -> Ping | str:
     )
 
 
-def current_profile(payload: Mapping[str, Any]) -> Ping | str:
+def current_profile(payload: Mapping[str, Any]) -> StatedPing | str:
     """Return the profile of a ``CurrentProfile``, of Nortek's Nucleus or of IMC by what it holds, or why there is none."""
     if "velocity_data" in payload:
         return _nucleus(payload)
@@ -81,7 +84,7 @@ def current_profile(payload: Mapping[str, Any]) -> Ping | str:
     return "CurrentProfile has neither velocity_data (Nortek Nucleus) nor profile (IMC)"
 
 
-def _nucleus(payload: Mapping[str, Any]) -> Ping | str:
+def _nucleus(payload: Mapping[str, Any]) -> StatedPing | str:
     """Return the profile of a Nucleus: int16 [mm/s] along three beams, cell after cell, -32768 for none.
 
     Its pressure is left out, because the message does not state the unit; the vehicle's depth is used.
@@ -91,7 +94,7 @@ def _nucleus(payload: Mapping[str, Any]) -> Ping | str:
         return "velocity_data does not hold three beams for each of number_of_cells"
     values = [None if value == _INT16_MISSING else number(value) / _MM_PER_M for value in flat]
     cell_size = number(payload.get("cell_size"))
-    return Ping(
+    return StatedPing(
         {
             "coordinate_system": "beam",
             "reference": "platform",
@@ -109,7 +112,7 @@ def _nucleus(payload: Mapping[str, Any]) -> Ping | str:
     )
 
 
-def _imc(payload: Mapping[str, Any]) -> Ping | str:
+def _imc(payload: Mapping[str, Any]) -> StatedPing | str:
     """Return the profile of an IMC message in JSON: velocities relative to the vehicle, cells at stated distances."""
     code = payload.get("coord_sys")
     name = _IMC_SYSTEMS.get(whole_number(code) or 0, str(code).upper())
@@ -121,7 +124,7 @@ def _imc(payload: Mapping[str, Any]) -> Ping | str:
         if any(len(cell) < len(axes) for cell in cells):
             return f"fewer than three components in a cell of {name} coordinates"
         cells = [[sign * cell[at] for at, sign in axes] for cell in cells]
-    return Ping(
+    return StatedPing(
         {
             "coordinate_system": system,
             "reference": "platform",
