@@ -31,8 +31,8 @@ from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.studies import planning as on_planning
 from replay_kit.studies.paper import check_folder
 from replay_kit.studies.planning.mission_legs import legs_planner
+from replay_kit.workflows.paths import check_paths, truth_path
 from replay_kit.workflows.planning import MissionPlanner
-from replay_kit.workflows.replay.job import check_paths, truth_path
 
 CALLS = on_planning.Calls(
     plan=planners.plan,

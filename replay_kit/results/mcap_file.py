@@ -134,12 +134,12 @@ class ResultFile:
         """Return what the messages so far amount to."""
         return Digest(time_ns, self._counts.total(), self._digest.hexdigest())
 
-    def write_again(self, entries: Iterable[tuple[dict[str, Any], bytes]], copy_again: Callable[[], None]) -> None:
+    def replay_journal(self, entries: Iterable[tuple[dict[str, Any], bytes]], copy_inputs: Callable[[], None]) -> None:
         """Write what an interrupted run had written.
 
         Args:
-            entries: Of its journal; they are not told to this file's.
-            copy_again: Copies the inputs, which no journal repeats.
+            entries: Of its journal; they are not appended to this file's.
+            copy_inputs: Copies the inputs, which the journal does not hold.
         """
         journal, self._journal = self._journal, None
         schemas: dict[str, Definition] = {}
@@ -151,7 +151,7 @@ class ResultFile:
             elif head["kind"] == "attachment":
                 self.attach(head["time_ns"], head["name"], head["media_type"], data)
             elif head["kind"] == "copies":
-                copy_again()
+                copy_inputs()
             elif head["kind"] == "checkpoint":
                 self.checkpoint()
             else:

@@ -171,22 +171,22 @@ class ResultWriter:
             self._on_digest(value)
 
     @property
-    def memory(self) -> tuple[int, float | None]:
-        """What the writer knows beside the file: accepted innovations, and the length of arrows."""
+    def state(self) -> tuple[int, float | None]:
+        """What the writer remembers beside the file: the number of accepted innovations, and the arrow scale."""
         return self._accepted, self._arrow_scale
 
-    def write_again(
-        self, entries: Iterable[tuple[dict[str, Any], bytes]], memory: tuple[int, float | None], copy_again: Callable[[], None]
+    def replay_journal(
+        self, entries: Iterable[tuple[dict[str, Any], bytes]], state: tuple[int, float | None], copy_inputs: Callable[[], None]
     ) -> None:
         """Write what an interrupted run had written.
 
         Args:
-            entries: Of its journal; they are not told to this writer's.
-            memory: Its ``memory``.
-            copy_again: Copies the inputs, which no journal repeats.
+            entries: Of its journal; they are not appended to this writer's.
+            state: Its ``state``.
+            copy_inputs: Copies the inputs, which the journal does not hold.
         """
-        self._file.write_again(entries, copy_again)
-        self._accepted, self._arrow_scale = memory
+        self._file.replay_journal(entries, copy_inputs)
+        self._accepted, self._arrow_scale = state
 
     def copy(self, source: Iterator[RawMessage]) -> None:
         """Write an input's messages as they are; those on a topic of the result's own go to ``/input`` and their topic.

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -115,12 +115,12 @@ class ReplaySummary:
     rms_prior: float
     nis_per_dof: float
     by_dive: tuple[DiveRow, ...]
-    seconds: Mapping[str, float]
-    plan: Plan | None
-    plan_note: str
-    outcomes: tuple[Outcome, ...]
-    truth: TruthScore | None
-    notes: tuple[str, ...]
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    plan: Plan | None = None
+    plan_note: str = ""
+    outcomes: tuple[Outcome, ...] = ()
+    truth: TruthScore | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def exit_code(self) -> int:

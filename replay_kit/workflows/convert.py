@@ -23,7 +23,7 @@ from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.raw import RawMessage
 from replay_kit.results.readback import check_written
-from replay_kit.workflows.replay.job import check_paths
+from replay_kit.workflows.paths import check_paths
 
 _STAMP_BYTES = 8
 _T = TypeVar("_T", bound=RawMessage | Message)

@@ -20,7 +20,7 @@ from replay_kit.measurements.ping.payload import depth_of_pressure, number
 from replay_kit.measurements.ping.pings import PING_SCHEMA
 from replay_kit.measurements.quality.ping import Check
 from replay_kit.measurements.vehicle.segments import Segments, segments
-from replay_kit.workflows.replay.job import open_readers
+from replay_kit.workflows.replay.inputs import open_readers
 
 # a depth that stays the same is noted again after a minute
 _REPEATED_NS = 60 * 10**9

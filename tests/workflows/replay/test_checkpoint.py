@@ -25,7 +25,7 @@ from replay_kit.results.mcap_file import ResultFile
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.checkpoint import journal_path
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
 from tests import synthetic

@@ -31,7 +31,7 @@ from replay_kit.measurements.vehicle.surfacing import SurfacingWatch, watched
 from replay_kit.results.summary import print_summary, to_json
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.planning import MissionPlanner, planner_of
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify

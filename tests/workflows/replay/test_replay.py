@@ -23,7 +23,7 @@ from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
