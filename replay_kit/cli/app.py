@@ -47,9 +47,10 @@ from replay_kit.estimator.baselines import BASELINES
 from replay_kit.results.summary import print_summary, to_json
 from replay_kit.workflows.convert import convert as convert_logs
 from replay_kit.workflows.convert import convert_json, print_converted
+from replay_kit.workflows.paths import check_paths
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.dry_run import print_rehearsal, rehearsal_json, rehearse
-from replay_kit.workflows.replay.job import ReplayJob, check_outputs, check_paths
+from replay_kit.workflows.replay import dry_run as dry
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
 from replay_kit.workflows.replay.replay import replay as replay_logs
 from replay_kit.workflows.verify import print_verdict, verdict_json
 from replay_kit.workflows.verify import verify as verify_result
@@ -196,9 +197,9 @@ def replay(
         },
     )
     if dry_run:
-        rehearsal = rehearse(job, settings)
-        print_rehearsal(rehearsal, console_beside(json_file))
-        write_json(json_file, rehearsal_json(rehearsal))
+        result = dry.dry_run(job, settings)
+        dry.print_dry_run(result, console_beside(json_file))
+        write_json(json_file, dry.dry_run_json(result))
         return
     with part_named(out), progress("replaying") as advance:
         summary, _ = replay_logs(job, settings, planner_of(settings.planner), advance)

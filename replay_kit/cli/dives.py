@@ -24,8 +24,9 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.studies.dives import print_dives, read_dives, run_dives, to_json
+from replay_kit.workflows.paths import check_paths
 from replay_kit.workflows.replay.build import read_forecasts
-from replay_kit.workflows.replay.job import check_paths, look_ahead
+from replay_kit.workflows.replay.inputs import look_ahead
 
 
 def dives(

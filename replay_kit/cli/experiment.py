@@ -36,7 +36,7 @@ from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, ru
 from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, write_paper
 from replay_kit.studies.paper import to_json as paper_json
 from replay_kit.studies.reports.write import check_folder
-from replay_kit.workflows.replay.job import check_paths, truth_path
+from replay_kit.workflows.paths import check_paths, truth_path
 
 experiment = typer.Typer(
     help="Studies: how well the estimator does, and against what.", no_args_is_help=True, rich_markup_mode=None, add_completion=False

@@ -11,7 +11,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.measurements import suggestions
 from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
 from replay_kit.workflows.info.inspect import info_json, inspect_log, print_info
-from replay_kit.workflows.replay.job import check_paths
+from replay_kit.workflows.paths import check_paths
 
 
 def info(

@@ -25,7 +25,7 @@ from replay_kit.config.run import load_config
 from replay_kit.forecast import read_changing_truth, read_ensemble, read_truth
 from replay_kit.studies.twins import EPOCH, Faults, Options, make_twin, write_ensemble
 from replay_kit.workflows.fit import fit_json, fit_prior, print_fit, write_fit
-from replay_kit.workflows.replay.job import check_paths, truth_path
+from replay_kit.workflows.paths import check_paths, truth_path
 
 
 def fit(

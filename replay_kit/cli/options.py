@@ -17,7 +17,7 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.plan import Place
 from replay_kit.workflows.info.inspect import iso
-from replay_kit.workflows.replay.job import is_stream
+from replay_kit.workflows.paths import is_stream
 
 # Endings of folders' names that are those of files, which a command that writes a folder would not make.
 _FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml")

@@ -49,8 +49,8 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
+from replay_kit.workflows.paths import check_paths
 from replay_kit.workflows.planning import MissionPlanner, config_of, write_plan
-from replay_kit.workflows.replay.job import check_paths
 from replay_kit.workflows.replay.provenance import plan_metadata
 
 # Hours that an hour a kilometre off a line costs more, when that is not stated.

@@ -27,7 +27,7 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.studies import planning as on_planning
 from replay_kit.studies.reports.write import check_folder
-from replay_kit.workflows.replay.job import check_paths, truth_path
+from replay_kit.workflows.paths import check_paths, truth_path
 
 
 def planning(

@@ -17,9 +17,9 @@ from replay_kit.cli.options import (
     write_json,
 )
 from replay_kit.config.run import load_config
+from replay_kit.workflows.paths import check_paths
 from replay_kit.workflows.qc.check import check_quality
 from replay_kit.workflows.qc.report import print_quality, quality_json
-from replay_kit.workflows.replay.job import check_paths
 
 
 def qc(

@@ -25,7 +25,7 @@ from replay_kit.logs.raw import RawMessage
 from replay_kit.logs.reader import LogFile, RawLog
 from replay_kit.results.readback import check_written
 from replay_kit.workflows.info.inspect import print_lines
-from replay_kit.workflows.replay.job import check_paths
+from replay_kit.workflows.paths import check_paths
 
 _STAMP_BYTES = 8
 

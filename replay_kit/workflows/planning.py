@@ -21,7 +21,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing
 from replay_kit.results import ResultWriter
-from replay_kit.workflows.replay.job import Planned, Planner
+from replay_kit.workflows.replay.planner import Planner, PlanResult
 from replay_kit.workflows.replay.provenance import run_settings_toml
 
 # The estimates that a mission is planned on reach over so many times the way through still water.
@@ -48,16 +48,16 @@ class GlidePlanner:
         """Return the planner of a configuration."""
         return cls(planners.GlideSettings(speed=config.speed, tolerance=config.tolerance, max_duration=config.max_duration))
 
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Planned | None) -> Planned:
+    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
         """Return the best glide found from start towards goal."""
         before = None if warm is None else warm.plan
-        return Planned(planners.plan(flow, start, goal, settings=self.settings, start_time_ns=start_time_ns, warm=before))
+        return PlanResult(planners.plan(flow, start, goal, settings=self.settings, start_time_ns=start_time_ns, warm=before))
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land."""
         locate(region_of(flow.grid), goal, "goal")
 
-    def closest_approach(self, flow: FlowEstimate, planned: Planned) -> float:
+    def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
         """Return how close [m] a plan passes its goal when it is flown in a flow."""
         _, _, closest_approach = planners.fly(flow, planned.plan)
         return closest_approach
@@ -103,7 +103,7 @@ class MissionPlanner:
         glider = planners.Glider(config.speed, flight, config.min_angle, config.max_angle)
         return cls(glider, settings, config.flow_step, config.samples, config.seed)
 
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Planned | None) -> Planned:
+    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
         """Return the best mission found from start to goal, begun at once; its memory is the mission."""
         before = None if warm is None else warm.memory
         settings = self.settings
@@ -114,7 +114,7 @@ class MissionPlanner:
             planners.MissionRequest(start, (goal,), vehicle=self.vehicle, settings=settings, start_time_ns=start_time_ns),
             warm=before,
         )
-        return Planned(as_glide(mission, flow.grid.projection), self._next_surfacing(flow, mission), mission)
+        return PlanResult(as_glide(mission, flow.grid.projection), self._next_surfacing(flow, mission), mission)
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
@@ -126,7 +126,7 @@ class MissionPlanner:
                 f"deepest level's, {region.deepest:g} m"
             )
 
-    def closest_approach(self, flow: FlowEstimate, planned: Planned) -> float:
+    def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
         """Return how far from its goal [m] a mission ends when it is flown in a flow."""
         return float(fly_mission(flow, planned.memory).miss[0, -1])
 

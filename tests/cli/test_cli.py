@@ -20,7 +20,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.info.inspect import inspect_log
-from replay_kit.workflows.replay.job import check_paths
+from replay_kit.workflows.paths import check_paths
 from tests import synthetic
 from tests.command import run_command
 from tests.places import ROOT

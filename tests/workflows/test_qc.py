@@ -13,7 +13,7 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.workflows.qc.check import check_quality
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic

@@ -12,7 +12,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.logs import merge
 from replay_kit.measurements import Event, finish, initial_state, interpret
-from replay_kit.workflows.replay.job import open_readers
+from replay_kit.workflows.replay.inputs import open_readers
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,7 @@ from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.messages import Record, mission_messages
 from replay_kit.studies.twins.vehicle import Mission, Pings, advected, dead_reckoned, log_position
 from replay_kit.workflows.planning import MissionPlanner
-from replay_kit.workflows.replay.job import Planned
+from replay_kit.workflows.replay.planner import PlanResult
 
 # Longest step of a flight, and from one ping to the next [s]; the first ping comes half as long after the surface was left.
 _STEP_S = 120.0
@@ -59,7 +59,7 @@ class PlannedLegs:
     legs: tuple[Leg, ...]
     ends: tuple[Place, ...]
     miss: float
-    planned: Planned
+    planned: PlanResult
 
 
 @dataclass(frozen=True, slots=True, eq=False)

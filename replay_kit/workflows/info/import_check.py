@@ -28,7 +28,7 @@ from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.measurements.quality.import_faults import Fault, Sounding, declination_of, depth_faults, direction_faults, scale_faults
-from replay_kit.workflows.replay.job import look_ahead, open_readers
+from replay_kit.workflows.replay.inputs import look_ahead, open_readers
 
 # profiles examined, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200

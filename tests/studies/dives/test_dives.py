@@ -25,7 +25,7 @@ from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
 from replay_kit.studies.dives.predict import conditional, expect, surfacing
 from replay_kit.studies.twins import Options, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
-from replay_kit.workflows.replay.job import look_ahead
+from replay_kit.workflows.replay.inputs import look_ahead
 from tests import synthetic
 from tests.places import DATA
 from tests.reference import dives as slow

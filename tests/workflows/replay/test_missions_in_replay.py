@@ -26,16 +26,14 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing, outcome_of
 from replay_kit.estimator import embed_member
-from replay_kit.forecast import read_truth
 from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
 from replay_kit.results.summary import print_summary, to_json
-from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.planning import MissionPlanner, planner_of
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml
-from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
 from tests import synthetic
+from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
 PLANNER = PlannerConfig(kind="mission", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0)
 CONFIG = RunConfig(
@@ -44,32 +42,14 @@ CONFIG = RunConfig(
 GOAL = Place(152.42, -39.66, 0.0)
 
 
-class Killed(BaseException):
-    """What stops a run in these tests and no code of the project knows."""
-
-
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("ocean")
-    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
-    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
-    truth = read_truth(str(folder / "truth.nc"), CONFIG.forecast)
-    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.mcap")
-    return folder
+    return make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 40)
 
 
 def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL):
     job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True)
-    seen = 0
-
-    def on_message(_):
-        nonlocal seen
-        seen += 1
-        if seen == stop_after:
-            raise Killed
-
-    return replay(job, config, planner_of(config.planner), on_message)[0]
+    return run_until(job, config, stop_after)[0]
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """When a replay's loop plans, and from where: at intervals, at surfacings, and after the drift at the surface."""
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,8 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.estimator.update.screening import rejected
-from replay_kit.workflows.replay.job import ReplayJob
-from replay_kit.workflows.replay.session import Run, handle, work_off
-from replay_kit.workflows.replay.statistics import Stopwatch, Tally
+from replay_kit.workflows.replay.plans import PlanningProblem
+from replay_kit.workflows.replay.session import Session
 from tests import synthetic
 from tests.planners.flow_samples import CENTRE, uniform_flow
 
@@ -28,6 +26,9 @@ SECOND = 10**9
 
 class Still:
     """An estimator that learns nothing."""
+
+    def initial(self):
+        return ()
 
     def steps(self, state, measurements):
         for _ in measurements:
@@ -60,13 +61,12 @@ def fix(seconds, depth):
 
 
 def asked(events, **planner):
-    planned = Asked()
-    job = ReplayJob((Path("a"),), Path("b"), goal=Place(152.6, -40.0, 0.0))
-    config = RunConfig(planner=PlannerConfig(**planner))
-    run = Run(Still(), None, planned, job, config, FLOW.levels, Stopwatch(), Tally(), (), ())
+    planned, config = Asked(), RunConfig(planner=PlannerConfig(**planner))
+    problem = PlanningProblem(planned, Place(152.6, -40.0, 0.0), config.planner, config.measurements.surface_depth)
+    session = Session(Still(), FLOW.levels, config, problem)
     for event in events:
-        handle(run, event)
-    work_off(run)
+        session.take([event])
+    session.assimilate_buffer()
     return planned.calls
 
 

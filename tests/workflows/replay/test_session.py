@@ -1,7 +1,6 @@
 """What a replay's loop gives its estimator: mean currents go to those that take them, and are counted otherwise."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +8,7 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import PathMean
 from replay_kit.estimator.update.screening import rejected
-from replay_kit.workflows.replay.job import ReplayJob
-from replay_kit.workflows.replay.session import Run, handle, work_off
-from replay_kit.workflows.replay.statistics import Stopwatch, Tally
+from replay_kit.workflows.replay.session import Session
 from tests import synthetic
 
 GRID = synthetic.ensemble(n_members=2).grid
@@ -23,6 +20,9 @@ class Recorder:
 
     def __init__(self, takes_paths):
         self.takes_paths = takes_paths
+
+    def initial(self):
+        return ()
 
     def steps(self, state, measurements):
         for measurement in measurements:
@@ -42,13 +42,10 @@ def mean_current():
 
 
 def given(takes_paths):
-    estimator = Recorder(takes_paths)
-    job = ReplayJob((Path("a"),), Path("b"))
-    run = Run(estimator, None, None, job, RunConfig(), GRID.levels, Stopwatch(), Tally(), (), ())
-    for event in (PROFILE, mean_current(), PROFILE):
-        handle(run, event)
-    work_off(run)
-    return run
+    session = Session(Recorder(takes_paths), GRID.levels, RunConfig())
+    session.take([PROFILE, mean_current(), PROFILE])
+    session.assimilate_buffer()
+    return session.state
 
 
 class Published:
@@ -71,21 +68,22 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
     config = RunConfig(output={"interval": 60.0, "depths": (10.0,)})
     published, estimator = Published(), Recorder(False)
     estimator.flow = lambda state: SimpleNamespace(levels=GRID.levels)
-    run = Run(estimator, published, None, ReplayJob((Path("a"),), Path("b")), config, GRID.levels, Stopwatch(), Tally(), (), ())
+    session = Session(estimator, GRID.levels, config)
+    session.writer = published
     for seconds in range(0, 250, 25):
-        handle(run, replace(PROFILE, time_ns=seconds * 10**9))
-    work_off(run)
+        session.take([replace(PROFILE, time_ns=seconds * 10**9)])
+    session.assimilate_buffer()
     assert published.grids_ns == published.digests_ns == [seconds * 10**9 for seconds in (0, 75, 150, 225)]
 
 
 def test_an_estimator_that_takes_paths_is_given_them_in_order():
     run = given(True)
-    assert [isinstance(each, PathMean) for each in run.state] == [False, True, False]
-    assert run.positions[1] == (2.0, 2.0)
-    assert run.tally.notes([]) == []
+    assert [isinstance(each, PathMean) for each in run.estimation.current] == [False, True, False]
+    assert run.statistics.profiles.positions[1] == (2.0, 2.0)
+    assert run.statistics.notes([]) == []
 
 
 def test_another_is_not_and_the_report_counts_them():
     run = given(False)
-    assert run.state == (PROFILE, PROFILE)
-    assert run.tally.notes([]) == ["1 mean currents (dac): not used by this estimator"]
+    assert run.estimation.current == (PROFILE, PROFILE)
+    assert run.statistics.notes([]) == ["1 mean currents (dac): not supported by this estimator"]

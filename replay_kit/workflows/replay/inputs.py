@@ -1,60 +1,27 @@
-"""What to replay and where to put it: the job, checked and opened."""
+"""What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
 from replay_kit.config.run import LogConfig, RunConfig
-from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
-from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.observation import VehicleState
-from replay_kit.core.plan import Place, Plan
-from replay_kit.core.surfacing import Surfacing
+from replay_kit.core.plan import Place
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Planned:
-    """What a planner answers.
-
-    Attributes:
-        plan: The plan, as results hold it.
-        surfacing: Where and when it says that the vehicle will surface next; None when it does not say.
-        memory: What the planner wants back when it plans anew, or flies the plan; a frozen value.
-    """
-
-    plan: Plan
-    surfacing: Surfacing | None = None
-    memory: Any = None
-
-
-class Planner(Protocol):
-    """What a replay needs of a planner; the command line hands one in."""
-
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Planned | None) -> Planned:
-        """Return the best plan found from start towards goal."""
-        ...
-
-    def check(self, flow: FlowEstimate, goal: Place) -> None:
-        """Raise PlanError when the goal is outside the region or on land."""
-        ...
-
-    def closest_approach(self, flow: FlowEstimate, planned: Planned) -> float:
-        """Return how close [m] a plan comes to its goal when it is flown in a flow."""
-        ...
+from replay_kit.workflows.paths import check_paths, truth_path
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayJob:
-    """What to replay, and where to put what comes out.
+    """The files that a replay reads and writes, and the goal that it plans for.
 
     Attributes:
         logs: Log files.
@@ -65,7 +32,7 @@ class ReplayJob:
         save_estimate: Lossless estimate, NetCDF.
         truth: ``PATH`` or ``PATH#MEMBER`` to score against.
         truth_radius_km: Score only grid points this near to a profile used; None scores all.
-        checkpoint: File from which a killed run goes on; made as the run goes, and deleted at its end.
+        checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
     """
@@ -83,78 +50,28 @@ class ReplayJob:
     include_inputs: bool = False
 
 
-def check_paths(
-    inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool, may_exist: Iterable[Path | None] = ()
-) -> None:
-    """Raise ConfigError when an output cannot or may not be written; nothing is read, so this comes before all work.
-
-    Args:
-        inputs: Files and stores (folders) that are read; None and names that do not exist are none.
-        outputs: Files that will be written, each as ``NAME.part`` first; None and ``-``, standard output, are none.
-        overwrite: Whether an existing output is replaced; an input never is.
-        may_exist: Outputs that a run goes on with when they exist.
-    """
-    kept = [path for path in may_exist if path is not None]
-    read = [path for path in inputs if path is not None]
-    wanted = [path for path in outputs if path is not None and str(path) != "-"] + kept
-    for position, path in enumerate(wanted):
-        part = path.with_name(path.name + ".part") if path.name else path
-        if any(_touches(name, source) for name in (path, part) for source in read):
-            raise ConfigError(f"{path}: is an input of this run; an input is never overwritten: choose another name")
-        if any(_same(name, other) for name in (path, part) for other in wanted[:position]) or any(
-            _same(path, other.with_name(other.name + ".part")) for other in wanted[:position]
-        ):
-            raise ConfigError(f"{path}: two outputs have this name; choose another for one of them")
-        if path.is_dir():
-            raise ConfigError(f"{path}: is a folder; give the name of a file")
-        if not path.parent.is_dir():
-            raise ConfigError(f"{path}: there is no folder {path.parent}; make it, or choose another place")
-        if path.exists() and not overwrite and path not in kept and not is_stream(path):
-            raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
-
-
-def is_stream(path: Path) -> bool:
-    """Return whether a path is a pipe or a device, which is written to and not replaced."""
-    return path.is_fifo() or path.is_char_device()
-
-
-def truth_path(spec: str | None) -> Path | None:
-    """Return the file of a truth given as ``PATH`` or ``PATH#MEMBER``."""
-    return None if spec is None else Path(spec.partition("#")[0])
-
-
-def _same(path: Path, other: Path) -> bool:
-    """Return whether two names are one file, also by links or by a file system that ignores case."""
-    return path.resolve() == other.resolve() or (path.exists() and other.exists() and path.samefile(other))
-
-
-def _touches(path: Path, source: Path) -> bool:
-    """Return whether writing a path changes an input: it is the input, or lies in it, as in a Zarr store."""
-    return _same(path, source) or (source.is_dir() and path.resolve().is_relative_to(source.resolve()))
-
-
 def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()) -> None:
     """Raise ConfigError when an output of a replay is an input, or exists and may not be replaced, or has no folder.
 
     Args:
         job: The replay.
-        also_read: Inputs that the job does not know, such as the configuration file.
-        also_written: Outputs that the job does not know, such as the JSON summary.
+        also_read: Inputs that are not in the job, such as the configuration file.
+        also_written: Outputs that are not in the job, such as the JSON summary.
     """
     inputs = (*job.logs, job.ensemble, truth_path(job.truth), *also_read)
     check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite, checkpoint_files(job.checkpoint))
 
 
 def checkpoint_files(path: Path | None) -> tuple[Path, ...]:
-    """Return the files of a checkpoint of that name: itself, and the journal beside it."""
+    """Return the files of a checkpoint: the checkpoint itself, and the journal beside it."""
     return () if path is None else (path, path.with_name(path.name + ".journal"))
 
 
 def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
-    """Return the logs, opened; of MAVLink and DataFlash only what the estimator uses, and topics mapped, is decoded.
+    """Return the opened logs; of MAVLink and DataFlash only the messages that the estimator uses, and mapped topics, are decoded.
 
     Raises:
-        LogError: One is missing or not a log.
+        LogError: A file is missing or is not a log.
     """
     mapped = [entry.topic.split("/") for entry in config.measurements.map]
     # a schema of DataFlash has its format's name before that of the record
@@ -163,7 +80,7 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
 
 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
-    """Copy the logs' messages into the result as they are, when the job wants them there: frames of a telemetry log as frames."""
+    """Copy the logs' messages unchanged into the result, if the job asks for it: of a telemetry log its frames."""
     if job.include_inputs:
         logs = [open_log(path, number, config) for number, path in enumerate(job.logs)]
         writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames else log.raw_messages()))
@@ -178,13 +95,10 @@ def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, fl
         LogError: A log cannot be opened.
         MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
     """
-    settings = config.logs
-    if config.forecast.place:
-        place_at, first_ns = _mean_place(logs, config)
-    else:
-        place_at, first_ns = None, _first_time(logs, config)
-    if first_ns is not None and settings.start_ns is not None:
-        first_ns = max(first_ns, settings.start_ns)
+    start_ns = config.logs.start_ns
+    place_at, first_ns = _mean_place(logs, config) if config.forecast.place else (None, _first_time(logs, config))
+    if first_ns is not None and start_ns is not None:
+        first_ns = max(first_ns, start_ns)
     return place_at, first_ns
 
 
@@ -194,7 +108,7 @@ def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
 
 
 def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
-    """Return the mean of the positions that a replay would use, longitude and latitude, and the time of the first message it would."""
+    """Return the mean longitude and latitude of the positions that a replay would use, and the time of its first message."""
     settings, first_ns = config.logs, None
     state, positions = initial_state(settings.system), []
     for message in merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns):
@@ -209,18 +123,19 @@ def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, f
             + ("widen --start and --end, or leave the option out" if between else "leave the option out")
         )
     longitude, latitude = np.array(positions).T
-    turns = np.exp(1j * np.deg2rad(longitude))
-    return (float(np.rad2deg(np.angle(turns.mean()))), float(latitude.mean())), first_ns
+    # on the unit circle, because longitudes may lie on both sides of the antimeridian
+    directions = np.exp(1j * np.deg2rad(longitude))
+    return (float(np.rad2deg(np.angle(directions.mean()))), float(latitude.mean())), first_ns
 
 
 def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble: Ensemble) -> Ensemble | None:
-    """Return the truth of a job, or None.
+    """Return the truth of a job; None without one.
 
     Args:
         job: The replay.
         config: Its settings; a truth need not have the forecast's leads or times.
         near_ns: Time of the logs' first message [ns, UTC].
-        ensemble: The forecast, to whose place the truth is moved when the forecast was.
+        ensemble: The forecast; if it was moved, the truth is moved to the same place.
 
     Raises:
         ForecastError: It cannot be read.

@@ -1,0 +1,60 @@
+"""Names of input and output files: whether each output may be written, checked before any work begins."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from replay_kit.core.errors import ConfigError
+
+
+def check_paths(
+    inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool, may_exist: Iterable[Path | None] = ()
+) -> None:
+    """Raise ConfigError when an output cannot or may not be written; the contents of no file are read.
+
+    Args:
+        inputs: Files and stores (folders) to read; None and names that do not exist are ignored.
+        outputs: Files to write, each first as ``NAME.part``; None and ``-``, standard output, are ignored.
+        overwrite: Whether an existing output is replaced; an input never is.
+        may_exist: Outputs that may exist because a run continues from them.
+    """
+    kept = [path for path in may_exist if path is not None]
+    read = [path for path in inputs if path is not None]
+    wanted = [path for path in outputs if path is not None and str(path) != "-"] + kept
+    for position, path in enumerate(wanted):
+        names = (path, _part(path)) if path.name else (path,)
+        if any(_touches(name, source) for name in names for source in read):
+            raise ConfigError(f"{path}: is an input of this run; an input is never overwritten: choose another name")
+        earlier = wanted[:position]
+        if any(_same(name, other) for name in names for other in earlier) or any(_same(path, _part(other)) for other in earlier):
+            raise ConfigError(f"{path}: two outputs have this name; choose another for one of them")
+        if path.is_dir():
+            raise ConfigError(f"{path}: is a folder; give the name of a file")
+        if not path.parent.is_dir():
+            raise ConfigError(f"{path}: there is no folder {path.parent}; make it, or choose another place")
+        if path.exists() and not overwrite and path not in kept and not is_stream(path):
+            raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
+
+
+def is_stream(path: Path) -> bool:
+    """Return whether a path is a pipe or a device, which is written to and not replaced."""
+    return path.is_fifo() or path.is_char_device()
+
+
+def truth_path(spec: str | None) -> Path | None:
+    """Return the file of a truth given as ``PATH`` or ``PATH#MEMBER``."""
+    return None if spec is None else Path(spec.partition("#")[0])
+
+
+def _part(path: Path) -> Path:
+    """Return the name of an output while it is written."""
+    return path.with_name(path.name + ".part")
+
+
+def _same(path: Path, other: Path) -> bool:
+    """Return whether two names are one file, also by links or by a file system that ignores case."""
+    return path.resolve() == other.resolve() or (path.exists() and other.exists() and path.samefile(other))
+
+
+def _touches(path: Path, source: Path) -> bool:
+    """Return whether writing a path changes an input: it is the input, or lies in it, as in a Zarr store."""
+    return _same(path, source) or (source.is_dir() and path.resolve().is_relative_to(source.resolve()))
