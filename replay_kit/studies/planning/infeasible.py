@@ -101,9 +101,7 @@ def cases(flow: FlowEstimate, nugget: float) -> tuple[Impossible, ...]:
         _against_current(flow, middle, nugget),
         Impossible("goal below the deepest level", flow, here, place_at(grid, middle, deepest + 100.0), ("deep",)),
         Impossible("goal outside of the region", flow, here, place_at(grid, edge, 0.0), ("outside",)),
-        Impossible(
-            "goal boxed in by land", with_land(flow, away == 2, nugget), here, there, ("land", "may not be crossed", "may not be entered")
-        ),
+        Impossible("goal boxed in by land", with_land(flow, away == 2, nugget), here, there, ("land", "constraint")),
     )
 
 
