@@ -1,4 +1,4 @@
-"""A sawtooth glider flown through a truth: carried by the current, logging what a glider knows of where it is."""
+"""A sawtooth glider flown through a truth: carried by the current, logging fixes at the surface and dead-reckoned positions under water."""
 
 from dataclasses import dataclass
 
