@@ -18,7 +18,7 @@ from replay_kit.studies.twins.faults import Faults
 HEADING_DEG, SCALE = 5.0, 0.03
 PLANTED = {"heading": math.radians(HEADING_DEG), "scale": SCALE}
 _OVER_CLEAN = 1.1
-# a scale error of 3 % is 8 mm/s of a glider's way: a thousand pings tell it, a few hundred do not
+# a scale error of 3 % is 8 mm/s at a glider's speed: significant after a thousand pings, not after a few hundred
 _DAYS, _EVERY_S = 10.0, 600.0
 # standard deviations from zero at which a bias counts as found
 _FOUND = 3.0
@@ -34,14 +34,14 @@ def biases(scene: Scene) -> list[Figure]:
     estimating = own_estimator(scene.case, scene.config.model_copy(update={"time": time}))
     clean = scene.errors("sound", scene.own, sound)
     figures = [
-        Figure("sound, not looked for", RMSE, clean.mean()),
-        *clean.nis("sound, not looked for"),
-        *_named("sound, not looked for", clean, planted=False),
+        Figure("sound, without bias states", RMSE, clean.mean()),
+        *clean.nis("sound, without bias states"),
+        *_named("sound, without bias states", clean, planted=False),
     ]
     for method, estimator, given, most in (
-        ("biased, not looked for", scene.own, biased, np.nan),
-        ("biased, looked for", estimating, biased, _OVER_CLEAN),
-        ("sound, looked for", estimating, sound, _OVER_CLEAN),
+        ("biased, without bias states", scene.own, biased, np.nan),
+        ("biased, with bias states", estimating, biased, _OVER_CLEAN),
+        ("sound, with bias states", estimating, sound, _OVER_CLEAN),
     ):
         followed = scene.errors(method, estimator, given)
         figures += [

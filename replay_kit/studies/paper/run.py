@@ -33,7 +33,7 @@ class PaperJob:
     Attributes:
         leave_out: ``all``, ``most-distant`` or a member's position from 0; None when a truth is given.
         most_modes: No estimate has more modes; None for no limit.
-        plan_modes: The estimates planned on have at most so many modes; None for the full rank.
+        plan_modes: The estimates planned on have at most this many modes; None for the full rank.
         pings: Numbers of pings of Table II at which estimates are scored; the last is the table's.
         pairs: Starts and targets of Table III.
         seed: Of places, noise and pairs.
@@ -69,7 +69,7 @@ class PaperTables:
         truths: Number of truths in Tables I and II.
         grid: Points along the grid's two directions.
         levels: [m].
-        plan_modes: Modes asked for in the estimates planned on; None for the full rank.
+        plan_modes: Limit on the modes of the estimates planned on; None for the full rank.
         seed: Of places, noise and pairs.
         noise: Of each component of each bin in Table II [m/s].
         target_depth: Of Table III [m].

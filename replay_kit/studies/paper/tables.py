@@ -47,7 +47,7 @@ class Survey:
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """A row asked for.
+    """A row to compute.
 
     Attributes:
         method: Of ``ErrorRow``.
@@ -62,7 +62,7 @@ class Rung:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What a row left behind.
+    """A computed row.
 
     Attributes:
         row: Its figures.
@@ -137,7 +137,7 @@ def sparse_rows(runs: Sequence[Run], survey: Survey) -> tuple[SparseRow, ...]:
 
 
 def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: ScoredPoints, advance: Callable[[int], None]) -> Run:
-    """Return a row's run; what its numerics cannot do is the row's note."""
+    """Return a row's run; a numerical failure is the row's note."""
     began, done = time.perf_counter(), 0
     modes = elements = None
     least, errors = np.nan, []

@@ -100,7 +100,7 @@ def plan_legs(
     most_legs: int,
     warm: PlannedLegs | None = None,
 ) -> PlannedLegs:
-    """Return the best mission found of no more than so many legs.
+    """Return the best mission found of at most so many legs.
 
     Args:
         planner: The mission planner.

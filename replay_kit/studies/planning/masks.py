@@ -19,7 +19,7 @@ _ISLAND_RADII = (0.6, 1.8)  # cells, of the two axes
 _AREA_RADII = (4e3, 12e3)  # m, of the corners
 _CORNERS = (5, 10)
 _AWAY = (8e3, 22e3)  # m, start and goal from what lies between
-# Start and goal keep so far from what is forbidden [m]; the planner's own margin is less.
+# Start and goal keep this distance from land and areas [m]; the planner's own margin is less.
 _CLEAR = 500.0
 _MAX_DRAWS = 400
 
@@ -50,7 +50,7 @@ def with_land(flow: FlowEstimate, dry: NDArray[np.bool_], nugget: float) -> Flow
         nugget: Of the fit to what is left, as in ``EstimatorConfig``.
     """
     grid = replace(flow.grid, wet=flow.grid.wet & ~dry)
-    # latents of neighbours cancel each other, so they cannot be dropped: the current that is left is fitted anew
+    # latents of neighbours cancel each other, so they cannot be dropped: the current is fitted again to the remaining points
     left = velocity_kernel(flow.kernel, grid.nodes, flow.nodes) @ flow.latent
     latent = embed(flow.kernel, grid.nodes, left, nugget)
     return replace(flow.certain(), grid=grid, latent=latent, modes=np.empty((len(latent), 0)))

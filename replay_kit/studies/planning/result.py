@@ -40,7 +40,7 @@ class PlanningResult:
         truths: Their files, or the members left out in turn.
         n_members: Of the ensemble.
         levels: [m].
-        job: What was asked for.
+        job: The options.
         modes: Limit on the basis flows of a level; None for all.
         seconds: Wall time of each study [s].
     """

@@ -122,7 +122,7 @@ class World:
 
     @property
     def depth(self) -> float:
-        """Of a mission's dives [m]: as asked, or the deepest level."""
+        """Of a mission's dives [m]: the job's, or the deepest level."""
         return min(self.job.depth, float(self.truths[0].case.ensemble.grid.levels[-1]))
 
     @property

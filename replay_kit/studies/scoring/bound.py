@@ -17,7 +17,7 @@ from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length
 
 
 def bound(estimator: object, at: ScoredPoints) -> float:
-    """Return the least RMSE [m/s] of any flow that an estimator can say; NaN for one whose flows have no fixed span."""
+    """Return the least RMSE [m/s] of any flow in the span of an estimator; NaN for one without a fixed span."""
     if isinstance(estimator, ReducedBasisEstimator):
         return _basis_bound(estimator.basis, at)
     if isinstance(estimator, Naive3D):

@@ -1,4 +1,4 @@
-"""A sawtooth glider flown through a truth: carried by the current, logging what a glider knows of where it is."""
+"""A sawtooth glider flown through a truth: carried by the current, logging fixes at the surface and dead-reckoned positions under water."""
 
 from dataclasses import dataclass
 
@@ -37,6 +37,19 @@ class GliderLimits:
     max_depth: float = 500.0
 
 
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """When a glider pings and logs.
+
+    Attributes:
+        ping_steps: From one ping to the next [steps of 120 s].
+        to_the_end: Whether positions are logged to the end of the last dive, and not to the last ping only.
+    """
+
+    ping_steps: int = PING_STEPS
+    to_the_end: bool = False
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Flight:
     """One dive, or one stay at the surface, step by step.
@@ -64,8 +77,7 @@ def mission(
     start_ns: int,
     rng: np.random.Generator,
     limits: GliderLimits = GliderLimits(),
-    ping_steps: int = PING_STEPS,
-    to_the_end: bool = False,
+    schedule: Schedule = Schedule(),
 ) -> Mission:
     """Return a glider's mission: dives along a course over the region, a ping every ten minutes, a fix at each surfacing.
 
@@ -78,8 +90,7 @@ def mission(
         start_ns: Time of the first ping [ns, UTC].
         rng: Chooses the corner at which the course starts.
         limits: How it flies.
-        ping_steps: From one ping to the next [steps of 120 s].
-        to_the_end: Whether positions are logged to the end of the last dive, and not to the last ping only.
+        schedule: When it pings, and until when it logs.
 
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
@@ -90,14 +101,14 @@ def mission(
     # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
     flights.append(_surface(field, place, start_ns))
     flown = flights[-1].steps
-    while flown <= (pings - 1) * ping_steps:
+    while flown <= (pings - 1) * schedule.ping_steps:
         place = flights[-1].place[-1]
         aim, target = _aim(field, place, target)
         dive = _dive(field, place, start_ns + flown * _STEP_NS, aim, limits)
         surface = _surface(field, dive.place[-1], start_ns + (flown + dive.steps) * _STEP_NS)
         flights += [dive, surface]
         flown += dive.steps + surface.steps
-    return _logged(field, flights, np.arange(pings) * ping_steps, start_ns, to_the_end)
+    return _logged(field, flights, np.arange(pings) * schedule.ping_steps, start_ns, schedule.to_the_end)
 
 
 def _place_of(field: Field, fraction: Array) -> Array:

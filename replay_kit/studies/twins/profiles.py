@@ -36,10 +36,7 @@ def random_observations(field: Field, pings: int, noise: float, seed: int) -> tu
     depth = settings.bin0_distance + settings.cell_size * np.arange(settings.n_cells, dtype=np.float64)
     longitude, latitude = to_geographic(field.grid.projection, places[:, 0], places[:, 1])
     error_std = noise if noise > 0.0 else IDEAL_ERROR_STD
-    return tuple(
-        _observation(int(t), float(x), float(y), depth, profile, error_std, k)
-        for k, (t, x, y, profile) in enumerate(zip(time_ns, longitude, latitude, velocity, strict=True))
-    )
+    return _observations((longitude, latitude), depth, velocity, error_std)
 
 
 def grid_observations(truth: Ensemble) -> tuple[Observation, ...]:
@@ -53,26 +50,25 @@ def grid_observations(truth: Ensemble) -> tuple[Observation, ...]:
     longitude, latitude = grid.longitude[j, i], grid.latitude[j, i]
     u, v = truth.velocity[0][:, :, j, i]
     velocity = np.stack(rotate_to_geographic(grid.projection, longitude, latitude, u, v), axis=-1)
+    return _observations((longitude, latitude), grid.levels, np.moveaxis(velocity, 1, 0), IDEAL_ERROR_STD)
+
+
+def _observations(places: tuple[Array, Array], depth: Array, velocity: Array, error_std: float) -> tuple[Observation, ...]:
+    """Return profiles, one a minute, at longitudes and latitudes, of velocities of shape (n, depths, 2) that are NaN where missing."""
+    missing = np.asarray(~np.isfinite(velocity).all(axis=2))
     return tuple(
-        _observation(EPOCH_NS + _INTERVAL_NS * k, float(x), float(y), grid.levels, velocity[:, k], IDEAL_ERROR_STD, k)
-        for k, (x, y) in enumerate(zip(longitude, latitude, strict=True))
-    )
-
-
-def _observation(
-    time_ns: int, longitude: float, latitude: float, depth: Array, velocity: Array, error_std: float, position: int
-) -> Observation:
-    missing = ~np.isfinite(velocity).all(axis=1)
-    return Observation(
-        time_ns=time_ns,
-        longitude=longitude,
-        latitude=latitude,
-        depth=depth,
-        velocity=velocity,
-        error_std=np.full(depth.size, error_std),
-        reference="earth",
-        flags=np.where(missing, Flag.MISSING, Flag.GOOD).astype(np.int8),
-        reasons=np.where(missing, Reason.MISSING, Reason.NONE).astype(np.int32),
-        dive=0,
-        source=Source(0, "/adcp", position, time_ns),
+        Observation(
+            time_ns=EPOCH_NS + _INTERVAL_NS * k,
+            longitude=float(longitude),
+            latitude=float(latitude),
+            depth=depth,
+            velocity=velocity[k],
+            error_std=np.full(depth.size, error_std),
+            reference="earth",
+            flags=np.where(missing[k], Flag.MISSING, Flag.GOOD).astype(np.int8),
+            reasons=np.where(missing[k], Reason.MISSING, Reason.NONE).astype(np.int32),
+            dive=0,
+            source=Source(0, "/adcp", k, EPOCH_NS + _INTERVAL_NS * k),
+        )
+        for k, (longitude, latitude) in enumerate(zip(*places, strict=True))
     )
