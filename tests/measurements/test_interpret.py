@@ -9,7 +9,7 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements import Skipped, Used, initial_state, interpret, observations
-from tests.measurements.messages import CONFIG, SECOND, fix, mavlink_frames, only, ping, position_int, run
+from tests.measurements.samples import CONFIG, SECOND, fix, mavlink_frames, only, ping, position_int, run
 
 
 def test_a_ping_becomes_a_profile_at_the_interpolated_position():

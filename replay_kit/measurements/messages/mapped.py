@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from replay_kit.config.mapping import PositionMap, ProfileMap, TopicMap, VelocityMap
@@ -30,13 +31,7 @@ def mapped(payload: Mapping[str, Any], entry: TopicMap) -> StatedPing | Position
     Raises:
         MeasurementError: A path leads nowhere; the message says what stands there, alike for all messages alike.
     """
-    if isinstance(entry, ProfileMap):
-        return _profile(payload, entry)
-    if isinstance(entry, VelocityMap):
-        return _velocity(payload, entry)
-    if isinstance(entry, PositionMap):
-        return _position(payload, entry)
-    return _depth(payload, entry)
+    return _READERS[entry.kind](payload, entry)
 
 
 def look_up(payload: Any, path: str) -> Any:
@@ -199,3 +194,8 @@ def _geometry(payload: Mapping[str, Any], entry: ProfileMap) -> dict[str, Any]:
     for name, given in (("cell_size", entry.cell_size), ("bin0_distance", entry.first_cell)):
         fields[name] = number(look_up(payload, given) if isinstance(given, str) else given) / scale
     return fields
+
+
+_READERS: Mapping[str, Callable[[Mapping[str, Any], Any], StatedPing | Position | Depth | Pressure | str]] = MappingProxyType(
+    {"profile": _profile, "velocity": _velocity, "position": _position, "depth": _depth}
+)

@@ -19,7 +19,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.quality.import_faults import declination_of, depth_faults, direction_faults, scale_faults
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.info.import_check import ImportCheck, Suspicion, check_import, import_check_json, soundings
-from tests.measurements.messages import mavlink_frames, ping
+from tests.measurements.samples import mavlink_frames, ping
 from tests.places import SAMPLES
 from tests.planted import NAMES, PINGS, planted
 

@@ -11,7 +11,7 @@ from replay_kit.cli import info as cli_info
 from replay_kit.config.run import load_config
 from replay_kit.workflows.info.inspect import inspect_log, print_info
 from tests.measurements.carriers import json_mcap
-from tests.measurements.messages import fix, ping
+from tests.measurements.samples import fix, ping
 
 
 @pytest.fixture

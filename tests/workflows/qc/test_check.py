@@ -18,7 +18,7 @@ from replay_kit.workflows.replay.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 from tests.measurements.carriers import json_mcap
-from tests.measurements.messages import fix, ping
+from tests.measurements.samples import fix, ping
 from tests.places import ROOT
 
 CELLS = {"n_cells": 5, "cell_size": 20.0, "bin0_distance": 10.0, "velocity": [[0.1, 0.2, 0.0]] * 4 + [None]}

@@ -15,7 +15,7 @@ from replay_kit.measurements.ping import frames
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from replay_kit.measurements.ping.profile import profile_of
-from tests.measurements.messages import CONFIG, fix, only, ping, run
+from tests.measurements.samples import CONFIG, fix, only, ping, run
 from tests.reference import frames as slow
 
 VECTORS = frames.janus_vectors(20.0)

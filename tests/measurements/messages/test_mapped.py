@@ -18,7 +18,7 @@ from replay_kit.workflows.replay.inputs import open_readers
 from replay_kit.workflows.replay.provenance import run_settings_toml
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import tlog_entry
-from tests.measurements.messages import fix, only, run
+from tests.measurements.samples import fix, only, run
 
 PROFILE = {"topic": "/p", "kind": "profile", "reference": "earth", "frame": "enu", "cell_size": 4.0, "first_cell": 6.0}
 POSITION = {"topic": "/p", "kind": "position", "longitude": "lon", "latitude": "lat"}

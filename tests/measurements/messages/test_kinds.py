@@ -16,7 +16,7 @@ from tests.logs.log_samples import one_channel_mcap
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.foreign import BEAMS, NUCLEUS, ds_adcp, imc, pose, vectors
-from tests.measurements.messages import CONFIG, SECOND, fix, only, run
+from tests.measurements.samples import CONFIG, SECOND, fix, only, run
 
 EARTH = MeasurementConfig(reference="earth")
 

@@ -15,7 +15,7 @@ from replay_kit.core.observation import Flag, Observation
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.json_schemas import JSON_SCHEMAS
 from tests.logs.log_samples import one_channel_mcap
-from tests.measurements.messages import fix, only, ping, run
+from tests.measurements.samples import fix, only, ping, run
 
 PROTO = Path(replay_kit.measurements.__file__).with_name("AdcpPing.proto").read_text(encoding="utf-8")
 FIELD = re.compile(r"^  (optional |repeated )?([\w.]+) (\w+) = (\d+);$", re.MULTILINE)

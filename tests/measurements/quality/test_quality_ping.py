@@ -11,7 +11,7 @@ from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping import frames
 from replay_kit.measurements.ping.profile import profile_of
 from replay_kit.measurements.quality.ping import checks
-from tests.measurements.messages import fix, only, ping, run
+from tests.measurements.samples import fix, only, ping, run
 
 GOOD, SUSPECT, FAIL = Flag.GOOD, Flag.SUSPECT, Flag.FAIL
 CELLS = [[0.1, 0.2, 0.0]] * 6

@@ -10,7 +10,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import suggestions
 from replay_kit.measurements.mapping.leaves import leaves
-from tests.measurements.messages import only, run
+from tests.measurements.samples import only, run
 
 
 def suggested(tmp_path, payload, **replaced):

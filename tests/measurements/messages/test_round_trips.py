@@ -22,8 +22,8 @@ from replay_kit.measurements.messages.kinds import statement
 from replay_kit.measurements.messages.mavlink_ping import assemble, ping_frame
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
-from tests.measurements.messages import fix, only, run
-from tests.measurements.test_protobuf_ping import through_mcap
+from tests.measurements.messages.test_protobuf_ping import through_mcap
+from tests.measurements.samples import fix, only, run
 
 NUMBERS = ("transducer_depth", "sound_speed", "temperature", "pressure", "heading", "pitch", "roll", "magnetic_declination")
 GEOMETRY = ("n_cells", "cell_size", "bin0_distance")

@@ -12,7 +12,7 @@ from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, initial_state, interpret, observations
 from tests.logs.dataflash.dataflash_samples import dataflash
-from tests.measurements.messages import ping
+from tests.measurements.samples import ping
 
 SECOND = 1_000_000_000
 

@@ -8,7 +8,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.measurements import Skipped, Used, finish, initial_state, interpret
-from tests.measurements.messages import CONFIG, fix, only, ping, run
+from tests.measurements.samples import CONFIG, fix, only, ping, run
 
 MANY = 1500
 

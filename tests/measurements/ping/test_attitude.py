@@ -15,7 +15,7 @@ from replay_kit.measurements.messages.position import orientation_of
 from replay_kit.measurements.ping.attitude import Attitude, attitude_of, with_attitude
 from replay_kit.measurements.ping.earth import earth_referenced
 from tests.measurements.foreign import pose
-from tests.measurements.messages import CONFIG, fix, ping
+from tests.measurements.samples import CONFIG, fix, ping
 
 angles = st.tuples(st.floats(-179.0, 179.0), st.floats(-80.0, 80.0), st.floats(-170.0, 170.0))
 

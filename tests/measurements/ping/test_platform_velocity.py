@@ -11,7 +11,7 @@ from replay_kit.core.observation import Observation
 from replay_kit.measurements import Skipped, Used
 from replay_kit.measurements.messages.motion import Dvl, dvl, horizontal
 from replay_kit.measurements.ping.attitude import Attitude
-from tests.measurements.messages import CONFIG, SECOND, fix, only, ping, run
+from tests.measurements.samples import CONFIG, SECOND, fix, only, ping, run
 
 TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)
 HALF = np.sqrt(0.5)
