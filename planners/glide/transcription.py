@@ -65,7 +65,7 @@ class GlideProgram:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlideCase:
-    """What one plan gives the program.
+    """The parameters of one plan.
 
     Attributes:
         start: shape (3,) [m], local east, north, depth.
@@ -88,7 +88,7 @@ class GlideCase:
 
 @dataclass(frozen=True, slots=True)
 class GlideSolution:
-    """What IPOPT answered.
+    """The solution of IPOPT.
 
     Attributes:
         heading: Clockwise from local north [rad].
@@ -123,10 +123,10 @@ def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: I
 
 
 def approach(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, float], fractions: Array) -> tuple[float, float, float]:
-    """Return a guess moved towards the goal by nonlinear least squares, within the bounds of the unknowns but blind to the region.
+    """Return a guess moved towards the goal by nonlinear least squares, within the bounds of the unknowns; the region is ignored.
 
     From a rough seed the exact Hessian is often indefinite, and IPOPT spends dozens of iterations on it; the Gauss-Newton steps of
-    least squares go straight down, at a third of the price each. Arguments as for ``solve_glide``.
+    least squares go straight down, at a third of the cost each. Arguments as for ``solve_glide``.
     """
     program, parameters = glide_program(flow, fractions.size - 1, False, case.integrator), _parameters(flow, case, fractions)
     unknowns, lower, upper = _unknowns(case, guess)

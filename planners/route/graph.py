@@ -1,7 +1,7 @@
-"""A global seed: the quickest way through the mean current of the dives, by a search of a graph over the region.
+"""The quickest route through the mean current of the dives, by a search of a graph over the region.
 
 Each edge costs its length over the speed made good along it (Zermelo: the vehicle heads off the current across the edge). The graph is
-fine enough to find the way round land and eddies; the optimiser does the rest.
+fine enough to find the way round land and eddies; the optimiser refines the route.
 """
 
 import math
@@ -21,17 +21,17 @@ from replay_kit.core.errors import PlanError
 
 # Points along the longer side of the graph, and how many points an edge may reach over.
 _POINTS, _REACH = 96, 3
-# Slower than this an edge is not worth following [m/s].
+# Edges along which the vehicle makes good less than this are left out [m/s].
 _SLOWEST = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A way found.
+    """A route through the graph.
 
     Attributes:
         points: shape (n, 2) [m], local east and north.
-        times: shape (n,) [s], when the front reaches them.
+        times: shape (n,) [s], earliest arrival at each.
         arrives: Whether it ends at its goal; otherwise at the point nearest to it that can be reached.
     """
 
@@ -46,14 +46,14 @@ class Route:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteGraph:
-    """The graph of one mission.
+    """The graph of one mission: edges between grid points, with their travel times.
 
     Attributes:
         origin: shape (2,) [m].
         spacing: shape (2,) [m].
         current: shape (2, n_north, n_east) [m/s].
-        free: shape (n_north, n_east), where a path may be.
-        seconds: What each edge between two points takes, (n, n).
+        free: shape (n_north, n_east), whether a path may be there.
+        seconds: Travel time of each edge between two points, (n, n).
     """
 
     origin: Array
@@ -113,7 +113,7 @@ def build_route_graph(
         table: The flow on a coarse grid.
         depth_shares: shape (D,), the share of its time that the vehicle spends at each depth of the table.
         rings: What is forbidden.
-        wet: Tells which points, shape (n, 2) [m], are water deep enough.
+        wet: Returns which points, shape (n, 2) [m], are water deep enough.
         speed: Horizontal, through water [m/s].
 
     Raises:

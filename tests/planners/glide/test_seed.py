@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from planners.glide.seeds import _fans, _fly_all, find_seeds
+from planners.glide.transcription import GlideCase
 from planners.route.region import region_of
 from planners.route.table import tabulate
 from tests.planners.flow_samples import eddying_flow, still_flow
@@ -133,8 +134,8 @@ def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back() -> 
 def test_seeds_are_the_nearest_first_and_no_more_than_asked_for() -> None:
     flow = eddying_flow(6, speed=0.2)
     region, start, goal = region_of(flow.grid), np.array([-1e4, -6e3, 0.0]), np.array([9e3, 5e3, 250.0])
-    every = find_seeds(flow, region, start, goal, SPEED, LONGEST, 1000)
-    few = find_seeds(flow, region, start, goal, SPEED, LONGEST, 3)
+    case = GlideCase(start, goal, region.deepest, region.sides(), SPEED, LONGEST)
+    every, few = (find_seeds(flow, region, case, count) for count in (1000, 3))
     distances = [seed.distance for seed in every]
     assert distances == sorted(distances)
     assert few == every[:3]
