@@ -1,5 +1,6 @@
 """Numbers and words of a payload, whatever encoding wrote them."""
 
+import math
 from collections.abc import Sequence
 from reprlib import repr as shorten
 from typing import Any
@@ -20,7 +21,7 @@ def number(value: Any) -> float:
         result = float("nan") if value is None else float(value)
     except (TypeError, ValueError, OverflowError):
         return float("nan")
-    return result if np.isfinite(result) else float("nan")
+    return result if math.isfinite(result) else float("nan")
 
 
 def numbers(value: Any) -> Array:
@@ -60,7 +61,7 @@ def word(value: Any, known: Sequence[str]) -> str:
     code = whole_number(value)
     if code is not None and 0 <= code < len(known):
         return known[code]
-    # most messages do not state most words
+    # most payloads leave most of them out
     return "None" if value is None else shorten(value)
 
 

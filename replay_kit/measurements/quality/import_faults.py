@@ -27,7 +27,7 @@ _LEAST_DECLINATION = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sounding:
-    """A profile with what its message and its vehicle said beside.
+    """A profile with what its message and its vehicle state beside.
 
     Attributes:
         observation: The profile as it was read.

@@ -59,7 +59,7 @@ class Segments:
 def segments(time_ns: NDArray[np.int64], depth: Array, surface_depth: float, leg: float, gap: float) -> Segments:
     """Return the dives, yos and profiles of a track.
 
-    Where a dive begins and ends is said by ``is_submerged``. A sample without a depth, or not
+    ``is_submerged`` is the rule for where a dive begins and ends. A sample without a depth, or not
     later than the one before it, is left out. Over a gap in time, or a step back, no leg goes on, while a dive does.
 
     Args:

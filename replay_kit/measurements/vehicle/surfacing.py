@@ -30,7 +30,7 @@ def detect_surfacing(
     """Return the state after an event, and the fix at which the vehicle is now seen to have surfaced; None when it is not.
 
     That is the first measured position after a dive that is not below the surface depth. Where positions have no depths, it is the last
-    measured one before the first profile of the next dive. Where a dive begins and ends is said by ``is_submerged``.
+    measured one before the first profile of the next dive. ``is_submerged`` is the rule for where a dive begins and ends.
 
     Args:
         state: Before it.
