@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
@@ -166,7 +166,7 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
         ConfigError: The name is unknown.
     """
     if name == "default":
-        return build_estimator(ensemble, config.model_copy(update={"preset": "default"}), TrustConfig())
+        return build_estimator(ensemble, config.model_copy(update={"preset": "default"}), GatingConfig())
     if name == "paper":
         return build_estimator(ensemble, config.model_copy(update={"preset": "paper"}))
     if name == "paper_cells":

@@ -64,7 +64,7 @@ def _dense(scene: Scene) -> Flight:
 
 def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure]:
     """Return which errors a run that does not look for any says that its log speaks of."""
-    suspected = followed.state.evidence.suspected()
+    suspected = followed.state.evidence.significant()
     figures = []
     for name in PLANTED:
         unit, factor = _UNIT[name]

@@ -98,4 +98,4 @@ def follow(
 def _grown(state: EvolvingState, time_ns: int, a_day: float) -> EvolvingState:
     """Return a state whose covariance has grown since the last measurement."""
     days = 0.0 if state.time_ns is None else (time_ns - state.time_ns) / _DAY_NS
-    return replace(state, covariance=a_day**days * state.cov, group=None)
+    return replace(state, covariance=a_day**days * state.cov, open_group=None)

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.core.observation import Innovation, Measurement, Observation
 from replay_kit.studies.missions.flights import measurements
 from replay_kit.studies.missions.follow import Own
@@ -32,8 +32,8 @@ def outliers(scene: Scene) -> list[Figure]:
     ]
     for gate in _GATES:
         method = f"with outliers, gate {gate}"
-        followed = scene.errors(method, _with_gate(scene.own, scene.config.trust, gate), spoilt)
-        most = _OVER_CLEAN if gate == scene.config.trust.gate else np.nan
+        followed = scene.errors(method, _with_gate(scene.own, scene.config.gating, gate), spoilt)
+        most = _OVER_CLEAN if gate == scene.config.gating.gate else np.nan
         figures += [
             Figure(STUDY, method, RMSE, followed.mean()),
             Figure(STUDY, method, "RMSE over that without outliers", followed.mean(), clean.mean(), at_most=most),
@@ -58,5 +58,5 @@ def _doubted(said: Sequence[Innovation], but: set[int]) -> int:
     return sum(of.decision != "accepted" and of.time_ns not in but for of in said)
 
 
-def _with_gate(own: Own, trust: TrustConfig, gate: Literal["reject", "soften", "off"]) -> Own:
-    return replace(own, trust=trust.model_copy(update={"gate": gate}))
+def _with_gate(own: Own, gating: GatingConfig, gate: Literal["reject", "soften", "off"]) -> Own:
+    return replace(own, gating=gating.model_copy(update={"gate": gate}))

@@ -23,7 +23,7 @@ from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.workflows.replay.build import Forecasts, build, flow_at, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoints, run_identity
 from replay_kit.workflows.replay.job import Planner, ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
-from replay_kit.workflows.replay.provenance import bias_notes, prior_notes, run_metadata, run_settings_toml
+from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Run, handle, make_plan, settle_surfacing, work_off, write_grids
 from replay_kit.workflows.replay.statistics import Stopwatch, Tally
@@ -205,7 +205,7 @@ def _conclude(
     kernel = flow.kernel
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    notes = [*forecasts.notes, *run.tally.notes(reports), basis, *prior_notes(run.estimator), *bias_notes(run.estimator, run.state)]
+    notes = [*forecasts.notes, *run.tally.notes(reports), basis, *run.estimator.notes(), *run.estimator.bias_notes(run.state)]
     if run.job.goal is None:
         notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
     if run.writer is not None:

@@ -13,11 +13,11 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import Innovation, Measurement, PathMean, VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Outcome, Surfacing, outcome_of
-from replay_kit.estimator import BLOCK, Estimator
+from replay_kit.estimator import Estimator
 from replay_kit.measurements import Event, Skipped, Used
 from replay_kit.measurements.vehicle.surfacing import SurfacingWatch, watched
 from replay_kit.results import ResultWriter
-from replay_kit.workflows.replay.build import flow_at, weights_of
+from replay_kit.workflows.replay.build import flow_at
 from replay_kit.workflows.replay.job import Planned, Planner, ReplayJob
 from replay_kit.workflows.replay.statistics import Stopwatch, Tally
 
@@ -88,12 +88,12 @@ def handle(run: Run, event: Event) -> None:
         run.tally.used(event.topic)
     elif isinstance(event, Skipped):
         run.tally.skipped(event.topic, event.reason)
-    elif isinstance(event, PathMean) and not getattr(run.estimator, "takes_paths", False):
+    elif isinstance(event, PathMean) and not run.estimator.supports_path_means:
         run.tally.not_taken(event)
     else:
         run.waiting.append(event)
         run.n_observations += isinstance(event, Measurement)
-        if run.n_observations == BLOCK or len(run.waiting) == _WAITING:
+        if run.n_observations == run.estimator.block_size or len(run.waiting) == _WAITING:
             work_off(run)
 
 
@@ -104,7 +104,7 @@ def work_off(run: Run) -> None:
     with run.clock.stage("estimate"):
         done = list(run.estimator.steps(run.state, observations))
         states = [state for state, _ in done]
-        means = weights_of(run.estimator, states)
+        means = run.estimator.weights(states)
     after = iter(zip(done, means, strict=True))
     for event in run.waiting:
         if run.surfaced is not None and event.time_ns > run.surfaced.time_ns:
@@ -128,7 +128,7 @@ def _assimilated(run: Run, observation: Any, state: Any, innovation: Innovation,
     if observation.dive != run.dive:
         run.dive, run.dive_start = observation.dive, run.state
     with run.clock.stage("estimate"):
-        predicted = run.estimator.misfit(run.dive_start, observation)
+        predicted = run.estimator.innovation(run.dive_start, observation)
     run.state = state
     run.tally.observed(innovation, predicted)
     if innovation.accepted:

@@ -174,7 +174,7 @@ class Tally:
         """Return what the gate and the watch did, in words."""
         said = []
         if self._gated:
-            said.append(f"{self._gated} profiles contradicted the estimate and were rejected; [trust] sets the gate")
+            said.append(f"{self._gated} profiles contradicted the estimate and were rejected; [gating] sets the gate")
         if self._softened:
             said.append(f"{self._softened} profiles contradicted the estimate and counted with larger errors")
         if self._inflations:

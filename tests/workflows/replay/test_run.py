@@ -8,7 +8,8 @@ import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import PathMean
-from replay_kit.estimator.update.screening import rejected
+from replay_kit.estimator import Estimator
+from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.job import ReplayJob
 from replay_kit.workflows.replay.session import Run, handle, work_off
 from replay_kit.workflows.replay.statistics import Stopwatch, Tally
@@ -18,18 +19,18 @@ GRID = synthetic.ensemble(n_members=2).grid
 PROFILE = synthetic.random_profiles(GRID, 1)[0]
 
 
-class Recorder:
+class Recorder(Estimator):
     """An estimator that notes what it is given."""
 
-    def __init__(self, takes_paths):
-        self.takes_paths = takes_paths
+    def __init__(self, supports_path_means):
+        self.supports_path_means = supports_path_means
 
     def steps(self, state, measurements):
         for measurement in measurements:
             state = (*state, measurement)
-            yield state, replace(rejected(PROFILE, PROFILE.flags, PROFILE.reasons), accepted=True)
+            yield state, replace(unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons), accepted=True)
 
-    def misfit(self, state, measurement):
+    def innovation(self, state, measurement):
         return np.zeros((PROFILE.depth.size, 2))
 
     def flow(self, state):
@@ -41,8 +42,8 @@ def mean_current():
     return PathMean(5, np.array([1, 4]), two, two, two, two / 3.0, (0.1, 0.2), 0.02, "dac", 1, PROFILE.source)
 
 
-def given(takes_paths):
-    estimator = Recorder(takes_paths)
+def given(supports_path_means):
+    estimator = Recorder(supports_path_means)
     job = ReplayJob((Path("a"),), Path("b"))
     run = Run(estimator, None, None, job, RunConfig(), GRID.levels, Stopwatch(), Tally(), (), ())
     for event in (PROFILE, mean_current(), PROFILE):

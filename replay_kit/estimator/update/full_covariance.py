@@ -1,7 +1,7 @@
-"""A covariance as one matrix, as the prior of what comes next.
+"""A prior whose covariance is one matrix.
 
-After a long survey the rows outnumber the weights, and they lie in all directions. Then nothing is cheaper than the covariance itself, and
-a posterior that is folded into it begins anew, with no rows. Only the blocks on and below the diagonal are kept, a level by a level.
+After a long survey the rows outnumber the weights and span all directions. Then nothing is cheaper than the covariance itself: the
+posterior becomes such a prior, without rows. Only the blocks on and below the diagonal are kept, one for each pair of levels.
 """
 
 from collections.abc import Iterator
@@ -13,19 +13,21 @@ from replay_kit.core.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DensePrior:
-    """A Gaussian of the weights whose covariance has no parts.
+class FullCovariancePrior:
+    """A Gaussian of the weights whose covariance has no further structure.
 
     Attributes:
         mean: shape (Z r,).
         blocks: shape (Z (Z + 1) / 2, r, r), covariance of level 0 with 0, 1 with 0, 1 with 1, 2 with 0 ...
+        settings: Always None.
     """
 
     mean: Array
     blocks: Array
+    settings: None = None
 
-    def times(self, weights: Array) -> Array:
-        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
+    def matvec(self, weights: Array) -> Array:
+        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
         out = np.zeros_like(weights)
         for level, other, block in self._lower():
             out[:, other] += weights[:, level] @ block
@@ -33,7 +35,7 @@ class DensePrior:
                 out[:, level] += weights[:, other] @ block.T
         return out
 
-    def times_modes(self, basis: Array) -> Array:
+    def matvec_modes(self, basis: Array) -> Array:
         """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
         n_modes = basis.shape[1]
         n_levels = self.mean.size // n_modes
@@ -49,7 +51,7 @@ class DensePrior:
         variances = [np.diagonal(block) for level, other, block in self._lower() if level == other]
         return np.asarray(np.sqrt(np.mean(variances, axis=0)))
 
-    def dense(self) -> Array:
+    def covariance(self) -> Array:
         """Return the covariance as one matrix, shape (Z r, Z r)."""
         n, r = self.mean.size, self.blocks.shape[1]
         out = np.empty((n, n))
@@ -58,23 +60,23 @@ class DensePrior:
             out[other * r : (other + 1) * r, level * r : (level + 1) * r] = block.T
         return out
 
-    def less(self, mean: Array, rows: Array) -> "DensePrior":
-        """Return the Gaussian of another mean whose covariance is less by rows' rows; ``rows`` of shape (m, Z r)."""
+    def downdate(self, mean: Array, rows: Array) -> "FullCovariancePrior":
+        """Return the Gaussian of another mean with the Gram matrix of ``rows``, shape (m, Z r), subtracted from the covariance."""
         by_level = rows.reshape(len(rows), -1, self.blocks.shape[1])
         blocks = self.blocks.copy()
         for (level, other, _), block in zip(self._lower(), blocks, strict=True):
             block -= by_level[:, level].T @ by_level[:, other]
-        return DensePrior(mean, blocks)
+        return FullCovariancePrior(mean, blocks)
 
     def _lower(self) -> Iterator[tuple[int, int, Array]]:
         """Yield each block with the levels of its rows and its columns."""
-        level, other = 0, 0
-        for block in self.blocks:
-            yield level, other, block
-            level, other = (level, other + 1) if other < level else (level + 1, 0)
+        n_levels = self.mean.size // self.blocks.shape[1]
+        for (level, other), block in zip(zip(*np.tril_indices(n_levels), strict=True), self.blocks, strict=True):
+            yield int(level), int(other), block
 
 
-def dense_prior(mean: Array, covariance: Array, n_levels: int) -> DensePrior:
+def full_covariance_prior(mean: Array, covariance: Array, n_levels: int) -> FullCovariancePrior:
     """Return a Gaussian, shapes (Z r,) and (Z r, Z r), as a prior."""
     by_level = covariance.reshape(n_levels, mean.size // n_levels, n_levels, -1)
-    return DensePrior(mean, np.stack([by_level[level, :, other] for level in range(n_levels) for other in range(level + 1)]))
+    level, other = np.tril_indices(n_levels)
+    return FullCovariancePrior(mean, by_level[level, :, other])
