@@ -109,5 +109,5 @@ def predict_observation(means: Array, cov: Array, design: Array) -> StatePredict
         gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
         return means + gain.T @ whitened, cov - gain.T @ gain
 
-    predicted, of_rows = design @ means, cross @ design.T
-    return StatePrediction(predicted[:, 0], predicted[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross)
+    of_rows = cross @ design.T
+    return StatePrediction(design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross)
