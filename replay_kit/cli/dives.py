@@ -60,7 +60,7 @@ def dives(
     found = read_dives(logs, settings)
     forecasts = read_forecasts(ensemble, settings, first_ns, place_at)
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
-        estimator = build_evolving(forecasts.series, settings.estimator, settings.time, settings.trust)
+        estimator = build_evolving(forecasts.series, settings.estimator, settings.time, settings.gating)
         result = run_dives(estimator, found, settings, fit, str(ensemble), advance)
     console = console_beside(json_file)
     for note in forecasts.notes:

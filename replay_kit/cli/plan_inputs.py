@@ -15,7 +15,7 @@ from planners.output.waypoints import FORMS
 from replay_kit.cli.options import ends_in, place
 from replay_kit.core.errors import ConfigError, ForecastError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import load
+from replay_kit.core.flow.load import load
 from replay_kit.core.plan import Place
 from replay_kit.results import read_estimate
 

@@ -1,21 +1,39 @@
-"""``[trust]``: which pings the estimator believes, and when it stops believing itself."""
+"""``[gating]``: which profiles the estimator accepts, and when it inflates its own covariance."""
 
+import re
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 
-class TrustConfig(BaseModel):
-    """``[trust]``: gate, softening and the watch over the estimate's own errors; the paper preset uses none of it."""
+class GatingConfig(BaseModel):
+    """``[gating]``: gate, softening and covariance inflation; the paper preset uses none of them."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     gate: Literal["reject", "soften", "off"] = Field(
         default="reject",
-        description="what becomes of a profile beyond the gate; soften lets every profile move the estimate by a bounded amount",
+        description="treatment of a profile that exceeds the gate; soften bounds how far any profile may move the estimate",
     )
-    gate_probability: float = Field(default=1e-5, gt=0.0, lt=0.5, description="of a sound profile beyond the gate")
-    soften_factor: float = Field(default=2.0, gt=0.0, description="K: about how many prior standard deviations a softened profile may move")
-    adapt_errors: bool = Field(default=True, description="grow a profile's errors to those that its own bins show")
-    watch: bool = Field(default=True, description="grow the estimate's uncertainty when most profiles lie outside what it expects")
-    watch_profiles: int = Field(default=20, ge=4, description="number of latest profiles that the watch looks at")
+    gate_probability: float = Field(
+        default=1e-5, gt=0.0, lt=0.5, description="probability that a profile with sound errors exceeds the gate"
+    )
+    soften_factor: float = Field(
+        default=2.0, gt=0.0, description="K: number of prior standard deviations by which a softened profile may move the estimate, about"
+    )
+    adapt_errors: bool = Field(default=True, description="increase a profile's errors to those that the scatter of its own bins shows")
+    inflate: bool = Field(default=True, description="inflate the estimate's covariance when most profiles lie outside its prediction")
+    inflation_profiles: int = Field(default=20, ge=4, description="number of latest profiles on which the inflation is decided")
+
+
+#: Keys of ``[gating]`` by their names in ``[trust]``, as the table was called in results of version 2.
+RENAMED_KEYS = {"watch": "inflate", "watch_profiles": "inflation_profiles"}
+
+
+def with_current_keys(toml: str) -> str:
+    """Return the recorded configuration of a result, as TOML, with ``[trust]`` and its keys under their current names."""
+
+    def renamed(table: re.Match[str]) -> str:
+        return re.sub(r"(?m)^\w+(?= =)", lambda key: RENAMED_KEYS.get(key[0], key[0]), table[0]).replace("[trust]", "[gating]", 1)
+
+    return re.sub(r"(?m)^\[trust\]\n(?:(?!\[).*\n?)*", renamed, toml)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
@@ -203,7 +203,7 @@ class RunConfig(_Section):
     forecast: ForecastConfig = ForecastConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     time: TimeConfig = TimeConfig()
-    trust: TrustConfig = TrustConfig()
+    gating: GatingConfig = GatingConfig()
     planner: PlannerConfig = PlannerConfig()
     output: OutputConfig = OutputConfig()
 
@@ -226,6 +226,9 @@ def load_config(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | 
             raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path}: not TOML: {error}") from error
+    if "trust" in tables:
+        keys = ", ".join(f"{old} is {new}" for old, new in RENAMED_KEYS.items())
+        raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")
     for section, values in (overrides or {}).items():
         given = {key: value for key, value in values.items() if value is not None}
         if given:

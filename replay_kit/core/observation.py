@@ -192,6 +192,8 @@ class Innovation:
         gate: What ``gate_statistic`` was held against; inf without a gate.
         signal_dof: Degrees of freedom for signal: how many independent values of the estimate the observation determined.
         prior_inflation: Factor by which the estimate's covariance was grown after the observation, as too many lay outside it.
+        log_likelihood: Logarithm of the measured values' density under the prediction, with the stated errors, without the constant of
+            2 pi; NaN without a usable bin, or when the estimator predicts no variance.
     """
 
     time_ns: int
@@ -213,3 +215,4 @@ class Innovation:
     gate: float = float("inf")
     signal_dof: float = float("nan")
     prior_inflation: float = 1.0
+    log_likelihood: float = float("nan")

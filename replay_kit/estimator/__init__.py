@@ -1,7 +1,7 @@
-"""The online estimator: basis from the ensemble, prior, Kalman filter."""
+"""Online estimators of the current: basis from the ensemble, prior, Kalman update."""
 
 from replay_kit.estimator.basis.modes import embed_member
-from replay_kit.estimator.filter import BLOCK, FilterState, ReducedBasisEstimator, build_estimator, means_of
 from replay_kit.estimator.interface import Estimator
+from replay_kit.estimator.static.filter import FilterState, ReducedBasisEstimator, build_estimator
 
-__all__ = ["BLOCK", "Estimator", "FilterState", "ReducedBasisEstimator", "build_estimator", "embed_member", "means_of"]
+__all__ = ["Estimator", "FilterState", "ReducedBasisEstimator", "build_estimator", "embed_member"]

@@ -1,36 +1,94 @@
-"""What a replay or an experiment needs of any estimator, whatever its state is made of."""
+"""The interface of every estimator: the static one, the one through time, and the baselines.
 
-from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar
+A state is an immutable value that only its own estimator reads. Everything that a replay, a dry run or a study asks of an estimator is a
+member here; none of them needs to know which estimator it has.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import ClassVar, Protocol, TypeVar
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Innovation, Observation
+from replay_kit.core.observation import Innovation, Measurement
 
 State = TypeVar("State")
 
 
 class Estimator(Protocol[State]):
-    """An estimator whose state is a frozen value that only it looks into."""
+    """An estimator whose state is an immutable value.
+
+    Attributes:
+        supports_path_means: Whether it assimilates means along a path; if not, it must be given profiles alone.
+        block_size: Number of observations after which ``steps`` is most efficient; callers that buffer observations use it.
+    """
+
+    supports_path_means: ClassVar[bool] = False
+    block_size: ClassVar[int] = 1
+
+    @property
+    def state_size(self) -> int:
+        """Number of unknowns in a state."""
+        ...
 
     def initial(self) -> State:
         """Return the state before any observation."""
         ...
 
-    def step(self, state: State, observation: Observation) -> tuple[State, Innovation]:
-        """Return the state after an observation, and what the observation said."""
+    def predict(self, state: State, time_ns: int) -> State:
+        """Return the state at a time [ns, UTC] without observations in between; unchanged for a static estimator or an earlier time."""
+        return state
+
+    def step(self, state: State, observation: Measurement) -> tuple[State, Innovation]:
+        """Return the state after an observation, and its innovation with the observation's log-likelihood.
+
+        An observation without a usable bin leaves the state unchanged.
+        """
         ...
 
-    def steps(self, state: State, observations: Iterable[Observation]) -> Iterator[tuple[State, Innovation]]:
-        """Yield the state after each observation, and what it said; an estimator may look ahead to be quicker."""
+    def steps(self, state: State, observations: Iterable[Measurement]) -> Iterator[tuple[State, Innovation]]:
+        """Yield the state after each observation, and its innovation; an estimator may read ahead to be faster."""
         for observation in observations:
             state, innovation = self.step(state, observation)
             yield state, innovation
 
-    def misfit(self, state: State, observation: Observation) -> Array:
-        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
+    def usable(self, observation: Measurement) -> bool:
+        """Return whether an observation has a bin that ``step`` would use."""
+        ...
+
+    def innovation(self, state: State, observation: Measurement) -> Array:
+        """Return measured minus predicted, shape (n, 2) [m/s], local axes, without assimilation; NaN for bins that are not usable."""
         ...
 
     def flow(self, state: State) -> FlowEstimate:
-        """Return the current estimate that a state stands for."""
+        """Return the current estimate of a state, at the state's time."""
         ...
+
+    def weights(self, states: Sequence[State]) -> Sequence[Array | None]:
+        """Return the mean weights of states, each of shape (Z r,), level after level; None where the basis is not the run's own."""
+        return [None] * len(states)
+
+    @property
+    def basis_size(self) -> tuple[int | None, int | None]:
+        """Number of modes (for each level, where levels have weights of their own) and of elements of the basis; None without a basis."""
+        return None, None
+
+    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
+        """Return a velocity minus the nearest flow that the estimator can represent; None when its flows have no fixed span.
+
+        Args:
+            points: shape (P, 2) [m], local east and north.
+            depth: shape (P,) [m].
+            velocity: shape (P, 2) [m/s], local axes.
+
+        Returns:
+            shape (P, 2) [m/s].
+        """
+        return None
+
+    def notes(self) -> list[str]:
+        """Return notes on how the prior was made, for the user."""
+        return []
+
+    def bias_notes(self, state: State) -> list[str]:
+        """Return notes on systematic errors of the instrument, estimated or significant in the log, for the user."""
+        return []

@@ -7,7 +7,7 @@ from mcap.reader import make_reader
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import load_bytes
+from replay_kit.core.flow.load import load_bytes
 from replay_kit.results.mcap_writer import ESTIMATE_NAME
 
 

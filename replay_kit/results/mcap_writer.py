@@ -13,7 +13,7 @@ import foxglove
 from replay_kit import __version__
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import save_bytes
+from replay_kit.core.flow.lossless import save_bytes
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan

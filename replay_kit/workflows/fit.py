@@ -14,7 +14,7 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import build_basis, correlation_length
-from replay_kit.estimator.prior.fit import FitRow, best, fit_settings, fit_steps, members_in
+from replay_kit.estimator.prior.fit import FitRow, best, fit_settings, fit_steps, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings
 
 
@@ -53,7 +53,7 @@ def fit_prior(
     """
     if ensemble.n_members < 4:
         raise ForecastError(f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}")
-    members = members_in(build_basis(ensemble, config))
+    members = members_in_basis(build_basis(ensemble, config))
     total, done = fit_steps(ensemble.n_members, left_out), 0
 
     def advance() -> None:

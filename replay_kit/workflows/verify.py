@@ -7,7 +7,7 @@ stopped at the first that differs.
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,13 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit import __version__
+from replay_kit.config.gating import with_current_keys
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.results import Difference, Digest, Recorded, first_difference, read_recorded
+from replay_kit.results.mcap_writer import CONFIG_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import Planner
 from replay_kit.workflows.replay.provenance import file_hash
@@ -70,7 +72,7 @@ def verify(
     Raises:
         LogError: The result cannot be read, or an input is not found.
     """
-    recorded = read_recorded(result)
+    recorded = _with_current_keys(read_recorded(result))
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "config.toml"
         settings.write_text(recorded.config_toml, encoding="utf-8")
@@ -90,6 +92,12 @@ def verify(
             difference = first_difference(result, again)
             others = _others_that_differ(recorded, read_recorded(again))
     return Verdict(result, difference.index if difference else made, difference, others, _other_versions(recorded))
+
+
+def _with_current_keys(recorded: Recorded) -> Recorded:
+    """Return what a result states of its run, with the keys of its configuration under their current names."""
+    toml = with_current_keys(recorded.config_toml)
+    return replace(recorded, config_toml=toml, attachments={**recorded.attachments, CONFIG_NAME: toml.encode()})
 
 
 def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Observation
-from replay_kit.estimator import BLOCK, ReducedBasisEstimator, build_estimator, means_of
+from replay_kit.estimator import ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.baselines import build_baseline
 from replay_kit.estimator.baselines.letkf import RADIUS_IN_CELLS
 from replay_kit.estimator.basis.modes import build_basis, cell_size, ensemble_slices
@@ -56,13 +56,13 @@ class Work:
 def online(estimator, observations, mean: bool = True):
     """The state after observations, their innovations, and the time of each with its mean: in blocks, as a replay does."""
     state, said, times = estimator.initial(), [], []
-    for start in range(0, len(observations), BLOCK):
-        block = observations[start : start + BLOCK]
+    for start in range(0, len(observations), ReducedBasisEstimator.block_size):
+        block = observations[start : start + ReducedBasisEstimator.block_size]
 
         def steps(state=state, block=block):
             done = list(estimator.steps(state, block))
             if mean:
-                _ = means_of([after for after, _ in done])
+                _ = estimator.weights([after for after, _ in done])
             return done
 
         took, done = seconds(steps)
@@ -120,7 +120,7 @@ def update_row(work: Work, which: str, where: str, asked: float) -> Row:
     state, said, times = online(estimator, observations)
     grown = peak_mb() - before
     few = 3 if work.tiny else 5
-    mean, cov = estimator.prior.mean, estimator.prior.dense()
+    mean, cov = estimator.prior.mean, estimator.prior.covariance()
     peer_times, early = [], estimator.initial()
     for observation, innovation in zip(observations[:few], said[:few], strict=True):
         design, value, error = slow.rows(estimator, observation)
@@ -161,8 +161,8 @@ def _bytes_read(estimator: ReducedBasisEstimator, state, pings: int) -> float:
     prior = sum(getattr(estimator.prior, name).nbytes for name in ("factor", "horizontal", "variance") if hasattr(estimator.prior, name))
     posterior = state.posterior
     if hasattr(posterior, "matrix"):
-        return pings * (2.0 * prior / BLOCK + posterior.matrix.nbytes / 2.0)
-    return pings / BLOCK * (2.0 * prior + 8.0 * posterior.n_rows**2 / 3.0)
+        return pings * (2.0 * prior / ReducedBasisEstimator.block_size + posterior.matrix.nbytes / 2.0)
+    return pings / ReducedBasisEstimator.block_size * (2.0 * prior + 8.0 * posterior.n_rows**2 / 3.0)
 
 
 def _probed(state, probes):
@@ -175,7 +175,7 @@ def filterpy_rows(work: Work, ours_s: dict[str, float]) -> list[Row]:
     estimator, observation = work.estimators["hybrid"], work.track[0]
     design, value, error = slow.rows(estimator, observation)
     first, innovation = estimator.step(estimator.initial(), observation)
-    cov = estimator.prior.dense()
+    cov = estimator.prior.covariance()
     scaled = error * np.sqrt(innovation.error_inflation)
     peer_s, (mean, _) = seconds(lambda: slow.filterpy_update(estimator.prior.mean, cov, design, value, scaled))
     errors = {"mean_after_1": relative(first.mean, mean)}
@@ -216,11 +216,11 @@ def letkf_row(work: Work) -> Row:
     at_nodes = velocity_kernel(estimator.basis.kernel, grid.nodes, grid.nodes)
     show, offset = at_nodes @ estimator.basis.modes, at_nodes @ estimator.basis.offset
     state, ours_s = estimator.initial(), 0.0
-    for start in range(0, len(work.track), BLOCK):
+    for start in range(0, len(work.track), ReducedBasisEstimator.block_size):
 
-        def publish(state=state, block=work.track[start : start + BLOCK]):
+        def publish(state=state, block=work.track[start : start + ReducedBasisEstimator.block_size]):
             done = [after for after, _ in estimator.steps(state, block)]
-            weights = means_of(done).reshape(-1, show.shape[1])
+            weights = np.stack(estimator.weights(done)).reshape(-1, show.shape[1])
             fields = (weights @ show.T).reshape(len(done), grid.levels.size, -1) + offset.T
             return done[-1], fields[-1]
 
@@ -264,7 +264,7 @@ def end_row(work: Work) -> Row:
     ours_s, state = seconds(lambda: online(estimator, work.track, mean=False)[0])
     took, mean = seconds(lambda: state.mean)
     n = estimator.prior.mean.size
-    normal, right, times = np.diag(1.0 / np.diag(estimator.prior.dense())), np.zeros(n), []
+    normal, right, times = np.diag(1.0 / np.diag(estimator.prior.covariance())), np.zeros(n), []
     right += normal @ estimator.prior.mean
     timed = work.track if work.tiny else work.track[:4]
     for observation in timed:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.estimator import BLOCK, build_estimator, means_of
+from replay_kit.estimator import ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.basis.modes import build_basis
 from tests.benchmarks import scene
 from tests.benchmarks.measure import alone, peak_mb, seconds
@@ -44,9 +44,9 @@ def curves(tiny: bool) -> list[Series]:
 
 def _online(estimator: Any, observations: list[Any]) -> None:
     state = estimator.initial()
-    for start in range(0, len(observations), BLOCK):
-        states = [after for after, _ in estimator.steps(state, observations[start : start + BLOCK])]
-        state, _ = states[-1], means_of(states)
+    for start in range(0, len(observations), ReducedBasisEstimator.block_size):
+        states = [after for after, _ in estimator.steps(state, observations[start : start + ReducedBasisEstimator.block_size])]
+        state, _ = states[-1], estimator.weights(states)
 
 
 def _by(grids: tuple[tuple[int, int], ...], work: Callable[[tuple[int, int]], Callable[[], Any]]) -> Callable[[int], Callable[[], Any]]:

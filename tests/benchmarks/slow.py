@@ -20,7 +20,8 @@ with warnings.catch_warnings():
 def rows(estimator, observation):
     """H, z - offset and the errors' standard deviations of all bins, all east then all north."""
     used = np.arange(observation.depth.size)
-    compressed, values = estimator.rows(observation, used)
+    compressed = estimator.rows(observation, used)
+    values = compressed.values
     weights = depth_weights(estimator.basis.depth_functions, observation.depth, estimator.basis.grid.levels)
     design = np.vstack([np.kron(weights, compressed.basis[c]) for c in range(2)])
     return design, values.T.ravel(), np.tile(compressed.noise.std, 2)
@@ -45,10 +46,11 @@ def batch(estimator, observations, inflation, probes):
     """Mean, and covariance of some probes (p, n) of the weights, from the compressed rows of all profiles at once."""
     designs, values = [], []
     for observation, factor in zip(observations, inflation, strict=True):
-        compressed, value = estimator.rows(observation, np.arange(observation.depth.size))
+        compressed = estimator.rows(observation, np.arange(observation.depth.size))
+        value = compressed.values
         designs.append(compressed.design() / np.sqrt(factor))
         values.append(compressed.compress(value)[0] / np.sqrt(factor))
-    design, prior = np.vstack(designs), estimator.prior.dense()
+    design, prior = np.vstack(designs), estimator.prior.covariance()
     crossed = design @ prior
     factor = scipy.linalg.cho_factor(crossed @ design.T + np.eye(len(design)), lower=True, overwrite_a=True, check_finite=False)
     innovation = np.concatenate(values) - design @ estimator.prior.mean

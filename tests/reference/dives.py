@@ -12,12 +12,12 @@ def conditional(error, cov, known):
 
 def joint(estimator, profiles):
     """Mean, covariance and values of all bins of static profiles at once; each dive has unknowns of its own."""
-    part = estimator.layout.parts["dive_error"]
+    part = estimator.state_space.parts["dive_error"]
     dives = sorted({profile.dive for profile in profiles})
     size = part.stop - part.start
     rows, noise, values = [], [], []
     for profile in profiles:
-        seen = estimator.model.profile(profile, np.arange(profile.depth.size))
+        seen = estimator.operator.profile(profile, np.arange(profile.depth.size))
         k = seen.q.shape[1]
         for c in range(2):
             design = seen.noise.unwhiten @ seen.q @ seen.design[c * k : (c + 1) * k]

@@ -15,7 +15,8 @@ with warnings.catch_warnings():
     from compliance_checker.suite import CheckSuite
 
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import save, write_grid
+from replay_kit.core.flow.lossless import save
+from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.geodesy import to_local
 
 

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from replay_kit.core.errors import ConfigError, ForecastError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import load_bytes
+from replay_kit.core.flow.load import load_bytes
 from replay_kit.core.observation import VehicleState
 from replay_kit.results import CONTRACT_VERSION, ResultWriter, read_estimate
 from replay_kit.results.readback import check_written

@@ -1,167 +1,23 @@
-"""The current estimate as one frozen value: what a planner or an analyst holds.
+"""The current estimate: what a planner or an analyst holds."""
 
-A flow is a sum over levels of a depth function times an incompressible horizontal kernel field,
-
-    f(x, y, z) = sum_j d_j(z) K((x, y), nodes) latent[:, j],
-
-so it is divergence-free in the horizontal wherever it is evaluated. Its uncertainty, when it has one, is a covariance of
-weights w of r modes a level: f = K modes w summed over levels in the same way. Estimates, baselines, truths and ensemble
-members are all this one value.
-"""
-
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from replay_kit.core.arrays import Array
-from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.horizontal import HorizontalKernel, stream_function_kernel, velocity_kernel
-from replay_kit.core.geodesy import inside_grid
-from replay_kit.core.grid import Grid
+from replay_kit.core.flow.field import FlowField
 
 if TYPE_CHECKING:
     import xarray as xr
 
-# Points evaluated at once: bounds the memory of the kernel matrix to some 10 MB for a thousand nodes.
-_CHUNK = 512
-
 
 @dataclass(frozen=True, eq=False)
-class FlowEstimate:
-    """A horizontally divergence-free flow in a box, with its uncertainty when known.
+class FlowEstimate(FlowField):
+    """A horizontally divergence-free flow in a box, with its uncertainty when known, that can be exported and saved.
 
-    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent the kernel fades to zero. Below the
-    last level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
-    Points on land get a value too: ask ``grid.wet``.
-
-    Attributes:
-        grid: Grid, local frame and land mask it was built on; its wet top points are the kernel's nodes.
-        kernel: Horizontal kernel.
-        depth_functions: How levels combine.
-        latent: shape (2N, Z), latent velocities of the flow, all east then all north.
-        modes: shape (2N, r), latent velocities of the modes the uncertainty is expressed in; r = 0 without uncertainty.
-        covariance: Of the weights, or a function that returns it for the weights of some levels, None for all; read ``weight_cov``.
-        time_ns: Time it holds for [ns, UTC]; None when unknown.
-        later: Makes the estimate for another time; None when the flow has no model of time.
+    Attributes and evaluation are those of ``FlowField``. xarray is imported on export only, as most of a run does without it.
     """
-
-    grid: Grid
-    kernel: HorizontalKernel
-    depth_functions: DepthFunctions
-    latent: Array
-    modes: Array
-    covariance: Array | Callable[[tuple[int, ...] | None], Array]
-    time_ns: int | None
-    later: "Callable[[int], FlowEstimate] | None" = None
-
-    def at(self, time_ns: int) -> "FlowEstimate":
-        """Return the estimate for a time [ns, UTC]: where the sea changes, less is known of later times.
-
-        Raises:
-            EstimatorError: The flow carries no model of time, as one read from a file or one of a truth.
-        """
-        if self.later is None:
-            raise EstimatorError(
-                "the flow does not say how it changes in time (read from a file, a truth, a member or a sample); "
-                "ask the estimate of a replay for another time"
-            )
-        return self.later(time_ns)
-
-    @property
-    def nodes(self) -> Array:
-        """Kernel nodes, shape (N, 2) [m]."""
-        return self.grid.nodes
-
-    @property
-    def levels(self) -> Array:
-        """Levels, shape (Z,) [m]."""
-        return self.grid.levels
-
-    @cached_property
-    def weight_cov(self) -> Array:
-        """Covariance of the weights, shape (rZ, rZ) [m^2/s^2 of mode amplitude], level after level."""
-        return self.covariance(None) if callable(self.covariance) else self.covariance
-
-    def __reduce__(self) -> tuple[type["FlowEstimate"], tuple[object, ...]]:
-        """Pickle the covariance itself, not the estimator's state that it would be computed from."""
-        parts = (self.grid, self.kernel, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
-        return type(self), parts
-
-    @property
-    def n_modes(self) -> int:
-        """Number of modes of the uncertainty; 0 when the flow has none."""
-        return int(self.modes.shape[1])
-
-    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
-        """Return the velocity [m/s], local east and north, at points of the local frame.
-
-        Args:
-            east: [m], any shape; the three broadcast together.
-            north: [m].
-            depth: [m], positive down.
-
-        Returns:
-            Array of the broadcast shape with one more axis of length 2.
-        """
-        points, depths, shape = _flatten(east, north, depth)
-        out = np.empty((depths.size, 2))
-        for places, part, at in _by_place(points):
-            by_level = (velocity_kernel(self.kernel, places, self.nodes) @ self.latent).reshape(2, len(places), -1)
-            weights = depth_weights(self.depth_functions, depths[part], self.levels)
-            out[part] = np.einsum("cpz,pz->pc", by_level[:, at], weights)
-        return out.reshape(*shape, 2)
-
-    def stream_function(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
-        """Return psi [m^2/s] with u = dpsi/dy, v = -dpsi/dx, at points of the local frame; shapes as in ``velocity``."""
-        points, depths, shape = _flatten(east, north, depth)
-        out = np.empty(depths.size)
-        for part in _chunks(depths.size):
-            by_level = stream_function_kernel(self.kernel, points[part], self.nodes) @ self.latent
-            out[part] = np.sum(by_level * depth_weights(self.depth_functions, depths[part], self.levels), axis=1)
-        return out.reshape(shape)
-
-    def standard_error(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
-        """Return the standard deviation [m/s] of each velocity component; shapes as in ``velocity``.
-
-        It is NaN outside the grid's outline and below the last level, where nothing is known.
-
-        Raises:
-            EstimatorError: The flow carries no uncertainty.
-        """
-        self._require_uncertainty("standard_error")
-        points, depths, shape = _flatten(east, north, depth)
-        blocks = self._blocks_of(np.flatnonzero(depth_weights(self.depth_functions, np.unique(depths), self.levels).any(axis=0)))
-        variance = np.empty((depths.size, 2))
-        for places, part, at in _by_place(points):
-            basis = (velocity_kernel(self.kernel, places, self.nodes) @ self.modes).reshape(2, -1, self.n_modes)
-            variance[part] = _variance(blocks, basis, at, depth_weights(self.depth_functions, depths[part], self.levels))
-        known = inside_grid(self.grid, *points.T) & (depths <= self.levels[-1])
-        variance[~known] = np.nan
-        return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
-
-    def sample(self, n: int, seed: int) -> tuple["FlowEstimate", ...]:
-        """Return n flows drawn from the Gaussian that the estimate stands for; the same seed gives the same flows.
-
-        Raises:
-            EstimatorError: The flow carries no uncertainty.
-        """
-        self._require_uncertainty("sample")
-        values, vectors = np.linalg.eigh(self.weight_cov)
-        factor = vectors * np.sqrt(np.maximum(values, 0.0))
-        draws = factor @ np.random.default_rng(seed).standard_normal((values.size, n))
-        by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
-        certain = self.certain()
-        return tuple(replace(certain, latent=self.latent + self.modes @ weights.T) for weights in by_level)
-
-    def certain(self) -> "FlowEstimate":
-        """Return the same flow without its uncertainty."""
-        return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
 
     def to_xarray(
         self, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None
@@ -172,69 +28,7 @@ class FlowEstimate:
         return to_dataset(self, longitude, latitude, depth)
 
     def save(self, path: str | Path) -> None:
-        """Write the flow to NetCDF without loss; ``replay_kit.core.flow.netcdf.load`` reads it back."""
-        from replay_kit.core.flow.netcdf import save
+        """Write the flow to NetCDF without loss; ``replay_kit.core.flow.load.load`` reads it back."""
+        from replay_kit.core.flow.lossless import save
 
         save(self, Path(path))
-
-    def _blocks_of(self, levels: NDArray[np.intp]) -> dict[tuple[int, int], Array]:
-        """Return the covariance of some levels' weights in blocks, shape (r, r), by pairs of levels, the later one first.
-
-        The covariance of a few levels alone costs a small share of the whole one, unless that is known already.
-        """
-        chosen, r = tuple(levels.tolist()), self.n_modes
-        if callable(self.covariance) and "weight_cov" not in vars(self) and 2 * len(chosen) <= self.levels.size:
-            cov, rows = self.covariance(chosen), tuple(range(len(chosen)))
-        else:
-            cov, rows = self.weight_cov, chosen
-        parts = [(level, slice(row * r, (row + 1) * r)) for level, row in zip(chosen, rows, strict=True)]
-        return {(j, k): cov[of_j, of_k] for i, (j, of_j) in enumerate(parts) for k, of_k in parts[: i + 1]}
-
-    def _require_uncertainty(self, what: str) -> None:
-        if self.n_modes == 0:
-            raise EstimatorError(f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none")
-
-
-def _variance(blocks: Mapping[tuple[int, int], Array], basis: Array, at: NDArray[np.intp], weights: Array) -> Array:
-    """Return diag(H P H'), shape (P, 2): pairs of levels in turn, because a hat meets only its neighbours.
-
-    Args:
-        blocks: Of P, shape (r, r), by pairs of levels.
-        basis: shape (2, M, r), the modes at the places.
-        at: shape (P,), each point's place: a place's quadratic form serves all points over it.
-        weights: shape (P, Z).
-    """
-    out = np.zeros((weights.shape[0], 2))
-    for (j, k), block in blocks.items():
-        both = weights[:, j] * weights[:, k] * (1.0 if j == k else 2.0)
-        touched = np.flatnonzero(both)
-        if touched.size:
-            places, of_point = np.unique(at[touched], return_inverse=True)
-            for component in range(2):
-                rows = basis[component, places]
-                out[touched, component] += both[touched] * np.einsum("pr,pr->p", rows @ block, rows)[of_point]
-    return out
-
-
-def _flatten(east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:
-    e, n, d = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (east, north, depth)))
-    return np.column_stack([e.ravel(), n.ravel()]), d.ravel(), d.shape
-
-
-def _chunks(size: int) -> Iterator[slice]:
-    for start in range(0, size, _CHUNK):
-        yield slice(start, min(start + _CHUNK, size))
-
-
-def _by_place(points: Array) -> Iterator[tuple[Array, NDArray[np.intp], NDArray[np.intp]]]:
-    """Yield some places, shape (M, 2), the positions of the points that lie there, and which of the places each lies at.
-
-    On a grid, and down a profile, many points lie over one place: what depends on the place alone is computed once.
-    """
-    east_north, at = np.unique(points[:, 0] + 1j * points[:, 1], return_inverse=True)
-    order = np.argsort(at, kind="stable")
-    for part in _chunks(east_north.size):
-        first, last = np.searchsorted(at, [part.start, part.stop], sorter=order)
-        points_here = order[first:last]
-        places = east_north[part]
-        yield np.column_stack([places.real, places.imag]), points_here, at[points_here] - part.start

@@ -1,17 +1,19 @@
-"""The lossless NetCDF form of a flow: the arrays that it is made of, bit for bit, with metadata after CF-1.8.
+"""The lossless NetCDF form of a flow: its arrays, bit for bit, with metadata after CF-1.8.
 
 CF-1.8 has no 64-bit integers, and no floating-point number of seconds since 1970 holds nanoseconds. The coordinate ``time`` is therefore
 in float64 seconds, for any reader, and its attribute ``nanoseconds_since_1970`` holds the exact time as decimal digits, for this one.
 """
 
+import os
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import xarray as xr
 
 from replay_kit import __version__
-from replay_kit.core.flow.depth import DepthFunctions
-from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel
-from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.field import FlowField
 
 FORMAT = "replay_kit.FlowEstimate"
 # since version 2 time is in seconds, with its nanoseconds in an attribute, and wet has the depth last; in version 1 time was an integer of
@@ -21,10 +23,10 @@ READ_VERSIONS = (1, 2)
 CONVENTIONS = "CF-1.8"
 CF_TIME = {"units": "seconds since 1970-01-01", "calendar": "standard"}
 
-_EXACT_TIME = "nanoseconds_since_1970"
+EXACT_TIME = "nanoseconds_since_1970"
 
 
-def history(made_by: str, flow: FlowEstimate) -> str:
+def history(made_by: str, flow: FlowField) -> str:
     """Return the global attribute ``history``: program, version, function and the time of the estimate.
 
     CF leaves its form open. It has no time of writing, because the same flow must give the same bytes.
@@ -37,8 +39,8 @@ def history(made_by: str, flow: FlowEstimate) -> str:
     return f"replay-kit {__version__}: {made_by}(flow{at})"
 
 
-def to_lossless(flow: FlowEstimate) -> xr.Dataset:
-    """Return the flow as the dataset from which ``from_lossless`` makes an equal one."""
+def to_lossless(flow: FlowField) -> xr.Dataset:
+    """Return the flow as the dataset from which ``load`` makes an equal one."""
     grid = flow.grid
     # NetCDF has no dimension of length zero that is not unlimited: a flow without uncertainty has neither modes nor weight_cov.
     values = {
@@ -78,40 +80,7 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
     return xr.Dataset(variables, attrs=attrs)
 
 
-def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
-    """Return the flow of a dataset that was read without decoding times.
-
-    Raises:
-        KeyError: Something is missing in it.
-        ValueError: Its parts do not fit together.
-    """
-    attrs = dataset.attrs
-    values = {str(name): np.asarray(variable.values) for name, variable in dataset.variables.items()}
-    grid = Grid(
-        projection=Projection(float(attrs["projection_longitude"]), float(attrs["projection_latitude"])),
-        longitude=values["longitude"],
-        latitude=values["latitude"],
-        east=values["east"],
-        north=values["north"],
-        levels=values["depth"],
-        wet=np.ascontiguousarray(dataset["wet"].transpose("depth", "y", "x").values.astype(np.bool_)),
-    )
-    latent = values["latent"]
-    kind = attrs["depth_function_kind"]
-    if kind not in ("hat", "gaussian") or latent.shape[0] != 2 * int(grid.wet[0].sum()):
-        raise ValueError(f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {int(grid.wet[0].sum())} nodes")
-    return FlowEstimate(
-        grid=grid,
-        kernel=HorizontalKernel(float(attrs["kernel_length_east"]), float(attrs["kernel_length_north"]), float(attrs["kernel_speed"])),
-        depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
-        latent=latent,
-        modes=values.get("modes", np.empty((latent.shape[0], 0))),
-        covariance=values.get("weight_cov", np.empty((0, 0))),
-        time_ns=_time_ns(dataset),
-    )
-
-
-def _standard(flow: FlowEstimate) -> dict[str, dict[str, str]]:
+def _standard(flow: FlowField) -> dict[str, dict[str, str]]:
     """Return the standard names and units of the variables that have them.
 
     Longitude and latitude have none here: they are numbers the flow is made of, as are the nodes, and no coordinates of the arrays.
@@ -122,13 +91,41 @@ def _standard(flow: FlowEstimate) -> dict[str, dict[str, str]]:
         "north": {"units": "m"},
     }
     if flow.time_ns is not None:
-        named["time"] = {"standard_name": "time", **CF_TIME, _EXACT_TIME: str(int(flow.time_ns))}
+        named["time"] = {"standard_name": "time", **CF_TIME, EXACT_TIME: str(int(flow.time_ns))}
     return named
 
 
-def _time_ns(dataset: xr.Dataset) -> int | None:
-    """Return the exact time [ns, UTC] of either version; None for a flow that holds for no time."""
-    if "time" not in dataset.variables:
-        return None
-    time = dataset.variables["time"]
-    return int(time.values) if dataset.attrs["replay_kit_format_version"] == 1 else int(time.attrs[_EXACT_TIME])
+def save(flow: FlowField, path: Path) -> None:
+    """Write the flow without loss; ``load`` gives equal arrays, bit for bit. The file appears whole or not at all.
+
+    Raises:
+        ConfigError: The file cannot be written.
+    """
+    dataset = to_lossless(flow)
+    write_dataset(dataset, Path(path), {str(name): {"_FillValue": None} for name in dataset.variables})
+
+
+def save_bytes(flow: FlowField) -> bytes:
+    """Return the bytes of the file that ``save`` writes; the same flow and libraries give the same bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "estimate.nc"
+        save(flow, path)
+        return path.read_bytes()
+
+
+def write_dataset(dataset: xr.Dataset, path: Path, encoding: dict[str, dict[str, object]]) -> None:
+    """Write a dataset under a temporary name in the same folder, then rename, so that no reader ever sees half a file.
+
+    Raises:
+        ConfigError: The file cannot be written.
+    """
+    part = path.with_name(path.name + ".part")
+    try:
+        dataset.to_netcdf(part, engine="h5netcdf", encoding=encoding)
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot write: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)

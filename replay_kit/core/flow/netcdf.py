@@ -1,12 +1,5 @@
-"""A flow as a CF dataset for people and programs, and as a lossless NetCDF-4 file that gives the same flow back.
+"""A flow as a CF dataset for people and programs: velocities and standard errors towards true east and true north."""
 
-The CF dataset has velocities towards true east and true north. The lossless file keeps the arrays that the flow is made of,
-bit for bit; it is what ``--save-estimate`` writes and what a result MCAP carries as the attachment ``estimate.nc``.
-"""
-
-import io
-import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +9,11 @@ from scipy.spatial import cKDTree
 
 from replay_kit import __version__
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
+from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.horizontal import velocity_kernel
-from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, FORMAT, READ_VERSIONS, from_lossless, history, to_lossless
+from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, history, write_dataset
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Grid
 
@@ -31,11 +24,11 @@ _COMPONENTS = (("u", "eastward_sea_water_velocity"), ("v", "northward_sea_water_
 
 
 def to_dataset(
-    flow: FlowEstimate, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None
+    flow: FlowField, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None
 ) -> xr.Dataset:
     """Return velocity and standard error towards true east and north as a CF dataset, NaN where dry and below the last level.
 
-    Below the last level nothing is known: ``FlowEstimate.velocity`` continues the last level's flow there, a grid does not show it.
+    Below the last level nothing is known: ``velocity`` continues the last level's flow there, a grid does not show it.
 
     Args:
         flow: The flow.
@@ -95,7 +88,7 @@ def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> N
     return np.asarray(grid.wet.reshape(grid.levels.size, -1)[level, nearest] & on_grid & (depth <= grid.levels[-1]))
 
 
-def write_grid(flow: FlowEstimate, path: Path) -> None:
+def write_grid(flow: FlowField, path: Path) -> None:
     """Write the flow on its own grid as CF NetCDF; the file appears whole or not at all.
 
     Raises:
@@ -107,65 +100,11 @@ def write_grid(flow: FlowEstimate, path: Path) -> None:
     if "time" in dataset.coords:
         # CF-1.8 has no 64-bit integers; the lossless file keeps the nanoseconds.
         encoding["time"] |= {**CF_TIME, "dtype": "float64"}
-    _write(dataset, Path(path), encoding)
-
-
-def save(flow: FlowEstimate, path: Path) -> None:
-    """Write the flow without loss; ``load`` gives equal arrays, bit for bit. The file appears whole or not at all.
-
-    Raises:
-        ConfigError: The file cannot be written.
-    """
-    dataset = to_lossless(flow)
-    _write(dataset, Path(path), {str(name): {"_FillValue": None} for name in dataset.variables})
-
-
-def save_bytes(flow: FlowEstimate) -> bytes:
-    """Return the bytes of the file that ``save`` writes; the same flow and libraries give the same bytes."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "estimate.nc"
-        save(flow, path)
-        return path.read_bytes()
-
-
-def load(path: Path) -> FlowEstimate:
-    """Return the flow that ``save`` wrote.
-
-    Raises:
-        ForecastError: The file is missing, damaged, not such a file, or of another format version.
-    """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise ForecastError(f"{path}: cannot read the flow: {error.strerror}") from error
-    return load_bytes(data, str(path))
-
-
-def load_bytes(data: bytes, name: str) -> FlowEstimate:
-    """Return the flow of a saved file's bytes, such as the attachment ``estimate.nc`` of a result MCAP.
-
-    Args:
-        data: The bytes.
-        name: What to call them in errors.
-
-    Raises:
-        ForecastError: As for ``load``.
-    """
-    try:
-        with xr.open_dataset(io.BytesIO(data), engine="h5netcdf", decode_cf=False) as dataset:
-            kind, version = dataset.attrs.get("replay_kit_format"), dataset.attrs.get("replay_kit_format_version")
-            if kind == FORMAT and version in READ_VERSIONS:
-                return from_lossless(dataset.load())
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise ForecastError(f"{name}: expected a flow saved by replay-kit (NetCDF-4), but it is none or is damaged: {error}") from error
-    if kind != FORMAT:
-        raise ForecastError(f"{name}: a NetCDF file, but not a flow saved by replay-kit (no attribute replay_kit_format = {FORMAT})")
-    known = " and ".join(map(str, READ_VERSIONS))
-    raise ForecastError(f"{name}: flow format version {version}, but this replay-kit reads versions {known}; write it again")
+    write_dataset(dataset, Path(path), encoding)
 
 
 def _target(
-    flow: FlowEstimate, longitude: ArrayLike | None, latitude: ArrayLike | None, depth: ArrayLike | None
+    flow: FlowField, longitude: ArrayLike | None, latitude: ArrayLike | None, depth: ArrayLike | None
 ) -> tuple[Array, Array, Array]:
     """Return longitude and latitude, both (J, I), and depth (D,)."""
     if longitude is None and latitude is None and depth is None:
@@ -179,7 +118,7 @@ def _target(
     return lon, lat, axes[2]
 
 
-def _on_columns(flow: FlowEstimate, longitude: Array, latitude: Array, points: Array, depth: Array) -> tuple[Array, Array | None]:
+def _on_columns(flow: FlowField, longitude: Array, latitude: Array, points: Array, depth: Array) -> tuple[Array, Array | None]:
     """Return velocity and its variance, each (2, D, P) towards true east and north, at every depth over every point.
 
     The kernel is evaluated once per point and the rows of latent flow and modes are turned to true axes together, so that the
@@ -202,14 +141,14 @@ def _on_columns(flow: FlowEstimate, longitude: Array, latitude: Array, points: A
     return velocity, variance
 
 
-def _weight_cov_at(flow: FlowEstimate, by_level: Array) -> Array:
+def _weight_cov_at(flow: FlowField, by_level: Array) -> Array:
     """Return the covariance (r, r) of the mode amplitudes at a depth whose depth functions are ``by_level``."""
     levels = np.flatnonzero(by_level)
     blocks = flow.weight_cov.reshape(flow.levels.size, flow.n_modes, flow.levels.size, flow.n_modes)
     return np.asarray(np.einsum("j,jrks,k->rs", by_level[levels], blocks[levels][:, :, levels], by_level[levels], optimize=True))
 
 
-def _coordinates(flow: FlowEstimate, lon: Array, lat: Array, depth: Array) -> tuple[tuple[str, ...], dict[str, xr.Variable]]:
+def _coordinates(flow: FlowField, lon: Array, lat: Array, depth: Array) -> tuple[tuple[str, ...], dict[str, xr.Variable]]:
     lon_attrs = {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"}
     lat_attrs = {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"}
     depth_attrs = {"standard_name": "depth", "long_name": "depth below the surface", "units": "m", "positive": "down", "axis": "Z"}
@@ -228,17 +167,3 @@ def _coordinates(flow: FlowEstimate, lon: Array, lat: Array, depth: Array) -> tu
 def _spacing(grid: Grid, axis: int) -> float:
     """Return the largest distance [m] between neighbours along an axis of the horizontal grid; 0 for a single row."""
     return float(np.max(np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis)), initial=0.0))
-
-
-def _write(dataset: xr.Dataset, path: Path, encoding: dict[str, dict[str, object]]) -> None:
-    """Write under a temporary name in the same folder, then rename, so that no reader ever sees half a file."""
-    part = path.with_name(path.name + ".part")
-    try:
-        dataset.to_netcdf(part, engine="h5netcdf", encoding=encoding)
-        with part.open("rb") as file:
-            os.fsync(file.fileno())
-        os.replace(part, path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot write: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)

@@ -1,9 +1,9 @@
-"""From a baseline's name to the estimator it stands for."""
+"""Estimators by name."""
 
 from collections.abc import Callable
 from typing import Any
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
@@ -16,7 +16,7 @@ from replay_kit.estimator.baselines.letkf import build_letkf
 from replay_kit.estimator.baselines.naive import build_naive
 from replay_kit.estimator.baselines.nearest import build_nearest
 
-# Any: each kind of state is opaque to whoever holds it, and an estimator is only ever given states that it made itself.
+# Any: a state is opaque to its holder, and an estimator is given only states that it made itself.
 _BUILDERS: dict[str, Callable[[Ensemble, EstimatorConfig], Estimator[Any]]] = {
     "naive3d": build_naive,
     "nearest": build_nearest,
@@ -30,20 +30,20 @@ _OWN = "reduced_basis"
 
 
 def build_named(
-    ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None, trust: TrustConfig | None = None
+    ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None, gating: GatingConfig | None = None
 ) -> Estimator[Any]:
-    """Return the estimator that a configuration names: the project's own, or a baseline.
+    """Return the configured estimator: the project's own, or a baseline.
 
     Args:
         ensemble: The members.
         config: Name, preset and settings.
         depth: Of the goal [m]; ``depth_average`` alone needs it.
-        trust: Gate and watch of the project's own; None believes every profile.
+        gating: Gate and covariance inflation of the project's own; None accepts every profile.
 
     Raises:
         ConfigError: The name is unknown, or the depth is missing.
     """
-    return build_estimator(ensemble, config, trust) if config.name == _OWN else build_baseline(config.name, ensemble, config, depth)
+    return build_estimator(ensemble, config, gating) if config.name == _OWN else build_baseline(config.name, ensemble, config, depth)
 
 
 def build_baseline(name: str, ensemble: Ensemble, config: EstimatorConfig, depth: float | None = None) -> Estimator[Any]:

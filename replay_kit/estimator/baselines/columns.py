@@ -11,6 +11,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.core.grid import Grid
 from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS, cell_size, embed
+from replay_kit.estimator.basis.span import fit_residual
 
 HATS = DepthFunctions("hat", 1.0)
 _CHUNK = 512  # points at once: bounds the memory of the kernel matrix
@@ -56,9 +57,14 @@ class FlowColumns:
             out[part] = np.einsum("cpmz,pz->pcm", at_levels.reshape(2, -1, m, n_levels), weights)
         return out
 
+    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array:
+        """Return a velocity, shape (P, 2) [m/s], minus its least-squares fit by the columns; the places are those of ``velocity``."""
+        design = self.velocity(points, depth)
+        return fit_residual(design.reshape(-1, design.shape[-1]), velocity.ravel()).reshape(-1, 2)
+
 
 def default_kernel(grid: Grid, config: EstimatorConfig) -> HorizontalKernel:
-    """Return the kernel that carries a velocity given at the nodes to other places: the default preset's, of unit speed."""
+    """Return the kernel that interpolates a velocity from the nodes to other places: the default preset's, of unit speed."""
     if config.length_horizontal is not None:
         return HorizontalKernel(config.length_horizontal, config.length_horizontal, 1.0)
     east, north = cell_size(grid)
@@ -84,8 +90,7 @@ def flow_of_ensemble(
 ) -> FlowEstimate:
     """Return the flow whose mean and covariance are those of columns of velocities.
 
-    The mean is kept whole. The covariance is told in the anomalies' leading ``config.modes`` slices, so its variance is too small by
-    what the others carry.
+    The mean is exact. The covariance is expressed in the anomalies' leading ``config.modes`` slices; the variance of the others is missing.
 
     Args:
         grid: The grid.
@@ -104,7 +109,7 @@ def flow_of_ensemble(
     return FlowEstimate(grid, kernel, HATS, latents[:, :n_levels], latents[:, n_levels:], weights.T @ weights, time_ns)
 
 
-def certain_flow(columns: FlowColumns, coefficients: Array, time_ns: int | None) -> FlowEstimate:
+def deterministic_flow(columns: FlowColumns, coefficients: Array, time_ns: int | None) -> FlowEstimate:
     """Return a sum of columns as a flow without uncertainty.
 
     Args:

@@ -1,6 +1,5 @@
 """The default estimate averaged over depth: one current from the surface to a goal's depth (the paper's 2D baseline)."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,44 +10,40 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Innovation, Observation
 from replay_kit.estimator.baselines.columns import HATS
-from replay_kit.estimator.filter import FilterState, ReducedBasisEstimator, build_estimator
+from replay_kit.estimator.static.filter import FilterState, ReducedBasisEstimator, build_estimator
 
-_STEP = 1.0  # m, between the depths averaged; exact for hats, whose corners are among the depths
+_STEP = 1.0  # m, between the depths averaged; exact for hat functions, whose corners are among the depths
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DepthAverage:
-    """An estimator whose flow is the same at all depths.
+class DepthAverage(ReducedBasisEstimator):
+    """The default estimator with a flow that is the same at all depths.
 
     Attributes:
-        full: Does the estimating.
         depth: The average is from the surface down to here [m].
     """
 
-    full: ReducedBasisEstimator
-    depth: float
+    depth: float = 0.0
 
-    def initial(self) -> FilterState:
-        """Return the full estimator's prior."""
-        return self.full.initial()
-
-    def step(self, state: FilterState, observation: Observation) -> tuple[FilterState, Innovation]:
-        """Return the state after an observation, and the innovation, both of the full estimator."""
-        return self.full.step(state, observation)
-
-    def steps(self, state: FilterState, observations: Iterable[Observation]) -> Iterator[tuple[FilterState, Innovation]]:
-        """Yield the state after each observation, and the innovation, both of the full estimator."""
-        return self.full.steps(state, observations)
-
-    def misfit(self, state: FilterState, observation: Observation) -> Array:
-        """Return measured minus predicted by the full estimator, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        return self.full.misfit(state, observation)
+    supports_path_means = False
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the estimate averaged over depth, at every depth."""
-        return average_over_depth(self.full.flow(state), self.depth)
+        return average_over_depth(ReducedBasisEstimator.flow(self, state), self.depth)
+
+    @property
+    def basis_size(self) -> tuple[int | None, int | None]:
+        """No size: the basis of the average is not that of the estimate."""
+        return None, None
+
+    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
+        """Return None: the flow is no longer a combination of the basis at each depth."""
+        return None
+
+    def notes(self) -> list[str]:
+        """Return no notes, as for every baseline."""
+        return []
 
 
 def average_over_depth(flow: FlowEstimate, depth: float) -> FlowEstimate:
@@ -87,4 +82,5 @@ def build_depth_average(ensemble: Ensemble, config: EstimatorConfig, depth: floa
     """
     if depth is None or not depth > 0.0:
         raise ConfigError(f"depth_average: expected a depth > 0 m to average to, got {depth}; give a goal below the surface")
-    return DepthAverage(build_estimator(ensemble, config), depth)
+    full = build_estimator(ensemble, config)
+    return DepthAverage(full.basis, full.prior, full.error_std, full.representation_std, full.time_ns, depth=depth)

@@ -11,23 +11,20 @@ the symmetric square root, which keeps the mean of the anomalies at zero. It equ
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Innovation, Observation
+from replay_kit.core.gaussian import normalised_square
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.baselines.columns import FlowColumns
-from replay_kit.estimator.baselines.profiles import Predictions, innovation_of, usable_bins
-from replay_kit.estimator.filter import ReducedBasisEstimator, build_estimator
-from replay_kit.estimator.interface import Estimator
-from replay_kit.estimator.update.screening import rejected
+from replay_kit.estimator.baselines.profiles import Predictions, ProfileBaseline, ProfileBins
+from replay_kit.estimator.static.filter import ReducedBasisEstimator, build_estimator
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransformState:
-    """What is known of the members' coefficients.
+    """The estimate of the members' coefficients.
 
     Attributes:
         mean: shape (E,), c.
@@ -41,7 +38,7 @@ class TransformState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Etkf(Estimator[TransformState]):
+class Etkf(ProfileBaseline[TransformState]):
     """Ensemble transform in weight space.
 
     Attributes:
@@ -52,71 +49,82 @@ class Etkf(Estimator[TransformState]):
     reduced: ReducedBasisEstimator
     anomalies: Array
 
+    @property
+    def grid(self) -> Grid:
+        """The grid of the forecast."""
+        return self.reduced.basis.grid
+
+    @property
+    def state_size(self) -> int:
+        """Number of coefficients E."""
+        return len(self.anomalies)
+
     def initial(self) -> TransformState:
-        """Return the members as they are."""
-        n_members = self.anomalies.shape[0]
-        return TransformState(np.zeros(n_members), np.eye(n_members), None)
+        """Return the state whose ensemble is the members."""
+        return TransformState(np.zeros(self.state_size), np.eye(self.state_size), None)
 
-    def step(self, state: TransformState, observation: Observation) -> tuple[TransformState, Innovation]:
-        """Return the state after an observation, and the innovation."""
-        bins = usable_bins(observation, self.reduced.basis.grid)
-        if bins.used.size == 0:
-            return state, rejected(observation, bins.flags, bins.reasons)
-        rows, about_offset = self.reduced.rows(observation, bins.used)
+    def assimilate(self, state: TransformState, bins: ProfileBins) -> tuple[TransformState, Predictions]:
+        """Return the state after a profile, and the predictions of its bins."""
+        rows = self.reduced.rows(bins.observation, bins.screened.used)
         design = rows.design()
-        of_member = design @ self.anomalies.T
-        prior_rows = design @ self.reduced.prior.mean
-        innovation = rows.misfit(about_offset, prior_rows + of_member @ state.mean)
-        compressed, left_out = rows.compress(innovation)
-        spread = of_member @ state.transform
-        mean, transform = transform_update(state.mean, state.transform, spread, compressed)
-        predicted = spread @ spread.T
-        lower = np.linalg.cholesky(predicted + np.eye(compressed.size))
-        whitened = scipy.linalg.solve_triangular(lower, compressed, lower=True)
+        of_member, prior = design @ self.anomalies.T, design @ self.reduced.prior.mean
+        before = prior + of_member @ state.mean
+        compressed, residual = rows.compress(rows.values)
+        half_cov = of_member @ state.transform
+        mean, transform = transform_update(state.mean, state.transform, half_cov, compressed - before)
+        cov = half_cov @ half_cov.T
+        square, half_log_det = normalised_square(compressed - before, cov + np.eye(compressed.size))
         predictions = Predictions(
-            bins.values - innovation,
-            bins.values - rows.misfit(about_offset, prior_rows + of_member @ mean),
-            bins.values - rows.misfit(about_offset, prior_rows),
-            np.sqrt(rows.expand_variance(predicted) + rows.noise.std[:, None] ** 2),
+            bins.values - rows.residual(before),
+            bins.values - rows.residual(prior + of_member @ mean),
+            bins.values - rows.residual(prior),
+            np.sqrt(rows.expand_variance(cov) + rows.noise.std[:, None] ** 2),
+            square + residual,
+            -0.5 * (square + residual) - half_log_det - 2.0 * rows.noise.half_log_det,
         )
-        said = innovation_of(observation, bins, predictions, float(whitened @ whitened) + left_out)
-        return TransformState(mean, transform, observation.time_ns), said
+        return TransformState(mean, transform, bins.observation.time_ns), predictions
 
-    def misfit(self, state: TransformState, observation: Observation) -> Array:
-        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        mean = self.reduced.prior.mean + self.anomalies.T @ state.mean
-        return self.reduced.misfit_of(mean, observation)
+    def predict_bins(self, state: TransformState, bins: ProfileBins) -> Array:
+        """Return the velocity predicted at the bins, shape (n, 2) [m/s], local axes."""
+        rows = self.reduced.rows(bins.observation, bins.screened.used)
+        return bins.values - rows.residual(rows.design() @ self._weights(state))
+
+    def _weights(self, state: TransformState) -> Array:
+        """Return the mean of the weights, shape (Z r,)."""
+        return self.reduced.prior.mean + self.anomalies.T @ state.mean
 
     def flow(self, state: TransformState) -> FlowEstimate:
-        """Return the current estimate that a state stands for."""
-        factor = (self.anomalies.T @ state.transform).reshape(self.reduced.basis.grid.levels.size, -1, len(state.transform))
+        """Return the current estimate of a state."""
+        factor = self.anomalies.T @ state.transform
+        return self.reduced.flow_of(self._weights(state), lambda: factor @ factor.T, state.time_ns)
 
-        def covariance(levels: tuple[int, ...] | None) -> Array:
-            rows = factor[slice(None) if levels is None else list(levels)].reshape(-1, factor.shape[2])
-            return np.asarray(rows @ rows.T)
+    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
+        """Return a velocity minus the ensemble mean and the least-squares fit by the anomalies, shape (P, 2) [m/s]."""
+        return self._columns().span_residual(points, depth, velocity - self.mean_velocity(points, depth))
 
-        mean = self.reduced.prior.mean + self.anomalies.T @ state.mean
-        return self.reduced.flow_of(mean, covariance, state.time_ns)
+    def mean_velocity(self, points: Array, depth: Array) -> Array:
+        """Return the velocity of the ensemble mean, shape (P, 2) [m/s]; the places are those of ``span_residual``."""
+        return self.flow(self.initial()).velocity(points[:, 0], points[:, 1], depth)
 
-    def columns(self) -> FlowColumns:
-        """Return the anomalies as flows: what the estimate can differ from the ensemble's mean by."""
+    def _columns(self) -> FlowColumns:
+        """Return the anomalies as flows, which span the estimate's departures from the ensemble mean."""
         basis = self.reduced.basis
         by_level = self.anomalies.reshape(self.anomalies.shape[0], basis.grid.levels.size, -1)
         return FlowColumns(basis.grid, basis.kernel, by_level @ basis.modes.T)
 
 
-def transform_update(mean: Array, transform: Array, spread: Array, innovation: Array) -> tuple[Array, Array]:
+def transform_update(mean: Array, transform: Array, half_cov: Array, innovation: Array) -> tuple[Array, Array]:
     """Return the coefficients' mean and transform after rows with independent noise of unit variance.
 
     Args:
         mean: shape (E,).
         transform: shape (E, E).
-        spread: shape (m, E), Y.
+        half_cov: shape (m, E), Y.
         innovation: shape (m,), d.
     """
-    values, vectors = np.linalg.eigh(np.eye(mean.size) + spread.T @ spread)
-    turned = transform @ vectors
-    return mean + turned @ ((vectors.T @ (spread.T @ innovation)) / values), (turned / np.sqrt(values)) @ vectors.T
+    values, vectors = np.linalg.eigh(np.eye(mean.size) + half_cov.T @ half_cov)
+    rotated = transform @ vectors
+    return mean + rotated @ ((vectors.T @ (half_cov.T @ innovation)) / values), (rotated / np.sqrt(values)) @ vectors.T
 
 
 def build_etkf(ensemble: Ensemble, config: EstimatorConfig) -> Etkf:

@@ -1,12 +1,12 @@
 """Gaussian-process regression of an incompressible flow without an ensemble (Lee et al., arXiv 1901.09513).
 
-The prior is f ~ GP(0, K_h x C_z): the incompressible kernel in the horizontal, hats in depth between levels of covariance C_z. Little
-is taken from the ensemble: how strong the current is at each level and how levels go together (C_z, the second moments of its slices
-about zero), and one length.
+The prior is f ~ GP(0, K_h x C_z): the incompressible kernel in the horizontal, hat functions of depth between levels of covariance C_z.
+The ensemble gives only the variance at each level and the covariance between levels (C_z, the second moments of its slices about zero), and
+one length.
 
 At the nodes K_h = V L V'. With the columns of V L^-1/2 as latent modes the flow is sum_z d_z(depth) K(x, nodes) V L^-1/2 w_z, where
 w ~ N(0, C_z x I): exactly the process at the grid's points, and a Bayesian linear model that the filter of the reduced basis solves.
-Directions that carry next to no variance are left out, and what they carry is added to the bins' error.
+Directions of negligible variance are dropped, and their variance is added to the bins' error.
 """
 
 import numpy as np
@@ -18,8 +18,8 @@ from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import HATS
 from replay_kit.estimator.basis.modes import Basis, cell_size, ensemble_slices
-from replay_kit.estimator.filter import ReducedBasisEstimator
 from replay_kit.estimator.prior.hybrid import HybridPrior
+from replay_kit.estimator.static.filter import ReducedBasisEstimator
 
 # Lengths tried [cells]: shorter is noise on the grid, longer than this a uniform current.
 _SHORTEST, _LONGEST = 0.7, 12.0
@@ -27,8 +27,8 @@ _SHORTEST, _LONGEST = 0.7, 12.0
 _FIT_NODES = 250
 # Instrument error with which the members would be measured, in the fit [m/s].
 _FIT_ERROR_STD = 0.09
-# Share of the prior variance that the modes left out may carry.
-_LEFT_OUT = 1e-4
+# Share of the prior variance that the dropped modes may have.
+_DROPPED = 1e-4
 
 
 def build_gp(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
@@ -39,8 +39,8 @@ def build_gp(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimat
     kernel = HorizontalKernel(length, length, 1.0)
     values, vectors = np.linalg.eigh(velocity_kernel(kernel, grid.nodes, grid.nodes))
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
-    left_out = 1.0 - np.cumsum(values) / values.sum()
-    n_modes = min(int(np.argmax(left_out < _LEFT_OUT)) + 1, config.modes or values.size)
+    dropped = 1.0 - np.cumsum(values) / values.sum()
+    n_modes = min(int(np.argmax(dropped < _DROPPED)) + 1, config.modes or values.size)
     n_levels = grid.levels.size
     no_members = np.empty((0, n_levels, n_modes))
     basis = Basis(
@@ -51,14 +51,11 @@ def build_gp(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimat
         modes=vectors[:, :n_modes] / np.sqrt(values[:n_modes]),
         singular_values=np.sqrt(values),
         member_weights=no_members,
-        truncation_std=np.sqrt(max(left_out[n_modes - 1], 0.0) * np.diag(depth_cov)),
+        truncation_std=np.sqrt(max(dropped[n_modes - 1], 0.0) * np.diag(depth_cov)),
     )
     strength, functions = np.linalg.eigh(depth_cov)
     prior = HybridPrior(np.zeros(n_levels * n_modes), no_members, functions.T, strength[:, None, None] * np.eye(n_modes))
-    representation = basis.truncation_std
-    if config.representation_error_std is not None:
-        representation = np.full_like(representation, config.representation_error_std)
-    return ReducedBasisEstimator(basis, prior, None, representation, ensemble.time_ns)
+    return ReducedBasisEstimator(basis, prior, None, basis.representation_std(config), ensemble.time_ns)
 
 
 def second_moments(slices: Array) -> Array:
@@ -80,14 +77,14 @@ def fit_length(ensemble: Ensemble, depth_cov: Array) -> float:
     nodes = ensemble.grid.nodes
     chosen = np.unique(np.linspace(0, nodes.shape[0] - 1, min(_FIT_NODES, nodes.shape[0])).round().astype(np.intp))
     slices = ensemble_slices(ensemble)[..., np.concatenate([chosen, chosen + nodes.shape[0]])]
-    # levels turned to their principal directions are independent processes with the same kernel
-    variances, turn = np.linalg.eigh(depth_cov)
-    turned = np.einsum("ezn,zq->qen", slices, turn)
+    # the principal components of the levels are independent processes with the same kernel
+    variances, rotation = np.linalg.eigh(depth_cov)
+    components = np.einsum("ezn,zq->qen", slices, rotation)
 
     def cost(log_length: float) -> float:
         length = float(np.exp(log_length))
         kernel = velocity_kernel(HorizontalKernel(length, length, 1.0), nodes[chosen], nodes[chosen])
-        return -expected_log_likelihood(kernel, np.maximum(variances, 0.0), turned, _FIT_ERROR_STD)
+        return -expected_log_likelihood(kernel, np.maximum(variances, 0.0), components, _FIT_ERROR_STD)
 
     cell = float(np.sqrt(np.prod(cell_size(ensemble.grid))))
     bounds = float(np.log(_SHORTEST * cell)), float(np.log(_LONGEST * cell))

@@ -2,11 +2,11 @@
 
 Each horizontal column of the grid has an analysis of its own, in which a profile's precision R^-1 is tapered with its horizontal
 distance (Gaspari and Cohn 1999, Q. J. R. Meteorol. Soc. 125, eq. 4.10). With A the members' anomalies over sqrt(E - 1), each profile p
-says G_p = Y'R^-1 Y and g_p = Y'R^-1 d of the members' coefficients, once and for all; a column at distances d_p then has
+gives the information G_p = Y'R^-1 Y and g_p = Y'R^-1 d on the members' coefficients; a column at distances d_p then has
 
     C^-1 = I + sum_p rho(d_p) G_p,    c = C sum_p rho(d_p) g_p,    anomalies A C^1/2.
 
-All profiles seen so far enter at once, so the order in which they came does not matter.
+All profiles so far enter at once, so their order does not matter.
 """
 
 from dataclasses import dataclass
@@ -16,14 +16,11 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Innovation, Observation
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
-from replay_kit.estimator.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, usable_bins
+from replay_kit.estimator.baselines.profiles import Predictions, ProfileBaseline, ProfileBins, fit_of
 from replay_kit.estimator.basis.modes import cell_size, ensemble_slices
-from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.hybrid import gaspari_cohn
-from replay_kit.estimator.update.screening import rejected, scatter
 
 # Where the taper reaches zero. Shorter leaves gaps between sparse pings, longer lets sampling noise through: of 6, 10, 16 and 24 cells the
 # best falls with the number of pings on eddying flows of 80 to 95 members, and no one radius is best at all of them.
@@ -32,7 +29,7 @@ RADIUS_IN_CELLS = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalState:
-    """What each profile so far said of the members' coefficients; one entry a profile.
+    """The information of each profile so far on the members' coefficients; one entry for each profile.
 
     Attributes:
         places: Each of shape (2,) [m], local east and north.
@@ -48,14 +45,14 @@ class LocalState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Letkf(Estimator[LocalState]):
-    """Local analyses, one a column.
+class Letkf(ProfileBaseline[LocalState]):
+    """Local analyses, one for each column of the grid.
 
     Attributes:
         columns: The members' mean, then their anomalies over sqrt(E - 1), as flows: m = 1 + E.
         velocity: shape (1 + E, Z, 2N) [m/s], of the same at the nodes.
-        radius: Distance at which a profile has no more influence [m].
-        config: Error model, and number of modes in which a flow tells its covariance.
+        radius: Distance at which the influence of a profile ends [m].
+        config: Error model, and number of modes of a flow's covariance.
         time_ns: Time of the forecast.
     """
 
@@ -65,40 +62,42 @@ class Letkf(Estimator[LocalState]):
     config: EstimatorConfig
     time_ns: int | None
 
+    @property
+    def grid(self) -> Grid:
+        """The grid of the forecast."""
+        return self.columns.grid
+
+    @property
+    def state_size(self) -> int:
+        """Number of members E."""
+        return len(self.velocity) - 1
+
     def initial(self) -> LocalState:
         """Return the state before any observation."""
         return LocalState((), (), (), None)
 
-    def step(self, state: LocalState, observation: Observation) -> tuple[LocalState, Innovation]:
-        """Return the state after an observation, and the innovation, predicted by the analysis at the profile's own place."""
-        bins = usable_bins(observation, self.columns.grid)
-        if bins.used.size == 0:
-            return state, rejected(observation, bins.flags, bins.reasons)
+    def assimilate(self, state: LocalState, bins: ProfileBins) -> tuple[LocalState, Predictions]:
+        """Return the state after a profile, and the predictions of its bins by the analysis at the profile's own place."""
         prior, anomalies = self._at_bins(bins)
-        std = error_std(observation, bins.used, self.config)[:, None]
-        y = (anomalies / std[..., None]).reshape(-1, anomalies.shape[-1])
+        std = bins.error_std(self.config)
+        y = (anomalies / std[:, None, None]).reshape(-1, anomalies.shape[-1])
         mean, root = self._analysis(state, bins.place)
         before = prior + anomalies @ mean
-        innovation = ((bins.values - before) / std).ravel()
-        spread = y @ root
-        innovation_cov = np.eye(innovation.size) + spread @ spread.T
         after = LocalState(
             (*state.places, bins.place),
             (*state.information, y.T @ y),
-            (*state.score, y.T @ ((bins.values - prior) / std).ravel()),
-            observation.time_ns,
+            (*state.score, y.T @ ((bins.values - prior) / std[:, None]).ravel()),
+            bins.observation.time_ns,
         )
         now = prior + anomalies @ self._analysis(after, bins.place)[0]
-        innovation_std = std * np.sqrt(np.diag(innovation_cov)).reshape(-1, 2)
-        nis = float(innovation @ np.linalg.solve(innovation_cov, innovation))
-        return after, innovation_of(observation, bins, Predictions(before, now, prior, innovation_std), nis)
+        half_cov = y @ root
+        fit = fit_of((bins.values - before) / std[:, None], std, np.eye(len(y)) + half_cov @ half_cov.T)
+        return after, Predictions(before, now, prior, *fit)
 
-    def misfit(self, state: LocalState, observation: Observation) -> Array:
-        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        bins = usable_bins(observation, self.columns.grid)
+    def predict_bins(self, state: LocalState, bins: ProfileBins) -> Array:
+        """Return the velocity predicted at the bins, shape (n, 2) [m/s], local axes."""
         prior, anomalies = self._at_bins(bins)
-        predicted = prior + anomalies @ self._analysis(state, bins.place)[0]
-        return scatter(observation.depth.size, bins.used, bins.values - predicted)
+        return np.asarray(prior + anomalies @ self._analysis(state, bins.place)[0])
 
     def flow(self, state: LocalState) -> FlowEstimate:
         """Return the columns' analyses, joined by the kernel's interpolation."""
@@ -113,14 +112,14 @@ class Letkf(Estimator[LocalState]):
         time_ns = self.time_ns if state.time_ns is None else state.time_ns
         return flow_of_ensemble(self.columns.grid, self.columns.kernel, mean, anomalies, self.config, time_ns)
 
-    def _at_bins(self, bins: UsableBins) -> tuple[Array, Array]:
+    def _at_bins(self, bins: ProfileBins) -> tuple[Array, Array]:
         """Return the mean, shape (n, 2), and the anomalies, shape (n, 2, E), at the bins [m/s]."""
         both = np.einsum("nz,czm->ncm", bins.depth_weights, self.columns.at_place(bins.place))
         return both[..., 0], both[..., 1:]
 
     def _analysis(self, state: LocalState, place: Array) -> tuple[Array, Array]:
         """Return the coefficients' mean, shape (E,), and the symmetric root of their covariance, shape (E, E), at a place."""
-        n_members = self.velocity.shape[0] - 1
+        n_members = self.state_size
         distance = np.array([np.hypot(*(place - other)) for other in state.places])
         near = np.flatnonzero(distance < self.radius)
         taper = gaspari_cohn(distance[near], self.radius)

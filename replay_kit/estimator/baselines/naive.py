@@ -1,6 +1,6 @@
 """The paper's naive 3D basis: singular vectors of whole members, one weight for each, a diagonal prior of variances.
 
-The 2.5D basis cuts members into depth slices and gives every slice its own weight; here a mode is a flow of all levels, so the estimate
+The 2.5D basis divides members into depth slices with separate weights; here a mode is a flow of all levels, so the estimate
 never leaves the members' span.
 """
 
@@ -12,18 +12,15 @@ import scipy.linalg
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Innovation, Observation
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
-from replay_kit.estimator.baselines.profiles import Predictions, UsableBins, error_std, innovation_of, usable_bins
+from replay_kit.estimator.baselines.profiles import Predictions, ProfileBaseline, ProfileBins, fit_of
 from replay_kit.estimator.basis.modes import ensemble_slices
-from replay_kit.estimator.interface import Estimator
-from replay_kit.estimator.update.screening import rejected, scatter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightState:
-    """What is known of the weights at one time.
+    """The estimate of the weights at one time.
 
     Attributes:
         mean: shape (m,).
@@ -37,8 +34,8 @@ class WeightState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Naive3D(Estimator[WeightState]):
-    """A Kalman filter on one weight a mode.
+class Naive3D(ProfileBaseline[WeightState]):
+    """A Kalman filter with one weight for each mode.
 
     Attributes:
         modes: Basis flows.
@@ -56,44 +53,58 @@ class Naive3D(Estimator[WeightState]):
     config: EstimatorConfig
     time_ns: int | None
 
+    @property
+    def grid(self) -> Grid:
+        """The grid of the forecast."""
+        return self.modes.grid
+
+    @property
+    def state_size(self) -> int:
+        """Number of weights m."""
+        return self.prior_mean.size
+
     def initial(self) -> WeightState:
         """Return the prior as a state."""
         return WeightState(self.prior_mean, np.diag(self.prior_variance), None)
 
-    def step(self, state: WeightState, observation: Observation) -> tuple[WeightState, Innovation]:
-        """Return the state after an observation, and the innovation."""
-        bins = usable_bins(observation, self.modes.grid)
-        if bins.used.size == 0:
-            return state, rejected(observation, bins.flags, bins.reasons)
-        design = self._design(bins)
-        std = error_std(observation, bins.used, self.config)[:, None]
+    def assimilate(self, state: WeightState, bins: ProfileBins) -> tuple[WeightState, Predictions]:
+        """Return the state after a profile, and the predictions of its bins."""
+        design, std = self._design(bins), bins.error_std(self.config)
         before, prior = design @ state.mean, design @ self.prior_mean
-        whitened = (design / std[..., None]).reshape(-1, state.mean.size)
-        mean, cov, predicted, nis = update(state.mean, state.cov, whitened, ((bins.values - before) / std).ravel())
-        innovation_std = std * np.sqrt(np.diag(predicted).reshape(-1, 2) + 1.0)
-        said = innovation_of(observation, bins, Predictions(before, design @ mean, prior, innovation_std), nis)
-        return WeightState(mean, cov, observation.time_ns), said
+        whitened = (design / std[:, None, None]).reshape(-1, state.mean.size)
+        innovation = (bins.values - before) / std[:, None]
+        mean, cov, innovation_cov = update(state.mean, state.cov, whitened, innovation.ravel())
+        predictions = Predictions(before, design @ mean, prior, *fit_of(innovation, std, innovation_cov))
+        return WeightState(mean, cov, bins.observation.time_ns), predictions
 
-    def misfit(self, state: WeightState, observation: Observation) -> Array:
-        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        bins = usable_bins(observation, self.modes.grid)
-        return scatter(observation.depth.size, bins.used, bins.values - self._design(bins) @ state.mean)
+    def predict_bins(self, state: WeightState, bins: ProfileBins) -> Array:
+        """Return the velocity predicted at the bins, shape (n, 2) [m/s], local axes."""
+        return np.asarray(self._design(bins) @ state.mean)
 
     def flow(self, state: WeightState) -> FlowEstimate:
-        """Return the current estimate that a state stands for."""
+        """Return the current estimate of a state."""
         values, vectors = np.linalg.eigh(state.cov)
         anomalies = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, self.velocity, axes=1)
         mean = np.tensordot(state.mean, self.velocity, axes=1)
         time_ns = self.time_ns if state.time_ns is None else state.time_ns
         return flow_of_ensemble(self.modes.grid, self.modes.kernel, mean, anomalies, self.config, time_ns)
 
-    def _design(self, bins: UsableBins) -> Array:
+    @property
+    def basis_size(self) -> tuple[int | None, int | None]:
+        """Number of modes, and of elements of the basis."""
+        return len(self.velocity), self.velocity.size
+
+    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
+        """Return a velocity minus its least-squares fit by the modes, shape (P, 2) [m/s]."""
+        return self.modes.span_residual(points, depth, velocity)
+
+    def _design(self, bins: ProfileBins) -> Array:
         """Return the modes' velocity at the bins, shape (n, 2, m) [m/s]."""
         return np.asarray(np.einsum("nz,czm->ncm", bins.depth_weights, self.modes.at_place(bins.place)))
 
 
-def update(mean: Array, cov: Array, design: Array, innovation: Array) -> tuple[Array, Array, Array, float]:
-    """Return the updated mean and covariance, the rows' predicted covariance without noise, and the rows' NIS.
+def update(mean: Array, cov: Array, design: Array, innovation: Array) -> tuple[Array, Array, Array]:
+    """Return the updated mean and covariance, and the covariance of the innovation.
 
     Args:
         mean: shape (n,).
@@ -103,11 +114,11 @@ def update(mean: Array, cov: Array, design: Array, innovation: Array) -> tuple[A
     """
     cov_design = cov @ design.T
     predicted = design @ cov_design
-    predicted = 0.5 * (predicted + predicted.T)
-    lower = np.linalg.cholesky(predicted + np.eye(innovation.size))
+    innovation_cov = 0.5 * (predicted + predicted.T) + np.eye(innovation.size)
+    lower = np.linalg.cholesky(innovation_cov)
     whitened = scipy.linalg.solve_triangular(lower, innovation, lower=True)
     half_gain = scipy.linalg.solve_triangular(lower, cov_design.T, lower=True)
-    return mean + half_gain.T @ whitened, cov - half_gain.T @ half_gain, predicted, float(whitened @ whitened)
+    return mean + half_gain.T @ whitened, cov - half_gain.T @ half_gain, innovation_cov
 
 
 def build_naive(ensemble: Ensemble, config: EstimatorConfig) -> Naive3D:

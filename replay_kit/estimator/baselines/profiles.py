@@ -1,95 +1,152 @@
-"""A profile as every baseline meets it: the usable bins, their local velocity and error, and the innovation reported of them."""
+"""The part common to baselines that assimilate profiles: usable bins, their local velocity and error, and the published innovation."""
 
 from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.gaussian import normalised_square
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Innovation, Observation
-from replay_kit.estimator.update.screening import rejected, scatter, screen, usable
+from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.estimator.baselines.columns import HATS
+from replay_kit.estimator.interface import Estimator
+from replay_kit.estimator.update.screening import Screened, screen_measurement
+
+State = TypeVar("State")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UsableBins:
-    """The bins of a profile that pass the screening.
+class ProfileBins:
+    """The usable bins of a profile.
 
     Attributes:
-        used: shape (n,), their positions in the observation.
+        observation: The profile.
+        screened: The same after screening.
         place: shape (2,) [m], local east and north.
         depth_weights: shape (n, Z), of the levels at each bin.
         values: shape (n, 2) [m/s], measured, local east and north.
-        flags: of all bins, QARTOD.
-        reasons: of all bins, bit mask of ``Reason``.
     """
 
-    used: NDArray[np.intp]
+    observation: Observation
+    screened: Screened
     place: Array
     depth_weights: Array
     values: Array
-    flags: NDArray[np.int8]
-    reasons: NDArray[np.int32]
 
-
-def usable_bins(observation: Observation, grid: Grid) -> UsableBins:
-    """Return the bins of a profile that an estimate on a grid can be compared with; hats in depth."""
-    flags, reasons = screen(observation, grid)
-    used = np.flatnonzero(usable(flags))
-    place = np.array(to_local(grid.projection, observation.longitude, observation.latitude))
-    weights = depth_weights(DepthFunctions("hat", 1.0), observation.depth[used], grid.levels)
-    velocity = observation.velocity[used]
-    local = np.column_stack(rotate_to_local(grid.projection, observation.longitude, observation.latitude, velocity[:, 0], velocity[:, 1]))
-    return UsableBins(used, place, weights, local, flags, reasons)
-
-
-def error_std(observation: Observation, used: NDArray[np.intp], config: EstimatorConfig) -> Array:
-    """Return the error of each usable bin, shape (n,) [m/s]: its own, the bins' common one and any representation error; or the paper's."""
-    if config.preset == "paper":
-        return np.full(used.size, config.paper_error_std)
-    return np.hypot(np.hypot(observation.error_std[used], observation.common_std), config.representation_error_std or 0.0)
+    def error_std(self, config: EstimatorConfig | None = None) -> Array:
+        """Return the error of each bin, shape (n,) [m/s]: its own, the common one and the representation error; or the paper's."""
+        used = self.screened.used
+        if config is not None and config.preset == "paper":
+            return np.full(used.size, config.paper_error_std)
+        representation = 0.0 if config is None else config.representation_error_std or 0.0
+        return np.hypot(np.hypot(self.observation.error_std[used], self.observation.common_std), representation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Predictions:
-    """What an estimator expected of the usable bins, each of shape (n, 2) [m/s].
+    """Predictions of the usable bins, each of shape (n, 2) [m/s], and the fit of the measured values.
 
     Attributes:
         before: From the state before the update.
         after: From the state after it.
-        prior: From the state that has seen nothing.
-        innovation_std: Predicted standard deviation of measured minus predicted; NaN when the estimator has none.
+        prior: From the state before any observation.
+        innovation_std: Predicted standard deviation of the innovation; NaN when the estimator has none.
+        nis: Normalised innovation squared; NaN likewise.
+        log_likelihood: Without the constant of 2 pi; NaN likewise.
     """
 
     before: Array
     after: Array
     prior: Array
     innovation_std: Array
+    nis: float = float("nan")
+    log_likelihood: float = float("nan")
 
 
-def innovation_of(observation: Observation, bins: UsableBins, predictions: Predictions, nis: float) -> Innovation:
-    """Return the innovation of a profile.
+class ProfileBaseline(Estimator[State], Protocol[State]):
+    """An estimator that assimilates absolute profiles alone, on a grid with hat functions of depth."""
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of the forecast."""
+        ...
+
+    def assimilate(self, state: State, bins: ProfileBins) -> tuple[State, Predictions]:
+        """Return the state after a profile with at least one usable bin, and the predictions of its bins."""
+        ...
+
+    def predict_bins(self, state: State, bins: ProfileBins) -> Array:
+        """Return the velocity predicted at the bins, shape (n, 2) [m/s], local axes."""
+        ...
+
+    def step(self, state: State, observation: Measurement) -> tuple[State, Innovation]:
+        """Return the state after a profile, and the innovation.
+
+        Raises:
+            EstimatorError: The observation is a mean along a path.
+        """
+        bins = profile_bins(observation, self.grid)
+        if bins.screened.used.size == 0:
+            return state, bins.screened.unused
+        after, predictions = self.assimilate(state, bins)
+        return after, innovation_of(bins, predictions)
+
+    def innovation(self, state: State, observation: Measurement) -> Array:
+        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
+        bins = profile_bins(observation, self.grid)
+        return bins.screened.scatter(bins.values - self.predict_bins(state, bins) if bins.screened.used.size else bins.values)
+
+    def usable(self, observation: Measurement) -> bool:
+        """Return whether a profile has a bin that ``step`` would use."""
+        return profile_bins(observation, self.grid).screened.used.size > 0
+
+
+def profile_bins(observation: Measurement, grid: Grid) -> ProfileBins:
+    """Return the bins of a profile that an estimate on a grid can be compared with.
+
+    Raises:
+        EstimatorError: The observation is a mean along a path.
+    """
+    if not isinstance(observation, Observation):
+        raise EstimatorError(
+            "a baseline assimilates profiles only, but got a mean along a path; filter observations by Estimator.supports_path_means"
+        )
+    screened = screen_measurement(observation, grid, relative=False)
+    where = (grid.projection, observation.longitude, observation.latitude)
+    weights = depth_weights(HATS, observation.depth[screened.used], grid.levels)
+    local = np.column_stack(rotate_to_local(*where, *observation.velocity[screened.used].T))
+    return ProfileBins(observation, screened, np.array(to_local(*where)), weights, local)
+
+
+def fit_of(innovation: Array, std: Array, cov: Array) -> tuple[Array, float, float]:
+    """Return innovation standard deviations, shape (n, 2) [m/s], the normalised innovation squared and the log-likelihood.
 
     Args:
-        observation: The profile.
-        bins: Its usable bins, at least one.
-        predictions: Of these bins.
-        nis: Normalised innovation squared of all rows; NaN when the estimator predicts no variance.
+        innovation: shape (n, 2), over the bins' errors.
+        std: shape (n,) [m/s], the bins' errors.
+        cov: shape (2 n, 2 n), predicted covariance of the innovation over the bins' errors, both components of a bin together.
     """
+    nis, half_log_det = normalised_square(innovation.ravel(), cov)
+    log_likelihood = -0.5 * nis - half_log_det - 2.0 * float(np.log(std).sum())
+    return std[:, None] * np.sqrt(np.diag(cov)).reshape(-1, 2), nis, log_likelihood
 
-    def spread(values: Array) -> Array:
-        return scatter(observation.depth.size, bins.used, values)
 
+def innovation_of(bins: ProfileBins, predictions: Predictions) -> Innovation:
+    """Return the innovation of a profile with at least one usable bin."""
+    scatter = bins.screened.scatter
     return replace(
-        rejected(observation, bins.flags, bins.reasons),
-        innovation=spread(bins.values - predictions.before),
-        innovation_std=spread(predictions.innovation_std),
-        residual=spread(bins.values - predictions.after),
-        prior_innovation=spread(bins.values - predictions.prior),
-        nis=nis,
-        dof=2 * bins.used.size,
+        bins.screened.unused,
+        innovation=scatter(bins.values - predictions.before),
+        innovation_std=scatter(predictions.innovation_std),
+        residual=scatter(bins.values - predictions.after),
+        prior_innovation=scatter(bins.values - predictions.prior),
+        nis=predictions.nis,
+        dof=2 * bins.screened.used.size,
         accepted=True,
+        log_likelihood=predictions.log_likelihood,
     )

@@ -1,9 +1,10 @@
 """From ensemble members to a basis: kernel embedding, singular value decomposition, weights of each member.
 
-Stacked vectors hold all east, then all north components at the N wet nodes of a level; matrices of slices hold the levels of a
-member side by side, the members one after another: column e Z + z.
+Stacked vectors hold all east, then all north components at the N wet nodes of a level; in matrices of slices the levels of a
+member are adjacent columns, member after member: column e Z + z.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.estimator.basis.span import fit_residual
 
 # The paper's length in cells: 10 km on its cells of 8.6 km.
 LENGTH_IN_CELLS = 1.16
@@ -30,11 +32,11 @@ class Basis:
         grid: The ensemble's grid; its wet top points are the kernel's nodes.
         kernel: Horizontal kernel.
         depth_functions: How levels combine.
-        offset: shape (2N, Z), latent velocities of the flow about which the weights are counted.
+        offset: shape (2N, Z), latent velocities of the flow whose weights are zero.
         modes: shape (2N, r), latent velocities of the basis flows, the same at every level.
         singular_values: shape (R,), of all modes, R >= r.
         member_weights: shape (E, Z, r).
-        truncation_std: shape (Z,) [m/s], RMS per component of what the modes leave out of the members.
+        truncation_std: shape (Z,) [m/s], RMS truncation error of the members for each component.
     """
 
     grid: Grid
@@ -48,8 +50,42 @@ class Basis:
 
     @property
     def n_modes(self) -> int:
-        """Number of modes r a level."""
+        """Number of modes r for each level."""
         return int(self.modes.shape[1])
+
+    def flow(self, mean: Array, covariance: Array | Callable[[], Array], time_ns: int | None) -> FlowEstimate:
+        """Return the flow of weights.
+
+        Args:
+            mean: shape (Z r,), level after level.
+            covariance: shape (Z r, Z r), or a function that computes it.
+            time_ns: Time it holds for [ns, UTC].
+        """
+        latent = self.offset + self.modes @ mean.reshape(self.grid.levels.size, -1).T
+        return FlowEstimate(self.grid, self.kernel, self.depth_functions, latent, self.modes, covariance, time_ns)
+
+    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array:
+        """Return a velocity minus its least-squares fit by the basis, shape (P, 2) [m/s].
+
+        Every level has weights of its own, so each depth is fitted alone: exact at the basis's levels, a lower bound elsewhere.
+
+        Args:
+            points: shape (P, 2) [m], local east and north.
+            depth: shape (P,) [m].
+            velocity: shape (P, 2) [m/s], local axes.
+        """
+        out = np.empty_like(velocity)
+        for value in np.unique(depth):
+            here = depth == value
+            kernel = velocity_kernel(self.kernel, points[here], self.grid.nodes)
+            offset = kernel @ self.offset @ depth_weights(self.depth_functions, np.array([value]), self.grid.levels)[0]
+            out[here] = fit_residual(kernel @ self.modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
+        return out
+
+    def representation_std(self, config: EstimatorConfig) -> Array:
+        """Return the representation error by level, shape (Z,) [m/s]: the configured one, else that of the truncation."""
+        stated = config.representation_error_std
+        return self.truncation_std if stated is None else np.full_like(self.truncation_std, stated)
 
 
 def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
@@ -85,10 +121,10 @@ def cell_size(grid: Grid) -> tuple[float, float]:
 
 
 def correlation_length(ensemble: Ensemble) -> float:
-    """Return the length over which the members' anomalies stay alike [m]: the standard deviation over that of the gradient.
+    """Return the correlation length of the members' anomalies [m]: the standard deviation over that of the gradient.
 
-    That is the length of the correlation's parabola at no distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
-    components, levels and both directions of the grid. It is at least a cell, below which a grid tells nothing.
+    That is the scale of the correlation's parabola at zero distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
+    components, levels and both directions of the grid. It is at least one cell, the resolution of the grid.
     """
     grid = ensemble.grid
     anomalies = ensemble.velocity - ensemble.velocity.mean(axis=0)
@@ -159,13 +195,13 @@ def _paper_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, depth_func
 
 
 def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: EstimatorConfig) -> Basis:
-    """Hats in depth; SVD of the velocity anomalies about the ensemble's mean, which is kept whole as the offset."""
+    """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset."""
     n_members, n_levels, size = slices.shape
     mean: Array = slices.mean(axis=0)
     anomalies = (slices - mean).reshape(-1, size).T  # (2N, E Z)
     velocity_modes, singular_values = _svd(anomalies, config.modes)
     weights = velocity_modes.T @ anomalies
-    left_out = (anomalies - velocity_modes @ weights).reshape(size, n_members, n_levels)
+    truncated = (anomalies - velocity_modes @ weights).reshape(size, n_members, n_levels)
     velocities: Array = np.hstack([mean.T, velocity_modes])
     latents = embed(kernel, grid.nodes, velocities, config.nugget)
     return Basis(
@@ -176,5 +212,5 @@ def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: 
         latents[:, n_levels:],
         singular_values,
         weights.T.reshape(n_members, n_levels, -1),
-        np.sqrt(np.mean(left_out**2, axis=(0, 1))),
+        np.sqrt(np.mean(truncated**2, axis=(0, 1))),
     )

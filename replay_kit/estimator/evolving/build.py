@@ -1,4 +1,4 @@
-"""A forecast at several times to the estimator of them."""
+"""The estimator through time of a forecast at several times."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,29 +6,26 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import build_basis, correlation_length
-from replay_kit.estimator.evolving.extras import Oscillations, biases, oscillations
+from replay_kit.estimator.evolving.extras import biases, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
-from replay_kit.estimator.evolving.sea import Sea
-from replay_kit.estimator.evolving.seen import Model
-from replay_kit.estimator.evolving.state import Layout
-from replay_kit.estimator.prior.fit import choose_settings, members_in
+from replay_kit.estimator.evolving.observation_operator import ObservationOperator
+from replay_kit.estimator.evolving.process import ProcessModel, mixture_scale
+from replay_kit.estimator.evolving.state_space import StateSpace
+from replay_kit.estimator.prior.fit import Members, choose_settings, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings, localised_part, shifted_in_modes
-from replay_kit.estimator.update.biases import Biases
 
-# A mixture of the members' own evolutions holds longer than the current at a place.
-_TRAJECTORIES_HOLD = 5.0
-# Of the largest spread, below which members are the same but for rounding.
-_SPREAD = 1e-3
+# Share of the largest spread below which the members are equal to rounding.
+_LEAST_SPREAD = 1e-3
 
 
 def build_evolving(
-    forecasts: Sequence[Ensemble], config: EstimatorConfig, time: TimeConfig, trust: TrustConfig | None = None
+    forecasts: Sequence[Ensemble], config: EstimatorConfig, time: TimeConfig, gating: GatingConfig | None = None
 ) -> EvolvingEstimator:
     """Return the estimator of a forecast at its times.
 
@@ -36,55 +33,51 @@ def build_evolving(
         forecasts: The same members on the same grid, one a time, in order; one alone may have no time.
         config: Basis and prior; the preset is the default.
         time: How the current changes, what oscillates, and the instrument's biases.
-        trust: Gate and watch; None believes every observation.
+        gating: Gate and covariance inflation; None accepts every observation with its stated errors.
     """
     pooled = replace(forecasts[0], velocity=np.concatenate([forecast.velocity for forecast in forecasts]))
     basis = build_basis(pooled, config.model_copy(update={"preset": "default"}))
     n_times, n_members = len(forecasts), forecasts[0].n_members
     weights = basis.member_weights.reshape(n_times, n_members, *basis.member_weights.shape[1:])
-    # the time in the middle decides what is fitted
+    # fitted at the time in the middle
     middle = forecasts[n_times // 2]
-    members = replace(members_in(basis), weights=weights[n_times // 2])
+    members = replace(members_in_basis(basis), weights=weights[n_times // 2])
     settings = choose_settings(members, correlation_length(middle), config)
     times_ns = np.array([0 if forecast.time_ns is None else forecast.time_ns for forecast in forecasts], dtype=np.int64)
-    sea = _sea(weights, members.velocity_modes, members.nodes, settings, times_ns, time)
-    representation = basis.truncation_std
-    if config.representation_error_std is not None:
-        representation = np.full_like(representation, config.representation_error_std)
-    swinging = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))
-    errors = biases(time)
-    model = Model(basis, sea, swinging, errors, representation)
-    return EvolvingEstimator(model, layout(sea, swinging, errors, time), trust, forecasts[0].time_ns, time.window)
+    process = _process(weights, members, settings, times_ns, time)
+    oscillating = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))
+    operator = ObservationOperator(basis, process, oscillating, biases(time), basis.representation_std(config))
+    return EvolvingEstimator(operator, state_space(operator, time), gating, forecasts[0].time_ns, time.window)
 
 
-def layout(sea: Sea, swinging: Oscillations, errors: Biases, time: TimeConfig) -> Layout:
-    """Return the order of the unknowns: the sea's, the oscillations', the biases'."""
-    n_knots, start = swinging.knots.size, sea.size
-    pairs = start + np.arange(swinging.size).reshape(-1, 2, n_knots) if n_knots else np.empty((0, 2, 0), dtype=np.intp)
-    scales = np.concatenate([sea.scales, np.full(swinging.size, time.oscillator_scale), np.full(errors.size, np.inf)])
-    end = start + swinging.size
-    parts = {"sea": slice(0, start), "oscillations": slice(start, end), "biases": slice(end, end + errors.size)}
-    return Layout(scales, pairs[:, 0].ravel(), pairs[:, 1].ravel(), np.repeat(swinging.omega, n_knots), parts)
+def state_space(operator: ObservationOperator, time: TimeConfig) -> StateSpace:
+    """Return the state space of an observation operator: unknowns of the process model, then of the oscillations, then of the biases."""
+    process, oscillating, errors = operator.process, operator.oscillations, operator.biases
+    n_knots, start = oscillating.knots.size, process.size
+    pairs = start + np.arange(oscillating.size).reshape(-1, 2, n_knots) if n_knots else np.empty((0, 2, 0), dtype=np.intp)
+    scales = np.concatenate([process.scales, np.full(oscillating.size, time.oscillator_scale), np.full(errors.size, np.inf)])
+    end = start + oscillating.size
+    parts = {"process": slice(0, start), "oscillations": slice(start, end), "biases": slice(end, end + errors.size)}
+    return StateSpace(scales, pairs[:, 0].ravel(), pairs[:, 1].ravel(), np.repeat(oscillating.omega, n_knots), parts)
 
 
-def _sea(
-    weights: Array, velocity_modes: Array, nodes: Array, settings: PriorSettings, times_ns: NDArray[np.int64], time: TimeConfig
-) -> Sea:
+def _process(weights: Array, members: Members, settings: PriorSettings, times_ns: NDArray[np.int64], time: TimeConfig) -> ProcessModel:
     """Return the weights' prior through time; ``weights`` of shape (T, E, Z, r)."""
+    velocity_modes, nodes = members.velocity_modes, members.nodes
     mean = weights.mean(axis=1)
     anomalies = (weights - mean[:, None]) / np.sqrt(weights.shape[1] - 1.0)
     projector = np.asarray(np.linalg.pinv(velocity_modes), dtype=np.float64)
     copies = np.stack([shifted_in_modes(of_time, velocity_modes, projector, nodes, settings.shift) for of_time in anomalies])
     spread = np.sqrt(np.sum(anomalies**2, axis=(1, 2, 3)))
     share = settings.sample_share
-    told = _with_spread(spread)
-    alike = copies[told] / spread[told, None, None, None] / np.sqrt(told.size)
-    local = directions(*localised_part(alike.reshape(-1, *copies.shape[2:]), velocity_modes, projector, nodes, settings.radius))
+    spread_out = _times_with_spread(spread)
+    normalised = copies[spread_out] / spread[spread_out, None, None, None] / np.sqrt(spread_out.size)
+    local = directions(*localised_part(normalised.reshape(-1, *copies.shape[2:]), velocity_modes, projector, nodes, settings.radius))
     scaled = np.sqrt(1.0 - share) * local
-    kept = beyond(scaled * spread.max(), velocity_modes, time.dropped_std)
-    local_scale = forgetting_scale(anomalies, times_ns) if time.scale == "auto" else np.inf if time.scale == "static" else time.scale
-    trajectory_scale = time.trajectory_scale or _TRAJECTORIES_HOLD * local_scale
-    return Sea(times_ns, mean, np.sqrt(share) * copies, spread, scaled[kept], trajectory_scale, local_scale)
+    kept = significant_directions(scaled * spread.max(), velocity_modes, time.dropped_std)
+    local_scale = decorrelation_time(anomalies, times_ns) if time.scale == "auto" else np.inf if time.scale == "static" else time.scale
+    scales = mixture_scale(time.trajectory_scale, local_scale), local_scale
+    return ProcessModel(times_ns, mean, np.sqrt(share) * copies, spread, scaled[kept], *scales)
 
 
 def directions(vertical: Array, horizontal: Array) -> Array:
@@ -101,8 +94,8 @@ def directions(vertical: Array, horizontal: Array) -> Array:
     return np.concatenate(out)
 
 
-def beyond(local: Array, velocity_modes: Array, bound: float) -> Array:
-    """Return which directions are needed, so that the others together nowhere have a standard deviation above a bound.
+def significant_directions(local: Array, velocity_modes: Array, bound: float) -> Array:
+    """Return the directions to keep, so that the others together have a standard deviation of at most a bound everywhere.
 
     Args:
         local: shape (B, Z, r).
@@ -115,13 +108,13 @@ def beyond(local: Array, velocity_modes: Array, bound: float) -> Array:
     return np.sort(order[~dropped])
 
 
-def _with_spread(spread: Array) -> NDArray[np.intp]:
-    """Return the times at which the members differ: they may all begin from one analysis."""
-    return np.flatnonzero(spread > _SPREAD * spread.max())
+def _times_with_spread(spread: Array) -> NDArray[np.intp]:
+    """Return the times at which the members differ: they may all start from one analysis."""
+    return np.flatnonzero(spread > _LEAST_SPREAD * spread.max())
 
 
-def forgetting_scale(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
-    """Return how long anomalies stay as they are [s]: from their correlation between neighbouring times, pooled over all; inf for one time.
+def decorrelation_time(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
+    """Return the decorrelation time of anomalies [s], from their correlation between neighbouring times, pooled; inf for one time.
 
     Args:
         anomalies: shape (T, E, Z, r).
@@ -129,13 +122,13 @@ def forgetting_scale(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
     """
     if len(anomalies) < 2:
         return float("inf")
-    told = _with_spread(np.linalg.norm(anomalies.reshape(len(anomalies), -1), axis=1))
-    if told.size < 2:
+    spread_out = _times_with_spread(np.linalg.norm(anomalies.reshape(len(anomalies), -1), axis=1))
+    if spread_out.size < 2:
         return float("inf")
-    flat = anomalies[told].reshape(told.size, -1)
+    flat = anomalies[spread_out].reshape(spread_out.size, -1)
     size = np.linalg.norm(flat, axis=1)
-    alike = np.sum(flat[1:] * flat[:-1], axis=1) / (size[1:] * size[:-1])
-    seconds = np.diff(times_ns[told]) / 1e9
-    # a correlation of nearly one or of nothing tells no rate
-    rate = -np.log(np.clip(alike, 0.01, 1.0 - 1e-9)) / seconds
+    correlation = np.sum(flat[1:] * flat[:-1], axis=1) / (size[1:] * size[:-1])
+    seconds = np.diff(times_ns[spread_out]) / 1e9
+    # a correlation of nearly one or of zero gives no rate
+    rate = -np.log(np.clip(correlation, 0.01, 1.0 - 1e-9)) / seconds
     return float(1.0 / np.mean(rate))

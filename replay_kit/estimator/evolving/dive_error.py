@@ -1,8 +1,8 @@
-"""An error that all profiles of one dive share: those of an inversion, which takes a dive's pings together.
+"""An error shared by all profiles of one dive: those of an inversion, which solves for a dive's pings together.
 
-The legs of a dive agree with each other better than with the dives before and after, whatever the sea did. Taken for the sea's, that
-would look like a current that changes within hours; taken for each profile's own, the second leg would count as if it were news. So it is
-a part of the state: a structure in depth, the same for a dive's profiles, that begins anew with each dive.
+The legs of a dive agree with each other better than with the dives before and after, independent of the current. Attributed to the
+current, that would look like a change within hours; attributed to each profile alone, the second leg would count as independent data. So
+it is a part of the state: a function of depth, common to a dive's profiles, that is reset at each dive.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,65 +14,66 @@ from numpy.typing import NDArray
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.observation import Measurement, Observation, PathMean
 from replay_kit.estimator.evolving.extras import Oscillations, oscillations
-from replay_kit.estimator.evolving.filter import EvolvingEstimator, EvolvingState
-from replay_kit.estimator.evolving.seen import Model, Seen
+from replay_kit.estimator.evolving.filter import EvolvingEstimator
+from replay_kit.estimator.evolving.observation_operator import LinearObservation, ObservationOperator
+from replay_kit.estimator.evolving.superobservation import EvolvingState
 
 _PART = "dive_error"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DiveErrorModel(Model):
-    """What of the state an observation is about, with the error that the profiles of its dive share.
+class DiveErrorOperator(ObservationOperator):
+    """The map from the state to observations, with the error shared by the profiles of a dive.
 
     Attributes:
-        dive_error: Its structure in depth, one pair (east, north) that does not turn.
+        dive_error: Its structure in depth, one pair (east, north) that does not rotate.
     """
 
     dive_error: Oscillations
 
-    def profile(self, observation: Observation, used: NDArray[np.intp]) -> Seen:
+    def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:
         """Return the rows of a profile's usable bins."""
         # the class that slots make is not the one that super() would look for
-        seen = Model.profile(self, observation, used)
+        rows = ObservationOperator.profile(self, observation, used)
         weights = self.dive_error.weights(observation.depth[used])
-        k = seen.q.shape[1]
-        q, r = np.linalg.qr(np.hstack([seen.q, seen.noise.whiten @ weights]))
-        design = [np.hstack([r[:, :k] @ seen.design[c * k : (c + 1) * k], r[:, k:] @ self.dive_error.factor(c)]) for c in range(2)]
-        return Seen(q, seen.noise, np.vstack(design), seen.values)
+        k = rows.q.shape[1]
+        q, r = np.linalg.qr(np.hstack([rows.q, rows.noise.whiten @ weights]))
+        design = [np.hstack([r[:, :k] @ rows.design[c * k : (c + 1) * k], r[:, k:] @ self.dive_error.factor(c)]) for c in range(2)]
+        return replace(rows, q=q, design=np.vstack(design))
 
-    def path(self, mean: PathMean) -> Seen:
-        """Return the rows of a mean along a path, which no inversion made."""
-        seen = Model.path(self, mean)
-        return replace(seen, design=np.hstack([seen.design, np.zeros((2, self.dive_error.size))]))
+    def path(self, mean: PathMean) -> LinearObservation:
+        """Return the rows of a mean along a path, which is not made by an inversion."""
+        rows = ObservationOperator.path(self, mean)
+        return replace(rows, design=np.hstack([rows.design, np.zeros((2, self.dive_error.size))]))
 
 
 def with_dive_error(estimator: EvolvingEstimator, std: float, depth_length: float) -> EvolvingEstimator:
-    """Return an estimator that counts with an error shared by the profiles of a dive; tell it of each new dive by ``new_dive``.
+    """Return an estimator with an error shared by the profiles of a dive; ``new_dive`` resets it at each new dive.
 
     Args:
         estimator: Without such an error.
-        std: Of each component [m/s].
-        depth_length: Over which it stays alike in depth [m].
+        std: Standard deviation of each component [m/s].
+        depth_length: Its correlation length in depth [m].
     """
-    model, layout = estimator.model, estimator.layout
+    operator, space = estimator.operator, estimator.state_space
     shape = TimeConfig(oscillators=("steady",), oscillator_std=std, oscillator_depth_length=depth_length)
-    error = oscillations(shape, 0.0, float(model.basis.grid.levels[-1]))
-    whole = DiveErrorModel(model.basis, model.sea, model.oscillations, model.biases, model.representation_std, error)
-    parts = {**layout.parts, _PART: slice(layout.size, layout.size + error.size)}
-    scales = np.concatenate([layout.scales, np.full(error.size, np.inf)])
-    return replace(estimator, model=whole, layout=replace(layout, scales=scales, parts=parts))
+    error = oscillations(shape, 0.0, float(operator.basis.grid.levels[-1]))
+    whole = DiveErrorOperator(operator.basis, operator.process, operator.oscillations, operator.biases, operator.representation_std, error)
+    parts = {**space.parts, _PART: slice(space.size, space.size + error.size)}
+    scales = np.concatenate([space.scales, np.full(error.size, np.inf)])
+    return replace(estimator, operator=whole, state_space=replace(space, scales=scales, parts=parts))
 
 
 def new_dive(estimator: EvolvingEstimator, state: EvolvingState) -> EvolvingState:
-    """Return the state at the beginning of a dive, of whose own error nothing is known; unchanged for an estimator without one."""
-    part = estimator.layout.parts.get(_PART)
+    """Return the state at the beginning of a dive, with that dive's own error unknown; unchanged for an estimator without such an error."""
+    part = estimator.state_space.parts.get(_PART)
     if part is None:
         return state
     means, cov = state.means.copy(), state.cov.copy()
     means[part] = 0.0
     cov[part], cov[:, part] = 0.0, 0.0
     cov[part, part] = np.eye(part.stop - part.start)
-    return replace(state, means=means, covariance=cov, group=None)
+    return replace(state, means=means, covariance=cov, open_group=None)
 
 
 def by_dive(observations: Sequence[Measurement]) -> Iterator[tuple[bool, Measurement]]:

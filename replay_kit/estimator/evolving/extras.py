@@ -1,4 +1,4 @@
-"""What a profile holds besides the sea's slow current: oscillations, and the instrument's own errors where they are estimated."""
+"""Parts of the state beside the slow current: oscillations, and systematic errors of the instrument where they are estimated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ _KNOTS_A_LENGTH = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Oscillations:
-    """Currents uniform over the region that turn or swing at a known frequency, each with a depth structure of its own.
+    """Horizontally uniform currents that oscillate at a known frequency, each with a depth structure of its own.
 
-    A near-inertial one turns as a vector, clockwise in the north: one pair, (east, north). A tide has an ellipse: a pair for each
-    component, of which the first is the current now and the second what it will be a quarter period later. A
-    steady one is (east, north) that does not turn: what the forecast's levels are too far apart to show.
+    A near-inertial one rotates as a vector, clockwise in the north: one pair, (east, north). A tide has an ellipse: a pair for each
+    component, of which the first is the current now and the second its value a quarter period later. A
+    steady one is (east, north) that does not rotate: structure between the forecast's levels.
 
     Attributes:
         knots: shape (K,) [m], depths between which an oscillation is linear; empty without oscillations.
-        root: shape (K, K) [m/s], knots from independent unknowns.
+        root: shape (K, K) [m/s], maps independent unknowns to the knots.
         omega: shape (q,), of each pair [rad/s].
-        inertial: shape (q,), whether the pair is (east, north) of one that turns.
+        inertial: shape (q,), whether the pair is (east, north) of a rotating one.
         component: shape (q,), of a tide's pair: 0 east, 1 north.
     """
 
@@ -51,7 +51,7 @@ class Oscillations:
         return depth_weights(DepthFunctions("hat", 1.0), depth, self.knots)
 
     def factor(self, component: int) -> Array:
-        """Return what one of each unknown does to a component at the knots, shape (K, size) [m/s]; pair after pair, first then second."""
+        """Return the effect of one unit of each unknown on a component at the knots, shape (K, size) [m/s]; pair after pair."""
         nothing = np.zeros_like(self.root)
         blocks: list[Array] = []
         for inertial, of_pair in zip(self.inertial, self.component, strict=True):
@@ -62,7 +62,7 @@ class Oscillations:
         return np.hstack(blocks) if blocks else np.empty((self.knots.size, 0))
 
     def at(self, rows: Array, seconds: float) -> Array:
-        """Return rows, shape (size,), for unknowns that are given at another time, ``seconds`` later when negative."""
+        """Return rows, shape (size,), for unknowns given at another time, ``seconds`` later when negative."""
         pairs = rows.reshape(self.omega.size, 2, self.knots.size)
         cosine, sine = np.cos(self.omega * seconds)[:, None], np.sin(self.omega * seconds)[:, None]
         # x(t + s) = R(s) x(t), so h x(t + s) = (R(s)' h) x(t)
@@ -70,10 +70,10 @@ class Oscillations:
 
 
 def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscillations:
-    """Return the oscillations asked for.
+    """Return the configured oscillations.
 
     Args:
-        config: Which, how strong, and how alike in depth.
+        config: Names, standard deviations and correlation lengths in depth.
         latitude: Of the region's centre [degrees north], for the inertial frequency.
         deepest: [m].
     """
@@ -92,12 +92,12 @@ def oscillations(config: TimeConfig, latitude: float, deepest: float) -> Oscilla
     length = config.oscillator_depth_length
     n_knots = max(2, int(np.ceil(_KNOTS_A_LENGTH * deepest / length)) + 1) if omega else 0
     knots = np.linspace(0.0, deepest, n_knots)
-    alike = np.exp(-0.5 * ((knots[:, None] - knots) / length) ** 2) + 1e-9 * np.eye(n_knots)
-    root = np.asarray(config.oscillator_std * np.linalg.cholesky(alike), dtype=np.float64)
+    correlation = np.exp(-0.5 * ((knots[:, None] - knots) / length) ** 2) + 1e-9 * np.eye(n_knots)
+    root = np.asarray(config.oscillator_std * np.linalg.cholesky(correlation), dtype=np.float64)
     return Oscillations(knots, root, np.array(omega), inertial, component)
 
 
 def biases(config: TimeConfig) -> Biases:
-    """Return the biases asked for."""
+    """Return the configured biases."""
     std = {"heading": np.deg2rad(config.heading_bias_std), "scale": config.scale_bias_std, "shear": config.shear_bias_std}
     return Biases(tuple(config.biases), np.array([std[name] for name in config.biases], dtype=np.float64))

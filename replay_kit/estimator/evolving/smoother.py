@@ -1,8 +1,8 @@
-"""What the sea was like, from observations before and after: for analysis once a mission is over.
+"""The smoother: estimates from observations before and after a time, for analysis once a mission is over.
 
-The filter runs forward and keeps what each observation did. Backward, the adjoint l and its covariance A gather what later observations say
-(modified Bryson-Frazier; Bierman 1973, Automatica 9; Sage and Melsa 1971, section 9.5). With h the rows over their error, S = h P h' + I,
-K = P h' S^-1, innovation e and the transition F:
+The filter runs forward and keeps the gain of each observation. Backward, the adjoint l and its covariance A accumulate the information of
+later observations (modified Bryson-Frazier; Bierman 1973, Automatica 9; Sage and Melsa 1971, section 9.5). With h the rows over their
+error, S = h P h' + I, K = P h' S^-1, innovation e and the transition F:
 
     through an observation:   l <- C' l - h' S^-1 e,    A <- C' A C + h' S^-1 h,    C = I - K h,
     through a time:           l <- F' l,    A <- F' A F,
@@ -18,35 +18,36 @@ import scipy.linalg
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.observation import Innovation, Observation, PathMean
-from replay_kit.estimator.evolving.filter import EvolvingEstimator, EvolvingState, Offered
-from replay_kit.estimator.evolving.state import Layout
+from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.estimator.evolving.filter import Candidate, EvolvingEstimator
+from replay_kit.estimator.evolving.state_space import StateSpace
+from replay_kit.estimator.evolving.superobservation import EvolvingState
 
 _NS = 1e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """What an observation did to the state.
+    """The update of the state by an observation.
 
     Attributes:
-        time_ns: For when the filter counted it [ns, UTC]: never before an earlier step, also when the observation came late.
+        time_ns: Time for which it counted [ns, UTC]: never before an earlier step, even if the observation came late.
         rows: shape (m, n), h.
         gain: shape (m, n), K'.
-        told: shape (m,), S^-1 e.
+        innovation: shape (m,), S^-1 e.
         precision: shape (m, m), S^-1.
     """
 
     time_ns: int
     rows: Array
     gain: Array
-    told: Array
+    innovation: Array
     precision: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjoint:
-    """What later observations say of a state.
+    """The information of later observations on a state.
 
     Attributes:
         mean: shape (n,), l.
@@ -58,42 +59,42 @@ class Adjoint:
     cov: Array
     time_ns: int
 
-    def at(self, layout: Layout, time_ns: int) -> "Adjoint":
+    def at(self, space: StateSpace, time_ns: int) -> "Adjoint":
         """Return the same for an earlier time."""
         seconds = (self.time_ns - time_ns) / _NS
         if seconds == 0.0:
             return self
-        kept = np.exp(-seconds / layout.scales)
-        mean = layout.turned(kept * self.mean, -seconds)
-        cov = layout.turned(layout.turned(self.cov * np.outer(kept, kept), -seconds).T, -seconds)
+        kept = np.exp(-seconds / space.scales)
+        mean = space.rotated(kept * self.mean, -seconds)
+        cov = space.rotated(space.rotated(self.cov * np.outer(kept, kept), -seconds).T, -seconds)
         return Adjoint(mean, cov, time_ns)
 
     def before(self, step: Step) -> "Adjoint":
-        """Return the same with an observation at its time among the later ones."""
-        mean = self.mean - step.rows.T @ (step.gain @ self.mean + step.told)
+        """Return the adjoint before an observation at its time, which is then one of the later ones."""
+        mean = self.mean - step.rows.T @ (step.gain @ self.mean + step.innovation)
         through = step.gain @ self.cov  # (m, n), K' A
         inner = through @ step.gain.T + step.precision
         crossed = step.rows.T @ through
         return Adjoint(mean, self.cov - crossed - crossed.T + step.rows.T @ inner @ step.rows, step.time_ns)
 
     def smoothed(self, state: EvolvingState) -> EvolvingState:
-        """Return a state, of observations up to its time, with the later ones."""
+        """Return a state, which contains observations up to its time, after the later ones."""
         cov = state.cov - state.cov @ self.cov @ state.cov
         means = state.means.copy()
         means[:, 0] -= state.cov @ self.mean
-        return replace(state, means=means, covariance=0.5 * (cov + cov.T), group=None)
+        return replace(state, means=means, covariance=0.5 * (cov + cov.T), open_group=None)
 
 
 def smooth(
-    estimator: EvolvingEstimator, observations: Iterable[Observation | PathMean], times_ns: Sequence[int], lag: float | None = None
+    estimator: EvolvingEstimator, observations: Iterable[Measurement], times_ns: Sequence[int], lag: float | None = None
 ) -> list[FlowEstimate]:
     """Return the current estimates at times, from the observations before and after them.
 
     Args:
-        estimator: Of the sea through time; its gate decides forward, as in a replay.
-        observations: In the order in which the filter is given them; late ones count when they count there.
-        times_ns: Wanted times [ns, UTC], in any order.
-        lag: Only observations up to so long after a time count for it [s]; None counts all.
+        estimator: The estimator through time; its gate decides in the forward pass, as in a replay.
+        observations: In the order of the forward pass; late ones count at the time for which they count there.
+        times_ns: Times of the estimates [ns, UTC], in any order.
+        lag: Fixed lag [s]: only observations up to this long after a time count for it; None counts all.
     """
     wanted = sorted(set(times_ns))
     states, steps = _forward(estimator, observations, wanted)
@@ -102,51 +103,51 @@ def smooth(
         adjoint, left = _nothing(estimator, max([*wanted, *(step.time_ns for step in steps)], default=0)), list(steps)
         for time_ns in reversed(wanted):
             while left and left[-1].time_ns > time_ns:
-                adjoint = adjoint.at(estimator.layout, left[-1].time_ns).before(left.pop())
-            adjoint = adjoint.at(estimator.layout, time_ns)
+                adjoint = adjoint.at(estimator.state_space, left[-1].time_ns).before(left.pop())
+            adjoint = adjoint.at(estimator.state_space, time_ns)
             smoothed[time_ns] = adjoint.smoothed(states[time_ns])
     else:
         for time_ns in wanted:
             adjoint = _nothing(estimator, time_ns + int(lag * _NS))
             for step in reversed([step for step in steps if time_ns < step.time_ns <= adjoint.time_ns]):
-                adjoint = adjoint.at(estimator.layout, step.time_ns).before(step)
-            smoothed[time_ns] = adjoint.at(estimator.layout, time_ns).smoothed(states[time_ns])
+                adjoint = adjoint.at(estimator.state_space, step.time_ns).before(step)
+            smoothed[time_ns] = adjoint.at(estimator.state_space, time_ns).smoothed(states[time_ns])
     return [replace(estimator.flow(smoothed[time_ns]), later=None) for time_ns in times_ns]
 
 
 def _nothing(estimator: EvolvingEstimator, time_ns: int) -> Adjoint:
-    size = estimator.layout.size
+    size = estimator.state_space.size
     return Adjoint(np.zeros(size), np.zeros((size, size)), time_ns)
 
 
 def _forward(
-    estimator: EvolvingEstimator, observations: Iterable[Observation | PathMean], wanted: Sequence[int]
+    estimator: EvolvingEstimator, observations: Iterable[Measurement], wanted: Sequence[int]
 ) -> tuple[dict[int, EvolvingState], list[Step]]:
-    """Return the filter's states at wanted times, after the observations that counted up to each, and what every observation did."""
+    """Return the filter's states at wanted times, after the observations that counted up to each, and every update."""
     state, left = estimator.initial(), list(wanted)
     states: dict[int, EvolvingState] = {}
     steps: list[Step] = []
     for observation in observations:
-        offered = estimator.offered(state, observation)
-        if isinstance(offered, Innovation):
+        candidate = estimator.candidate(state, observation)
+        if isinstance(candidate, Innovation):
             continue
-        if offered.looked.believed:
-            step = _step(offered)
-            # only what counts ends the time before it: after a rejected observation an earlier one may still come
+        if candidate.evaluated.accepted:
+            step = _step(candidate)
+            # only an accepted observation ends the time before it: after a rejected one an earlier one may still come
             while left and left[0] < step.time_ns:
-                states[left[0]] = estimator.predicted(state, left[0])
+                states[left[0]] = estimator.predict(state, left[0])
                 left.pop(0)
             steps.append(step)
-        state, _ = estimator.taken(state, offered)
-    return states | {time_ns: estimator.predicted(state, time_ns) for time_ns in left}, steps
+        state, _ = estimator.update(state, candidate)
+    return states | {time_ns: estimator.predict(state, time_ns) for time_ns in left}, steps
 
 
-def _step(offered: Offered) -> Step:
-    rows = offered.seen.design / offered.looked.error_scale
-    innovation = offered.looked.innovation / offered.looked.error_scale
-    cross = rows @ offered.before.cov
+def _step(candidate: Candidate) -> Step:
+    rows = candidate.rows.design / candidate.evaluated.error_scale
+    innovation = candidate.evaluated.innovation / candidate.evaluated.error_scale
+    cross = rows @ candidate.before.cov
     factor = scipy.linalg.cho_factor(cross @ rows.T + np.eye(len(rows)), lower=True)
     solved = scipy.linalg.cho_solve(factor, np.column_stack([cross, innovation, np.eye(len(rows))]))
     n = cross.shape[1]
-    assert offered.before.time_ns is not None  # a prediction has a time
-    return Step(offered.before.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :])
+    assert candidate.before.time_ns is not None  # a prediction has a time
+    return Step(candidate.before.time_ns, rows, solved[:, :n], solved[:, n], solved[:, n + 1 :])

@@ -69,7 +69,7 @@ class Members:
         return replace(self, weights=self.weights[..., :_MODES], velocity_modes=self.velocity_modes[:, :_MODES])
 
 
-def members_in(basis: Basis) -> Members:
+def members_in_basis(basis: Basis) -> Members:
     """Return an ensemble's members in their basis."""
     nodes = basis.grid.nodes
     return Members(basis.member_weights, velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes, nodes)
@@ -88,7 +88,7 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     if config.sample_share is not None:
         return PriorSettings(config.sample_share, shift, radius)
     start = PriorSettings(_SHARE_OF_FEW, shift, radius)
-    rows = score_shares(members, start, SHARES, _LEFT_OUT)
+    rows = score_sample_shares(members, start, SHARES, _LEFT_OUT)
     return best(rows) if rows else start
 
 
@@ -104,11 +104,11 @@ def fit_settings(members: Members, length: float, left_out: int, advance: Callab
     radius = RADIUS_IN_LENGTHS * length
     rows = []
     for shift in _SHIFTS:
-        rows += score_shares(members, PriorSettings(_SHARE_OF_FEW, shift * length, radius), SHARES, left_out, advance)
+        rows += score_sample_shares(members, PriorSettings(_SHARE_OF_FEW, shift * length, radius), SHARES, left_out, advance)
     if rows:
         shift = best(rows).shift
         for radii in _RADII:
-            rows += score_shares(members, PriorSettings(_SHARE_OF_FEW, shift, radii * length), SHARES, left_out, advance)
+            rows += score_sample_shares(members, PriorSettings(_SHARE_OF_FEW, shift, radii * length), SHARES, left_out, advance)
     return rows
 
 
@@ -122,7 +122,7 @@ def best(rows: Sequence[FitRow]) -> PriorSettings:
     return min(rows, key=lambda row: row.score).settings
 
 
-def score_shares(
+def score_sample_shares(
     members: Members,
     settings: PriorSettings,
     shares: Sequence[float],
@@ -156,14 +156,14 @@ def _score_member(members: Members, member: int, settings: PriorSettings, shares
     """Return the logarithmic score and the coverage, shape (2, shares), over the numbers of columns."""
     others = np.delete(members.weights, member, axis=0)
     ends = [replace(settings, sample_share=share) for share in (1.0, 0.0)]
-    sample, localised = (hybrid_prior(others, members.velocity_modes, members.nodes, end).dense() for end in ends)
+    sample, localised = (hybrid_prior(others, members.velocity_modes, members.nodes, end).covariance() for end in ends)
     truth = members.weights[member] - others.mean(axis=0)
     rng = np.random.default_rng([_SEED, member])
     scores = []
     for n_columns in _COLUMNS:
         precision, information = measure_columns(members, truth, n_columns, rng)
         scores.append(
-            [score_the_rest(members, truth, share * sample + (1.0 - share) * localised, precision, information) for share in shares]
+            [score_withheld(members, truth, share * sample + (1.0 - share) * localised, precision, information) for share in shares]
         )
     return np.asarray(np.mean(scores, axis=0).T, dtype=np.float64)
 
@@ -184,7 +184,7 @@ def measure_columns(members: Members, truth: Array, n_columns: int, rng: np.rand
     return np.asarray(np.kron(np.eye(truth.shape[0]), rows.T @ rows), dtype=np.float64), (seen @ rows).ravel()
 
 
-def score_the_rest(members: Members, truth: Array, prior: Array, precision: Array, information: Array) -> tuple[float, float]:
+def score_withheld(members: Members, truth: Array, prior: Array, precision: Array, information: Array) -> tuple[float, float]:
     """Return the logarithm of CRPS over the mean absolute anomaly, over all nodes, and the coverage of 90 % intervals.
 
     Args:

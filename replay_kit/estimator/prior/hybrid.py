@@ -11,23 +11,27 @@ from replay_kit.core.arrays import Array
 
 
 class Prior(Protocol):
-    """Gaussian prior of the weights, level after level, r a level."""
+    """Gaussian prior of the weights, level after level, r for each level."""
+
+    @property
+    def settings(self) -> "PriorSettings | None":
+        """The settings it was made with; None when it was not made of members by settings."""
+        ...
 
     @property
     def mean(self) -> Array:
         """Mean, shape (Z r,)."""
         ...
 
-    def times(self, weights: Array) -> Array:
-        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
+    def matvec(self, weights: Array) -> Array:
+        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
         ...
 
-    def times_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of the weights of some levels with modes' combinations at each level, shape (Z, c, L, r).
+    def matvec_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with modes' combinations at each level, shape (Z, c, Z, r).
 
         Args:
-            basis: shape (c, r); entry [z, c] of the answer is the covariance times a weight vector that holds ``basis[c]`` at level z.
-            levels: The L levels; None for all.
+            basis: shape (c, r); entry [z, c] of the result is the covariance times a weight vector that holds ``basis[c]`` at level z.
         """
         ...
 
@@ -35,14 +39,14 @@ class Prior(Protocol):
         """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
         ...
 
-    def dense(self, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of the weights of some levels, None for all, as one matrix, shape (L r, L r)."""
+    def covariance(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class PriorSettings:
-    """What makes a hybrid prior of members.
+    """The settings of a hybrid prior.
 
     Attributes:
         sample_share: Of the sample covariance; the localised one has the rest.
@@ -67,42 +71,44 @@ class DiagonalPrior:
     Attributes:
         mean: shape (Z r,).
         variance: shape (Z, r).
+        settings: Always None.
     """
 
     mean: Array
     variance: Array
+    settings: None = None
 
-    def times(self, weights: Array) -> Array:
-        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
+    def matvec(self, weights: Array) -> Array:
+        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
         return self.variance * weights
 
-    def times_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
+    def matvec_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
         n_levels, n_modes = self.variance.shape
-        chosen = np.arange(n_levels) if levels is None else np.array(levels)
-        out = np.zeros((n_levels, basis.shape[0], chosen.size, n_modes))
-        out[chosen, :, np.arange(chosen.size), :] = self.variance[chosen, None, :] * basis
+        out = np.zeros((n_levels, basis.shape[0], n_levels, n_modes))
+        levels = np.arange(n_levels)
+        out[levels, :, levels, :] = self.variance[:, None, :] * basis
         return out
 
     def mode_std(self) -> Array:
         """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
         return np.asarray(np.sqrt(self.variance.mean(axis=0)))
 
-    def dense(self, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        return np.diag(self.variance[_indices(levels)].ravel())
+    def covariance(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        return np.diag(self.variance.ravel())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HybridPrior:
-    """A covariance of few directions, plus one that is independent between vertical functions.
+    """The sum of a low-rank covariance and one that is independent between vertical functions.
 
     Attributes:
         mean: shape (Z r,).
         factor: shape (F, Z, r); the first part is the sum of the rows' outer products.
         vertical: shape (q, Z), orthonormal rows, one a vertical function.
-        horizontal: shape (q, r, r), covariance of the modes' amplitudes in each vertical function.
-        settings: What it was made with, to be told; None when it was not made of members.
+        horizontal: shape (q, r, r), covariance of the modes' amplitudes for each vertical function.
+        settings: The settings it was made with; None when it was not made of members.
     """
 
     mean: Array
@@ -111,24 +117,22 @@ class HybridPrior:
     horizontal: Array
     settings: PriorSettings | None = None
 
-    def times(self, weights: Array) -> Array:
-        """Return the covariance times each of some weights, shape (m, Z, r), in the same shape."""
+    def matvec(self, weights: Array) -> Array:
+        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
         rows = self.factor.reshape(self.factor.shape[0], self.mean.size)
         of_factor = ((weights.reshape(len(weights), self.mean.size) @ rows.T) @ rows).reshape(weights.shape)
         in_functions = np.matmul((self.vertical @ weights).swapaxes(0, 1), self.horizontal)  # (q, m, r)
         return np.asarray(of_factor + np.einsum("qz,qmr->mzr", self.vertical, in_functions))
 
-    def times_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
+    def matvec_modes(self, basis: Array) -> Array:
+        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
         n_rows, n_levels, n_modes = self.factor.shape
-        n_basis, chosen = basis.shape[0], _indices(levels)
-        factor, vertical = self.factor[:, chosen], self.vertical[:, chosen]
-        n_chosen = factor.shape[1]
+        n_basis = basis.shape[0]
         at_basis = (self.factor @ basis.T).reshape(n_rows, n_levels * n_basis)
-        of_factor = (at_basis.T @ factor.reshape(n_rows, n_chosen * n_modes)).reshape(n_levels, n_basis, n_chosen, n_modes)
-        spread = np.matmul(basis, self.horizontal).reshape(self.vertical.shape[0], basis.size)  # (q, c r)
-        pairs = np.einsum("qz,qy->zyq", self.vertical, vertical).reshape(n_levels * n_chosen, -1)
-        in_functions = (pairs @ spread).reshape(n_levels, n_chosen, n_basis, n_modes)
+        of_factor = (at_basis.T @ self.factor.reshape(n_rows, n_levels * n_modes)).reshape(n_levels, n_basis, n_levels, n_modes)
+        in_modes = np.matmul(basis, self.horizontal).reshape(self.vertical.shape[0], basis.size)  # (q, c r)
+        pairs = np.einsum("qz,qy->zyq", self.vertical, self.vertical).reshape(n_levels**2, -1)
+        in_functions = (pairs @ in_modes).reshape(n_levels, n_levels, n_basis, n_modes)
         return np.asarray(of_factor + in_functions.transpose(0, 2, 1, 3))
 
     def mode_std(self) -> Array:
@@ -138,22 +142,15 @@ class HybridPrior:
         in_functions = np.einsum("qrr->r", self.horizontal)
         return np.asarray(np.sqrt((of_factor + in_functions) / self.factor.shape[1]))
 
-    def dense(self, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        chosen = _indices(levels)
-        factor, vertical = self.factor[:, chosen], self.vertical[:, chosen]
-        n_rows, n_levels, n_modes = factor.shape
-        stacked = factor.reshape(n_rows, n_levels * n_modes)
+    def covariance(self) -> Array:
+        """Return the covariance as one matrix, shape (Z r, Z r)."""
+        n_rows, n_levels, n_modes = self.factor.shape
+        stacked = self.factor.reshape(n_rows, n_levels * n_modes)
         cov = stacked.T @ stacked
         block = cov.reshape(n_levels, n_modes, n_levels, n_modes)
-        for function, of_modes in zip(vertical, self.horizontal, strict=True):
+        for function, of_modes in zip(self.vertical, self.horizontal, strict=True):
             block += np.multiply.outer(np.outer(function, function), of_modes).transpose(0, 2, 1, 3)
         return cov
-
-
-def _indices(levels: tuple[int, ...] | None) -> slice | list[int]:
-    """Return what indexes the axis of levels."""
-    return slice(None) if levels is None else list(levels)
 
 
 def diagonal_prior(member_weights: Array) -> DiagonalPrior:
@@ -168,12 +165,12 @@ def diagonal_prior(member_weights: Array) -> DiagonalPrior:
 def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, settings: PriorSettings) -> HybridPrior:
     """Return the prior of the members and their shifted copies: sample covariance, mixed with a localised one.
 
-    Every member counts as it is and, half as much each, shifted by one correlation length to the four sides: what the members
-    say of the shape of eddies holds for eddies a little elsewhere (spatial averages of covariances, Berre and Desroziers 2010, Mon. Wea.
-    Rev. 138; valid-space shifting, Xu et al. 2011). The sample covariance of so many members still takes chance correlations between
-    far places for real ones, and has few directions. The localised part (hybrid covariance, Hamill and Snyder 2000) has all
-    directions and no far correlations: in each empirical orthogonal function of depth, the covariance over the grid is tapered
-    with distance (Gaspari and Cohn 1999) and projected on the modes.
+    Every member is used unshifted and, with half the weight each, shifted by one correlation length to the four sides: the shape of eddies
+    in the members holds for eddies nearby too (spatial averages of covariances, Berre and Desroziers 2010, Mon. Wea. Rev. 138;
+    valid-space shifting, Xu et al. 2011). The sample covariance of so many members still contains chance correlations between distant
+    places, and has low rank. The localised part (hybrid covariance, Hamill and Snyder 2000) has full rank and no distant correlations: for
+    each empirical orthogonal function of depth, the covariance over the grid is tapered with distance (Gaspari and Cohn 1999) and
+    projected on the modes.
 
     Args:
         member_weights: shape (E, Z, r).

@@ -1,4 +1,4 @@
-"""Rows that grow, shared by states that never change."""
+"""Rows that grow at the end, shared by immutable states."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from replay_kit.core.arrays import Array
 
 
 class Buffer:
-    """Rows that only ever grow at the end, shared by the states of a run.
+    """Rows that only grow at the end, shared by the states of a run.
 
-    A state owns the first n rows. It appends in place when there are no others; else another state went on from it before, and it goes
-    on with a copy. So no state ever changes, and a run of steps copies nothing.
+    A state owns the first n rows. If the buffer holds no others, ``appended`` writes in place; otherwise another state has already
+    continued from this one, and it writes to a copy. So no state ever changes, and a run of steps copies nothing.
     """
 
     def __init__(self, capacity: int, size: int) -> None:
@@ -17,7 +17,7 @@ class Buffer:
         self.filled = 0
 
     def appended(self, n: int, more: Array) -> "Buffer":
-        """Return a buffer of the first n rows and more ones: this one, if it can be."""
+        """Return a buffer of the first n rows followed by ``more``: this buffer where possible, else a copy."""
         new = self
         if self.filled != n:
             new = Buffer(*self.rows.shape)

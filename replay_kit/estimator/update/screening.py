@@ -1,6 +1,6 @@
-"""Which bins of a profile an estimate of a region can use, and the innovation of a profile that has none."""
+"""Screening: which bins of a measurement an estimator of a region can use, and the innovation of a measurement that is not used."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import inside_grid, to_local, wet_column
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Flag, Innovation, Observation, PathMean, Reason
+from replay_kit.core.observation import Flag, Innovation, Measurement, Observation, Reason
 
 
 def screen(observation: Observation, grid: Grid, relative: bool = False) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Return flags and reasons of a profile's bins with the region's own checks added.
+    """Return flags and reasons of a profile's bins after the region's own checks.
 
     Args:
         observation: The profile.
@@ -36,7 +36,7 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
     ):
         reasons[failed] |= reason
         flags[failed & usable(flags)] = Flag.FAIL
-    # relative to a platform of unknown velocity, bins say something of their differences, and one alone says nothing
+    # relative to a platform of unknown velocity only differences between bins are known, and one bin has none
     if not np.isfinite(observation.common_std) and (not relative or np.count_nonzero(usable(flags)) < 2):
         reasons |= np.int32(Reason.PLATFORM_REFERENCE)
         flags[usable(flags)] = Flag.FAIL
@@ -44,11 +44,44 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
 
 
 def usable(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Return which bins are used: good ones, and suspect ones, which the measurement step fails where they are not wanted."""
+    """Return which bins are used: good ones and suspect ones; where the latter are unwanted, measurement quality control fails them."""
     return np.asarray((flags == Flag.GOOD) | (flags == Flag.SUSPECT))
 
 
-def rejected(observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]) -> Innovation:
+@dataclass(frozen=True, slots=True, eq=False)
+class Screened:
+    """A measurement after screening.
+
+    Attributes:
+        observation: The measurement.
+        used: shape (n,), positions of its usable bins.
+        unused: The innovation to publish if it is not used.
+    """
+
+    observation: Measurement
+    used: NDArray[np.intp]
+    unused: Innovation
+
+    def scatter(self, values: Array) -> Array:
+        """Return values of the usable bins, shape (n, 2), at their positions among all bins; NaN for the others."""
+        out = np.full((self.unused.depth.size, 2), np.nan)
+        out[self.used] = values
+        return out
+
+    def rejected(self, reason: Reason) -> Innovation:
+        """Return the innovation of a measurement that is rejected as a whole: a duplicate, or one that is too late."""
+        flags = np.where(usable(self.unused.flags), Flag.FAIL, self.unused.flags).astype(np.int8)
+        return replace(self.unused, flags=flags, reasons=self.unused.reasons | np.int32(reason), decision="rejected")
+
+
+def screen_measurement(observation: Measurement, grid: Grid, relative: bool = True) -> Screened:
+    """Return a measurement after screening; the arguments are those of ``screen``, for a mean along a path too."""
+    profile = to_profile(observation)
+    flags, reasons = screen(profile, grid, relative)
+    return Screened(observation, np.flatnonzero(usable(flags)), unused_innovation(profile, flags, reasons))
+
+
+def unused_innovation(observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]) -> Innovation:
     """Return the innovation of a profile that has no usable bin."""
     blank = np.full((observation.depth.size, 2), np.nan)
     return Innovation(
@@ -70,13 +103,12 @@ def rejected(observation: Observation, flags: NDArray[np.int8], reasons: NDArray
     )
 
 
-def as_profile(observation: Observation | PathMean) -> Observation:
-    """Return a profile as it is, a mean along a path as one of one bin: at its mean depth, where it was in the middle of its time."""
+def to_profile(observation: Measurement) -> Observation:
+    """Return a profile unchanged; a mean along a path as a profile of one bin at its mean depth and its position at half of its time."""
     if isinstance(observation, Observation):
         return observation
     mean = observation
-    middle = int(np.searchsorted(np.cumsum(mean.weight), 0.5))
-    middle = min(middle, mean.weight.size - 1)
+    middle = min(int(np.searchsorted(np.cumsum(mean.weight), 0.5)), mean.weight.size - 1)
     return Observation(
         mean.time_ns,
         float(mean.longitude[middle]),
@@ -92,24 +124,9 @@ def as_profile(observation: Observation | PathMean) -> Observation:
     )
 
 
-def is_repeated(last: Observation | PathMean | None, observation: Observation | PathMean) -> bool:
-    """Return whether an observation is the last one once more, in every number: logged twice, it says nothing new."""
+def is_duplicate(last: Measurement | None, observation: Measurement) -> bool:
+    """Return whether a measurement equals the last one in every number: logged twice, it holds no new information."""
     if last is None or type(last) is not type(observation) or last.time_ns != observation.time_ns:
         return False
-    if not (np.array_equal(last.longitude, observation.longitude) and np.array_equal(last.latitude, observation.latitude)):
-        return False
-    same = np.array_equal(last.depth, observation.depth, equal_nan=True)
-    return same and np.array_equal(last.velocity, observation.velocity, equal_nan=True)
-
-
-def repeated(said: Innovation, reason: Reason) -> Innovation:
-    """Return the innovation, made by ``rejected``, of an observation that came twice, or too late."""
-    flags = np.where(usable(said.flags), Flag.FAIL, said.flags).astype(np.int8)
-    return replace(said, flags=flags, reasons=said.reasons | np.int32(reason), decision="rejected")
-
-
-def scatter(size: int, used: NDArray[np.intp], values: Array) -> Array:
-    """Return values of the usable bins among all bins, shape (size, 2); NaN for the others."""
-    out = np.full((size, 2), np.nan)
-    out[used] = values
-    return out
+    names = ("longitude", "latitude", "depth", "velocity")
+    return all(np.array_equal(getattr(last, name), getattr(observation, name), equal_nan=True) for name in names)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import Estimator, build_estimator
@@ -22,7 +22,7 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
         ConfigError: The name is unknown.
     """
     if name == "default":
-        return build_estimator(ensemble, config.model_copy(update={"preset": "default"}), TrustConfig())
+        return build_estimator(ensemble, config.model_copy(update={"preset": "default"}), GatingConfig())
     if name not in ("paper", "paper_cells"):
         return build_baseline(name, ensemble, config)
     update: dict[str, Any] = {"preset": "paper"}

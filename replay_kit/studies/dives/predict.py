@@ -13,7 +13,7 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Flag, Innovation, Measurement, Observation
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
-from replay_kit.estimator.evolving.seen import Seen
+from replay_kit.estimator.evolving.observation_operator import LinearObservation
 from replay_kit.studies.dives.read import Dive
 
 _EVERY = 4
@@ -44,18 +44,18 @@ class Expected:
 def expect(estimator: EvolvingEstimator, state: EvolvingState, observation: Measurement) -> Expected | None:
     """Return an observation against a state's prediction of it; None where none of its bins can be used."""
     # without gate and inflation the prediction is compared as it is
-    offered = replace(estimator, trust=None).offered(state, observation)
-    if isinstance(offered, Innovation):
+    candidate = replace(estimator, gating=None).candidate(state, observation)
+    if isinstance(candidate, Innovation):
         return None
-    seen, look = offered.seen, offered.looked.look
-    rows, left_out = seen.compress(seen.values)
-    error = seen.misfit(seen.values, look.mean)
-    cov = bin_covariance(seen, look.cov)
+    seen, predicted = candidate.rows, candidate.evaluated.predicted
+    rows, residual = seen.compress(seen.values)
+    error = seen.residual(predicted.mean)
+    cov = bin_covariance(seen, predicted.cov)
     std = np.sqrt(np.diag(cov)).reshape(2, -1).T
-    return Expected(offered.used, error, std, cov, look.nis(rows - look.mean) + left_out, seen.dof)
+    return Expected(candidate.screened.used, error, std, cov, predicted.normalised_square(rows - predicted.mean)[0] + residual, seen.dof)
 
 
-def bin_covariance(seen: Seen, cov: Array) -> Array:
+def bin_covariance(seen: LinearObservation, cov: Array) -> Array:
     """Return the covariance of bins with their errors, shape (2 n, 2 n), east before north, from that of their rows without."""
     bins = np.kron(np.eye(2), seen.noise.unwhiten @ seen.q)
     own = np.kron(np.eye(2), seen.noise.unwhiten @ seen.noise.unwhiten.T)

@@ -13,8 +13,8 @@ from replay_kit.core.gaussian import coverage
 from replay_kit.core.observation import Measurement, Observation
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
-from replay_kit.estimator.evolving.fit_log import LogSettings, as_built, fit_to_log, fitted_estimator, with_errors
-from replay_kit.estimator.evolving.likelihood import narrowed
+from replay_kit.estimator.evolving.fit_log import LogSettings, fit_to_log, fitted_estimator, initial_settings, with_errors
+from replay_kit.estimator.evolving.likelihood import observed_subspace_estimator
 from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
 from replay_kit.studies.dives.predict import Expected, Surfacing, expect, surfacing, withheld
 from replay_kit.studies.dives.read import Dive
@@ -119,10 +119,10 @@ def run_dives(
     Raises:
         MeasurementError: Nothing of the dives lies in the ensemble's region.
     """
-    small = narrowed(estimator, [event for dive in dives for event in _all_of(dive)])
-    settings = as_built(small, config.time)
+    small = observed_subspace_estimator(estimator, [event for dive in dives for event in _all_of(dive)])
+    settings = initial_settings(small, config.time)
     # with --fit nothing is gated: the likelihood counts every observation with the errors of the settings
-    small = replace(small, trust=None) if fit else small
+    small = replace(small, gating=None) if fit else small
     changed, done = fitted_estimator(small, config.time, settings), []
     state = changed.initial()
     for k, dive in enumerate(dives):
@@ -191,7 +191,7 @@ def _profile_errors(
     errors: dict[str, list[Array]] = {"estimate": [], "ensemble_mean": []}
     for profile, found in usable:
         errors["estimate"].append(found.error)
-        errors["ensemble_mean"].append(estimator.misfit(estimator.initial(), profile)[found.used])
+        errors["ensemble_mean"].append(estimator.innovation(estimator.initial(), profile)[found.used])
         depth, velocity = profile.depth[found.used], profile.velocity[found.used]
         for name, predicted in baseline_profiles(earlier, depth).items():
             errors.setdefault(name, []).append(velocity - predicted)
@@ -201,5 +201,5 @@ def _profile_errors(
 def _mean_errors(estimator: EvolvingEstimator, earlier: Sequence[Dive], dive: Dive, found: Expected) -> dict[str, Array]:
     """Return the errors of the dive's mean current, method by method."""
     assert dive.mean is not None
-    errors = {"estimate": found.error, "ensemble_mean": estimator.misfit(estimator.initial(), dive.mean)}
+    errors = {"estimate": found.error, "ensemble_mean": estimator.innovation(estimator.initial(), dive.mean)}
     return errors | {name: np.array([dive.mean.velocity]) - predicted for name, predicted in baseline_means(earlier).items()}

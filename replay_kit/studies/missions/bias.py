@@ -61,7 +61,7 @@ def _dense(scene: Scene) -> Flight:
 
 def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure]:
     """Return which errors a run that estimates none of them names as significant."""
-    suspected = followed.state.evidence.suspected()
+    suspected = followed.state.bias_score.significant()
     figures = []
     for name in PLANTED:
         unit, factor = _UNIT[name]

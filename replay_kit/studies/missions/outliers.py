@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.core.observation import Measurement, Observation
 from replay_kit.studies.missions.flights import measurements
 from replay_kit.studies.missions.follow import Own
@@ -30,8 +30,8 @@ def outliers(scene: Scene) -> list[Figure]:
     ]
     for gate in _GATES:
         method = f"with outliers, gate {gate}"
-        followed = scene.errors(method, _with_gate(scene.own, scene.config.trust, gate), spoilt)
-        most = _OVER_CLEAN if gate == scene.config.trust.gate else np.nan
+        followed = scene.errors(method, _with_gate(scene.own, scene.config.gating, gate), spoilt)
+        most = _OVER_CLEAN if gate == scene.config.gating.gate else np.nan
         figures += error_figures(method, followed.mean(), "that without outliers", clean.mean(), most)
         if gate == "reject":
             caught = followed.doubted() - followed.doubted(wrong)
@@ -49,5 +49,5 @@ def _moved(sound: Sequence[Measurement], spoilt: Sequence[Measurement]) -> froze
     return frozenset(time_ns for time_ns, off in pairs if (np.hypot(off[:, 0], off[:, 1]) > 0.5 * OUTLIER).any())
 
 
-def _with_gate(own: Own, trust: TrustConfig, gate: Literal["reject", "soften", "off"]) -> Own:
-    return replace(own, trust=trust.model_copy(update={"gate": gate}))
+def _with_gate(own: Own, gating: GatingConfig, gate: Literal["reject", "soften", "off"]) -> Own:
+    return replace(own, gating=gating.model_copy(update={"gate": gate}))

@@ -51,7 +51,7 @@ def _statics(scene: Scene, given: Sequence[Measurement]) -> dict[str, tuple[Ense
     chosen = {"first": forecasts[0], "middle": forecasts[len(forecasts) // 2], "last": forecasts[-1]}
     out = {}
     for name, forecast in chosen.items():
-        estimator = build_estimator(forecast, scene.config.estimator, scene.config.trust)
+        estimator = build_estimator(forecast, scene.config.estimator, scene.config.gating)
         out[name] = (forecast, scene.errors(f"static, {name} time", estimator, given).mean())
     return out
 

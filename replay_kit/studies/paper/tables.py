@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -12,8 +11,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
-from replay_kit.estimator import Estimator, ReducedBasisEstimator, embed_member
-from replay_kit.estimator.baselines.naive import Naive3D
+from replay_kit.estimator import embed_member
 from replay_kit.estimator.basis.modes import cell_size
 from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.jobs.progress import Advance
@@ -149,7 +147,7 @@ def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: Sc
             errors = [least] * len(survey.counts)
         else:
             estimator = build_method(rung.method, case.ensemble, _config(rung, config, survey))
-            modes, elements = _size(estimator)
+            modes, elements = estimator.basis_size
             least = bound(estimator, at)
             state = estimator.initial()
             for done, (after, _) in enumerate(estimator.steps(state, survey.observations), start=1):
@@ -176,15 +174,6 @@ def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: Sc
 def _config(rung: Rung, config: EstimatorConfig, survey: Survey) -> EstimatorConfig:
     # the naive basis takes its error model from the preset, and the paper's is the one it was compared under
     return config.model_copy(update={"preset": "paper", "modes": rung.modes, "paper_error_std": survey.paper_error_std})
-
-
-def _size(estimator: Estimator[Any]) -> tuple[int | None, int | None]:
-    """Return the number of modes and of elements of an estimator's basis; None without one."""
-    if isinstance(estimator, ReducedBasisEstimator):
-        return estimator.basis.n_modes, int(estimator.basis.modes.size)
-    if isinstance(estimator, Naive3D):
-        return int(estimator.velocity.shape[0]), int(estimator.velocity.size)
-    return None, None
 
 
 def _rmse(flow: FlowEstimate, at: ScoredPoints) -> float:

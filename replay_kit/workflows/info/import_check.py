@@ -21,8 +21,8 @@ from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.filter import ReducedBasisEstimator
-from replay_kit.estimator.update.likelihood import JointPrediction, Likelihood, predict_jointly
+from replay_kit.estimator.static.filter import ReducedBasisEstimator
+from replay_kit.estimator.static.likelihood import JointPrediction, Likelihood, predict_jointly
 from replay_kit.estimator.update.screening import screen, usable
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge

@@ -1,18 +1,16 @@
 """From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator import Estimator, FilterState, means_of
+from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import build_named
-from replay_kit.estimator.evolving import EvolvingEstimator, build_evolving
+from replay_kit.estimator.evolving import build_evolving
 from replay_kit.forecast import read_ensemble, read_series
 
 _OWN = "reduced_basis"
@@ -87,19 +85,10 @@ def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> 
         ConfigError: The estimator's name is unknown.
     """
     if forecasts.evolves:
-        return build_evolving(forecasts.series, config.estimator, config.time, config.trust)
-    return build_named(forecasts.ensemble, config.estimator, goal_depth, config.trust)
+        return build_evolving(forecasts.series, config.estimator, config.time, config.gating)
+    return build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating)
 
 
-def weights_of(estimator: Any, states: Sequence[Any]) -> Sequence[Array | None]:
-    """Return the mean weights of states, where they have weights of the run's basis."""
-    if states and isinstance(states[0], FilterState):
-        return list(means_of(states))
-    if isinstance(estimator, EvolvingEstimator):
-        return [estimator.weights(state) for state in states]
-    return [None] * len(states)
-
-
-def flow_at(estimator: Any, state: Any, time_ns: int) -> FlowEstimate:
+def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:
     """Return the current estimate of a state for a time at or after its last observation [ns, UTC]; a static one is as it was."""
-    return estimator.at(state, time_ns) if isinstance(estimator, EvolvingEstimator) else estimator.flow(state)
+    return estimator.flow(estimator.predict(state, time_ns))

@@ -18,7 +18,7 @@ from typing import Any
 
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.estimator.update.buffer import Buffer
-from replay_kit.estimator.update.dual import RowLog
+from replay_kit.estimator.update.observation_space import GrowingCholesky
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
 from replay_kit.workflows.replay.inputs import checkpoint_files
@@ -159,7 +159,7 @@ class CheckpointFile:
 
 def _is_value(kind: type) -> bool:
     """Return whether constructing an object of a class does no more than hold values."""
-    return is_dataclass(kind) or issubclass(kind, (Enum, tuple)) or kind in (RowLog, Buffer)
+    return is_dataclass(kind) or issubclass(kind, (Enum, tuple)) or kind in (GrowingCholesky, Buffer)
 
 
 class _Dumper(pickle.Pickler):

@@ -11,10 +11,10 @@ from threadpoolctl import threadpool_limits
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Observation
-from replay_kit.estimator import BLOCK
+from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.logs import merge
 from replay_kit.measurements import observations
-from replay_kit.workflows.replay.build import build, read_forecasts, weights_of
+from replay_kit.workflows.replay.build import build, read_forecasts
 from replay_kit.workflows.replay.inputs import ReplayJob, look_ahead, open_readers
 
 # What the interpreter and the libraries take before the first array.
@@ -50,7 +50,7 @@ class DryRun:
     seconds: float
 
 
-def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> DryRun:
+def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = ReducedBasisEstimator.block_size) -> DryRun:
     """Return what a replay would use; the logs are read to their end, but only a few updates are made.
 
     Args:
@@ -78,7 +78,7 @@ def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> DryRun:
                 timed.append(observation)
         began = time.perf_counter()
         if states := [state for state, _ in estimator.steps(estimator.initial(), timed)]:
-            weights_of(estimator, states)
+            estimator.weights(states)
         spent = time.perf_counter() - began
     size = estimator.state_size
     return DryRun(

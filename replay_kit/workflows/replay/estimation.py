@@ -7,7 +7,6 @@ from typing import Any
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Innovation, Measurement, VehicleState
 from replay_kit.estimator import Estimator
-from replay_kit.workflows.replay.build import weights_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +70,7 @@ def assimilate(
     # Any: only an estimator that supports mean currents along paths is given some
     measurements: list[Any] = [event for event in events if isinstance(event, Measurement)]
     done = list(estimator.steps(state.current, measurements))
-    results = iter(zip(done, weights_of(estimator, [after for after, _ in done]), strict=True))
+    results = iter(zip(done, estimator.weights([after for after, _ in done]), strict=True))
     steps = []
     for event in events:
         before = state.current
@@ -83,7 +82,7 @@ def assimilate(
             state = EstimationState(before, before, event.dive)
         # Any: as above
         measurement: Any = event
-        dive_innovation = estimator.misfit(state.dive_start, measurement)
+        dive_innovation = estimator.innovation(state.dive_start, measurement)
         state = replace(state, current=after)
         steps.append(Step(event, before, after, Assimilation(innovation, dive_innovation, weights)))
     return state, steps

@@ -117,7 +117,7 @@ class ProfileCounts:
         """Return what the gate and the consistency monitor did, as sentences."""
         notes = []
         if self.gated:
-            notes.append(f"{self.gated} profiles contradicted the estimate and were rejected; [trust] sets the gate")
+            notes.append(f"{self.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate")
         if self.softened:
             notes.append(f"{self.softened} profiles contradicted the estimate and were used with larger errors")
         if self.inflations:

@@ -10,10 +10,6 @@ from replay_kit import __version__
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator import FilterState, ReducedBasisEstimator
-from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
-from replay_kit.estimator.prior.hybrid import HybridPrior
-from replay_kit.estimator.update.biases import in_words
 
 _BLOCK = 1 << 20
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
@@ -95,37 +91,3 @@ def _toml(value: object) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_toml(key)} = {_toml(item)}" for key, item in value.items() if item is not None) + "}"
     return repr(value)
-
-
-def prior_notes(estimator: object) -> list[str]:
-    """Say what the prior was made with, for it may have been fitted."""
-    if isinstance(estimator, EvolvingEstimator):
-        return [f"through time: {estimator.model.sea}"]
-    if not isinstance(estimator, ReducedBasisEstimator) or not isinstance(estimator.prior, HybridPrior):
-        return []
-    return [f"prior: {estimator.prior.settings}"] if estimator.prior.settings else []
-
-
-# Of the prior's standard deviation, above which nothing was learnt.
-_HEARD = 0.95
-
-
-def bias_notes(estimator: object, state: object) -> list[str]:
-    """Say which errors of the instrument were estimated, and which the log speaks of though no state stands for them."""
-    notes: list[str] = []
-    estimated: tuple[str, ...] = ()
-    if isinstance(estimator, EvolvingEstimator) and isinstance(state, EvolvingState):
-        estimated = estimator.model.biases.names
-        of, values = estimator.model.biases, estimator.biases(state)
-        heard = [name for name, std in zip(of.names, of.std, strict=True) if values[name][1] < _HEARD * std]
-        found = [in_words(name, *values[name]) for name in heard]
-        notes += [f"the instrument's errors, estimated: {', '.join(found)}"] if found else []
-        if silent := [name for name in of.names if name not in heard]:
-            notes.append(f"the log says nothing of errors in {', '.join(silent)}: no profile says how its platform moved, or too few do")
-    if isinstance(state, EvolvingState | FilterState):
-        suspected = {name: value for name, value in state.evidence.suspected().items() if name not in estimated}
-        if suspected:
-            words = ", ".join(in_words(name, *value) for name, value in suspected.items())
-            names = ", ".join(f'"{name}"' for name in suspected)
-            notes.append(f"the log speaks of errors of the instrument: {words}; time.biases = [{names}] estimates them")
-    return notes

@@ -26,7 +26,7 @@ from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, r
 from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
 from replay_kit.workflows.replay.planner import Planner
 from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.provenance import bias_notes, prior_notes, run_metadata, run_settings_toml
+from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
@@ -253,8 +253,8 @@ def _notes(session: Session, inputs: _Inputs, flow: FlowEstimate, of_logs: Seque
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     no_goal = [] if inputs.job.goal is not None else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
-    biases = bias_notes(estimator, session.estimation.current)
-    return [*inputs.forecasts.notes, *of_logs, basis, *prior_notes(estimator), *biases, *no_goal]
+    biases = estimator.bias_notes(session.estimation.current)
+    return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
 
 
 def _score(session: Session, inputs: _Inputs, truth: Ensemble, flow: FlowEstimate) -> tuple[TruthScore | None, list[str]]:

@@ -13,7 +13,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
-from replay_kit.estimator import BLOCK, Estimator
+from replay_kit.estimator import Estimator
 from replay_kit.measurements import Event
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay import plans
@@ -79,7 +79,7 @@ class Session:
         self.writer: ResultWriter | None = None
         self.clock = clock or Stopwatch()
         self._levels = levels
-        paths = (PathMean,) if getattr(estimator, "takes_paths", False) else ()
+        paths = (PathMean,) if estimator.supports_path_means else ()
         self._inputs: tuple[type[VehicleState | Observation | PathMean], ...] = (VehicleState, Observation, *paths)
         self._buffer: list[VehicleState | Measurement] = []
         self._n_observations = 0
@@ -105,7 +105,7 @@ class Session:
             if isinstance(event, self._inputs):
                 self._buffer.append(event)
                 self._n_observations += isinstance(event, Measurement)
-                if self._n_observations == BLOCK or len(self._buffer) == _BUFFERED:
+                if self._n_observations == self.estimator.block_size or len(self._buffer) == _BUFFERED:
                     self.assimilate_buffer()
 
     def assimilate_buffer(self) -> None:

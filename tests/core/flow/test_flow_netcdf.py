@@ -15,7 +15,9 @@ from replay_kit import __version__
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import load, load_bytes, save, save_bytes, to_dataset, wet_at, write_grid
+from replay_kit.core.flow.load import load, load_bytes
+from replay_kit.core.flow.lossless import save, save_bytes
+from replay_kit.core.flow.netcdf import to_dataset, wet_at, write_grid
 from replay_kit.core.geodesy import grid_bearing_of_true_north, rotate_to_geographic, to_local
 from replay_kit.results.slices import depth_slice
 

@@ -40,7 +40,7 @@ def test_nearest_is_the_member_of_least_squares():
     expected = slow.nearest(at_profiles, values, [STD] * 4)
     assert estimator.chosen(state) == expected
     np.testing.assert_allclose(said[-1].residual, values[-1] - at_profiles[-1][expected], atol=1e-10)
-    np.testing.assert_allclose(estimator.misfit(state, observations[0]), values[0] - at_profiles[0][expected], atol=1e-10)
+    np.testing.assert_allclose(estimator.innovation(state, observations[0]), values[0] - at_profiles[0][expected], atol=1e-10)
     np.testing.assert_allclose(at_nodes(estimator.flow(state)), MEMBERS[expected], atol=2e-3)
     assert np.isnan(said[-1].nis)
 
@@ -73,7 +73,7 @@ def test_naive_equals_a_textbook_filter_on_whole_member_modes():
     np.testing.assert_allclose(at_nodes(flow), (modes @ mean).reshape(3, -1), atol=2e-3)
     std = np.sqrt(np.diag(modes @ cov @ modes.T)).reshape(3, -1)
     np.testing.assert_allclose(std_at_nodes(flow), std, atol=1e-3)
-    np.testing.assert_allclose(estimator.misfit(state, observations[-1]), said[-1].residual, atol=1e-12)
+    np.testing.assert_allclose(estimator.innovation(state, observations[-1]), said[-1].residual, atol=1e-12)
 
 
 def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
@@ -84,12 +84,12 @@ def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
     state, said = run(estimator, observations)
     flow, other = estimator.flow(state), textbook.flow(expected)
     np.testing.assert_allclose(flow.latent, other.latent, atol=1e-9 * np.abs(other.latent).max())
-    np.testing.assert_allclose(flow.weight_cov, other.weight_cov, atol=1e-10 * np.abs(textbook.prior.dense()).max())
+    np.testing.assert_allclose(flow.weight_cov, other.weight_cov, atol=1e-10 * np.abs(textbook.prior.covariance()).max())
     for ours, theirs in zip(said, expected_said, strict=True):
         assert ours.nis == pytest.approx(theirs.nis, rel=1e-9)
         for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-10)
-    np.testing.assert_allclose(estimator.misfit(state, observations[2]), textbook.misfit(expected, observations[2]), atol=1e-10)
+    np.testing.assert_allclose(estimator.innovation(state, observations[2]), textbook.innovation(expected, observations[2]), atol=1e-10)
 
 
 def test_etkf_keeps_the_anomalies_centred():
@@ -134,8 +134,8 @@ def test_letkf_without_a_taper_is_the_etkf():
         assert ours.nis == pytest.approx(theirs.nis, rel=1e-6)
         np.testing.assert_allclose(ours.innovation_std, theirs.innovation_std, rtol=1e-6)
     np.testing.assert_allclose(at_nodes(local.flow(state)), at_nodes(everywhere.flow(other)), atol=1e-5)
-    expected = everywhere.misfit(other, observations[0])
-    np.testing.assert_allclose(local.misfit(state, observations[0]), expected, atol=1e-6)
+    expected = everywhere.innovation(other, observations[0])
+    np.testing.assert_allclose(local.innovation(state, observations[0]), expected, atol=1e-6)
     assert values[0].shape == expected.shape
 
 
@@ -232,7 +232,7 @@ def test_an_unusable_profile_changes_nothing(name):
     assert after is state
     assert not said.accepted
     assert said.dof == 0
-    assert np.isnan(estimator.misfit(state, deep)).all()
+    assert np.isnan(estimator.innovation(state, deep)).all()
 
 
 @pytest.mark.parametrize("name", BASELINES)

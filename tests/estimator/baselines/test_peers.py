@@ -85,7 +85,7 @@ def test_filterpy_s_kalman_filter():
     estimator = build_estimator(SMALL, config)
     state, said = run(estimator, observations)
     theirs = KalmanFilter(dim_x=state.mean.size, dim_z=2 * DEPTHS.size)
-    theirs.x, theirs.P = estimator.prior.mean[:, None].copy(), estimator.prior.dense().copy()
+    theirs.x, theirs.P = estimator.prior.mean[:, None].copy(), estimator.prior.covariance().copy()
     for place, value, ours in zip(places, values, said, strict=True):
         design, offset, error = uncompressed_rows(estimator, place)
         theirs.update((value.T.ravel() - offset)[:, None], R=np.diag(error**2), H=design)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.geodesy import rotate_to_geographic
@@ -48,12 +48,13 @@ def test_whitening_makes_the_covariance_one(n, common, length, seed):
 def seen(estimator, observation, common):
     """Mean and covariance of the weights after one profile, by the textbook."""
     used = np.arange(observation.depth.size)
-    rows, values = estimator.rows(observation, used)
+    rows = estimator.rows(observation, used)
+    values = rows.values
     depth_factor = rows.noise.unwhiten @ rows.q @ rows.r
     representation = np.interp(observation.depth, SMALL.grid.levels, estimator.representation_std)
     noise = covariance(observation.depth, observation.error_std, representation, common, observation.correlation_depth)
     design = np.vstack([np.kron(depth_factor, rows.basis[c]) for c in range(2)])
-    return slow.kalman_update(estimator.prior.mean, estimator.prior.dense(), design, values.T.ravel(), np.kron(np.eye(2), noise))
+    return slow.kalman_update(estimator.prior.mean, estimator.prior.covariance(), design, values.T.ravel(), np.kron(np.eye(2), noise))
 
 
 @pytest.mark.parametrize(("common", "length"), [(0.05, 0.0), (0.0, 40.0), (0.02, 40.0)])
@@ -105,7 +106,7 @@ def test_one_bin_relative_to_an_unknown_platform_says_nothing():
 
 @pytest.mark.parametrize("wrong", ["nan", "inf", "no error", "error without end"])
 def test_bins_that_are_no_measurement_are_left_out(wrong):
-    estimator = build_estimator(SMALL, EstimatorConfig(modes=8), TrustConfig())
+    estimator = build_estimator(SMALL, EstimatorConfig(modes=8), GatingConfig())
     (observation,) = synthetic.random_profiles(SMALL.grid, 1, speed=0.05)
     velocity, error = observation.velocity.copy(), observation.error_std.copy()
     if wrong in ("nan", "inf"):
@@ -127,7 +128,7 @@ def test_bins_that_are_no_measurement_are_left_out(wrong):
 @pytest.mark.parametrize("n", [2, 3, 9])
 def test_a_platform_of_unknown_velocity_takes_one_degree_of_freedom_of_each_component(n, evolving):
     config = EstimatorConfig(modes=8)
-    estimator = build_evolving([SMALL], config, TimeConfig(scale="static"), TrustConfig()) if evolving else build_estimator(SMALL, config)
+    estimator = build_evolving([SMALL], config, TimeConfig(scale="static"), GatingConfig()) if evolving else build_estimator(SMALL, config)
     (observation,) = synthetic.random_profiles(SMALL.grid, 1, seed=3, speed=0.05)
     flags = np.where(np.arange(11) < n, Flag.GOOD, Flag.MISSING).astype(np.int8)
     absolute = replace(observation, flags=flags)
@@ -145,12 +146,13 @@ def test_the_innovation_of_relative_profiles_is_chi_square_with_those_degrees_of
     estimator = build_estimator(SMALL, EstimatorConfig(modes=8))
     observation = synthetic.profile(SMALL.grid, 0.0, 0.0, DEPTH, np.zeros((9, 2)))
     used = np.arange(9)
-    rows, zero = estimator.rows(observation, used)
+    rows = estimator.rows(observation, used)
+    zero = rows.values
     rng, n = np.random.default_rng(11), 300
     representation = np.interp(observation.depth, SMALL.grid.levels, estimator.representation_std)
     std = np.hypot(observation.error_std, representation)
     bins = rows.noise.unwhiten @ rows.q @ rows.r
-    factor = np.linalg.cholesky(estimator.prior.dense() + 1e-14 * np.eye(estimator.prior.mean.size))
+    factor = np.linalg.cholesky(estimator.prior.covariance() + 1e-14 * np.eye(estimator.prior.mean.size))
     found = []
     for _ in range(n):
         weights = (estimator.prior.mean + factor @ rng.standard_normal(estimator.prior.mean.size)).reshape(bins.shape[1], -1)

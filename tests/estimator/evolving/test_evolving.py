@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import EstimatorError
@@ -14,7 +14,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving.state import Layout, look_along
+from replay_kit.estimator.evolving.state_space import StateSpace, predict_observation
 from tests import synthetic
 from tests.reference import evolving as slow
 
@@ -43,7 +43,8 @@ def profiles(n, days=4.0, seed=2):
 def rows_of(estimator, observation, static):
     """The observation's rows of the weights, and its values about the offset."""
     used = np.flatnonzero(observation.depth <= LEVELS[-1])
-    rows, values = static.rows(observation, used)
+    rows = static.rows(observation, used)
+    values = rows.values
     return rows.design(), rows.compress(values)[0]
 
 
@@ -63,10 +64,10 @@ def test_the_filter_is_the_joint_gaussian_of_all_observations():
         factors.append(said.error_inflation)
     times = [o.time_ns for o in observations]
     for at in (times[-1], times[-1] + DAY):
-        mean, cov = slow.joint(estimator.model.sea, designs, times, values, at)
-        later = estimator.predicted(state, at)
-        flow = estimator.at(state, at)
-        np.testing.assert_allclose(estimator.weights(later), mean, atol=1e-9 * np.abs(mean).max())
+        mean, cov = slow.joint(estimator.operator.process, designs, times, values, at)
+        later = estimator.predict(state, at)
+        flow = estimator.flow(estimator.predict(state, at))
+        np.testing.assert_allclose(estimator.weights([later])[0], mean, atol=1e-9 * np.abs(mean).max())
         np.testing.assert_allclose(flow.weight_cov, cov, atol=1e-9 * np.abs(cov).max())
         assert flow.time_ns == at
 
@@ -108,10 +109,10 @@ def test_uncertainty_grows_from_the_last_observation_towards_the_forecast_s():
     grid = forecasts(1)[0].grid
     at = grid.east.ravel(), grid.north.ravel(), np.full(grid.east.size, 60.0)
     # beyond the last forecast its spread stays, so what grows is forgetting alone
-    errors = [estimator.at(state, 4 * DAY + k * DAY).standard_error(*at) for k in range(5)]
+    errors = [estimator.flow(estimator.predict(state, 4 * DAY + k * DAY)).standard_error(*at) for k in range(5)]
     for before, after in pairwise(errors):
         assert np.all(after > before)
-    prior = estimator.at(estimator.initial(), 40 * DAY).standard_error(*at)
+    prior = estimator.flow(estimator.predict(estimator.initial(), 40 * DAY)).standard_error(*at)
     np.testing.assert_allclose(estimator.flow(state).at(40 * DAY).standard_error(*at), prior, rtol=1e-6)
 
 
@@ -119,7 +120,7 @@ def test_before_any_observation_the_estimate_is_the_forecast_between_its_times()
     members = forecasts()
     estimator = build_evolving(members, CONFIG, WHOLE)
     grid = members[0].grid
-    flow = estimator.at(estimator.initial(), DAY)  # halfway between the first two
+    flow = estimator.flow(estimator.predict(estimator.initial(), DAY))  # halfway between the first two
     between = 0.5 * (members[0].velocity.mean(axis=0) + members[1].velocity.mean(axis=0))
     velocity = flow.velocity(grid.east[None], grid.north[None], LEVELS[:, None, None])
     rest = np.sqrt(np.mean((np.moveaxis(velocity, -1, 0) - between) ** 2))
@@ -135,18 +136,18 @@ def test_the_scale_is_read_off_the_members_own_change():
         fields.append(kept * fields[-1] + np.sqrt(1 - kept**2) * rng.standard_normal(only.velocity.shape))
     members = [replace(only, velocity=field, time_ns=k * DAY) for k, field in enumerate(fields)]
     estimator = build_evolving(members, EstimatorConfig(modes=None, sample_share=0.6), TimeConfig())
-    assert estimator.model.sea.local_scale == pytest.approx(-86_400.0 / np.log(kept), rel=0.1)
-    assert estimator.model.sea.trajectory_scale == 5 * estimator.model.sea.local_scale
+    assert estimator.operator.process.local_scale == pytest.approx(-86_400.0 / np.log(kept), rel=0.1)
+    assert estimator.operator.process.trajectory_scale == 5 * estimator.operator.process.local_scale
 
 
 def test_dropped_directions_are_as_small_as_promised():
     members = forecasts(n_members=8)
     whole, few = (build_evolving(members, CONFIG, TimeConfig(dropped_std=bound)) for bound in (0.0, 0.02))
-    assert few.layout.size < whole.layout.size
+    assert few.state_space.size < whole.state_space.size
     grid = members[0].grid
     at = grid.east.ravel()[:, None], grid.north.ravel()[:, None], LEVELS[None, :]
     for time_ns in (0, 4 * DAY):
-        variances = [estimator.at(estimator.initial(), time_ns).standard_error(*at) ** 2 for estimator in (whole, few)]
+        variances = [estimator.flow(estimator.predict(estimator.initial(), time_ns)).standard_error(*at) ** 2 for estimator in (whole, few)]
         assert 0.0 < (variances[0] - variances[1]).max() <= 0.02**2 * 1.01
 
 
@@ -161,7 +162,7 @@ def test_an_observation_older_than_the_state_is_left_out_and_says_so():
 
 
 def test_a_rejected_profile_leaves_the_state_untouched():
-    estimator = build_evolving(forecasts(), CONFIG, WHOLE, TrustConfig())
+    estimator = build_evolving(forecasts(), CONFIG, WHOLE, GatingConfig())
     state = estimator.initial()
     for observation in profiles(6):
         state, _ = estimator.step(state, observation)
@@ -184,7 +185,7 @@ def test_a_million_updates_keep_the_covariance_symmetric_and_positive():
     rng = np.random.default_rng(5)
     n, none = 6, np.empty(0, dtype=np.intp)
     scales = np.array([np.inf, np.inf, np.inf, 1e4, 1e5, 1e7])
-    layout = Layout(scales, none, none, np.empty(0), {})
+    layout = StateSpace(scales, none, none, np.empty(0), {})
     mean, cov = np.zeros((n, 1)), np.eye(n)
     designs = rng.standard_normal((64, 2, n)) * 10.0
     designs[:8] *= 1e3  # nearly without error
@@ -192,7 +193,7 @@ def test_a_million_updates_keep_the_covariance_symmetric_and_positive():
     smallest = []
     for k in range(20_000):
         mean, cov = layout.predict(mean, cov, 1.0)
-        mean, cov = look_along(mean, cov, designs[k % 64]).posterior(rng.standard_normal((2, 1)), 1.0)
+        mean, cov = predict_observation(mean, cov, designs[k % 64]).posterior(rng.standard_normal((2, 1)), 1.0)
         if k % 500 == 0:
             smallest.append(np.linalg.eigvalsh(cov).min() / np.linalg.eigvalsh(cov).max())
     np.testing.assert_array_equal(cov, cov.T)
@@ -205,19 +206,19 @@ def test_members_that_begin_from_one_analysis_tell_nothing_there():
     later = forecasts(4, days=6.0)
     same = replace(later[0], velocity=np.repeat(later[0].velocity[:1], len(later[0].velocity), axis=0))
     whole, begun = (build_evolving(series, CONFIG, TimeConfig()) for series in (later[1:], [same, *later[1:]]))
-    assert begun.model.sea.local_scale == pytest.approx(whole.model.sea.local_scale, rel=0.1)
-    start = begun.at(begun.initial(), same.time_ns).standard_error(0.0, 0.0, 60.0)
+    assert begun.operator.process.local_scale == pytest.approx(whole.operator.process.local_scale, rel=0.1)
+    start = begun.flow(begun.predict(begun.initial(), same.time_ns)).standard_error(0.0, 0.0, 60.0)
     assert np.all(start < 1e-6)
     np.testing.assert_allclose(
-        begun.at(begun.initial(), later[-1].time_ns).standard_error(0.0, 0.0, 60.0),
-        whole.at(whole.initial(), later[-1].time_ns).standard_error(0.0, 0.0, 60.0),
+        begun.flow(begun.predict(begun.initial(), later[-1].time_ns)).standard_error(0.0, 0.0, 60.0),
+        whole.flow(whole.predict(whole.initial(), later[-1].time_ns)).standard_error(0.0, 0.0, 60.0),
         rtol=0.1,
     )
 
 
 def test_an_estimate_that_is_contradicted_grows_its_covariance_by_two_at_the_most_at_once():
-    trusts = [TrustConfig(gate="off", adapt_errors=False, watch_profiles=4, watch=watch) for watch in (True, False)]
-    watching, blind = (build_evolving(forecasts(), CONFIG, WHOLE, trust) for trust in trusts)
+    trusts = [GatingConfig(gate="off", adapt_errors=False, inflation_profiles=4, inflate=watch) for watch in (True, False)]
+    watching, blind = (build_evolving(forecasts(), CONFIG, WHOLE, gating) for gating in trusts)
     grown, other = watching.initial(), blind.initial()
     for k, observation in enumerate(profiles(4)):
         strong = replace(observation, velocity=20.0 * observation.velocity)

@@ -8,10 +8,10 @@ import pytest
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving.build import layout
-from replay_kit.estimator.evolving.extras import EARTH_ROTATION, biases, oscillations
-from tests.estimator.basis.test_paths import dive
+from replay_kit.estimator.evolving.build import state_space
+from replay_kit.estimator.evolving.extras import EARTH_ROTATION, oscillations
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
+from tests.estimator.update.test_path_mean import dive
 from tests.reference import evolving as slow
 
 LEVELS_END = 220.0
@@ -22,18 +22,18 @@ HOUR = 3600 * 10**9
 def test_an_inertial_current_turns_clockwise_in_the_north_only_and_once_in_its_period(latitude):
     swinging = oscillations(TimeConfig(oscillators=("inertial",)), latitude, LEVELS_END)
     f = 2 * EARTH_ROTATION * np.sin(np.deg2rad(latitude))
-    sea = build_evolving(forecasts(1), CONFIG, TimeConfig()).model.sea
-    order = layout(sea, swinging, biases(TimeConfig()), TimeConfig(oscillators=("inertial",), oscillator_scale=1e18))
+    operator = replace(build_evolving(forecasts(1), CONFIG, TimeConfig()).operator, oscillations=swinging)
+    order = state_space(operator, TimeConfig(oscillators=("inertial",), oscillator_scale=1e18))
     n, k = swinging.knots.size, order.parts["oscillations"].start
     state = np.zeros(order.size)
     state[k] = 1.0  # eastward at the first knot's direction
     period = 2 * np.pi / abs(f)
-    quarter = order.forecast_mean(state, period / 4)
+    quarter = order.predict_mean(state, period / 4)
     east, north = quarter[k], quarter[k + n]
     assert abs(east) < 1e-9
     assert north == pytest.approx(-np.sign(latitude))
-    np.testing.assert_allclose(order.forecast_mean(state, period)[k], 1.0, atol=1e-9)
-    both = order.forecast_mean(np.arange(order.size, dtype=np.float64), 5000.0)
+    np.testing.assert_allclose(order.predict_mean(state, period)[k], 1.0, atol=1e-9)
+    both = order.predict_mean(np.arange(order.size, dtype=np.float64), 5000.0)
     pairs = np.column_stack([np.arange(order.size)[k : k + n], np.arange(order.size)[k + n : k + 2 * n]]).astype(float)
     np.testing.assert_allclose(np.column_stack([both[k : k + n], both[k + n : k + 2 * n]]), slow.turned(pairs, f, 5000.0), rtol=1e-9)
 
@@ -41,11 +41,11 @@ def test_an_inertial_current_turns_clockwise_in_the_north_only_and_once_in_its_p
 def test_what_a_row_sees_at_another_time_is_what_the_turned_state_shows_now():
     config = TimeConfig(oscillators=("inertial", "M2"), oscillator_scale=1e18)
     estimator = build_evolving(forecasts(1), CONFIG, config)
-    swinging, part = estimator.model.oscillations, estimator.layout.parts["oscillations"]
+    swinging, part = estimator.operator.oscillations, estimator.state_space.parts["oscillations"]
     rng = np.random.default_rng(3)
-    state, rows = rng.standard_normal(estimator.layout.size), rng.standard_normal(swinging.size)
+    state, rows = rng.standard_normal(estimator.state_space.size), rng.standard_normal(swinging.size)
     for seconds in (-7200.0, 0.0, 3600.0):
-        later = estimator.layout.turned(state, seconds)
+        later = estimator.state_space.rotated(state, seconds)
         assert swinging.at(rows, seconds) @ state[part] == pytest.approx(rows @ later[part], rel=1e-10)
 
 
@@ -53,14 +53,14 @@ def test_what_a_row_sees_at_another_time_is_what_the_turned_state_shows_now():
 def test_a_mean_along_a_path_sees_an_oscillation_at_each_point_s_own_time(latitude_sign):
     """The state is of the path's end, and the oscillation went before it: by hand, with the complex exponential."""
     estimator = build_evolving(forecasts(1), CONFIG, TimeConfig(oscillators=("inertial",), oscillator_scale=1e18))
-    swinging = estimator.model.oscillations
+    swinging = estimator.operator.oscillations
     swinging = replace(swinging, omega=latitude_sign * np.abs(swinging.omega))
-    model = replace(estimator.model, oscillations=swinging)
+    model = replace(estimator.operator, oscillations=swinging)
     path = dive()
     assert path.path_time_ns[0] < path.path_time_ns[-1] == path.time_ns
     east, north = np.random.default_rng(1).standard_normal((2, swinging.knots.size))
-    state = np.zeros(estimator.layout.size)
-    state[estimator.layout.parts["oscillations"]] = np.concatenate([east, north])
+    state = np.zeros(estimator.state_space.size)
+    state[estimator.state_space.parts["oscillations"]] = np.concatenate([east, north])
     seen = model.path(path)
     expected = np.zeros(2)
     for depth, weight, time_ns in zip(path.depth, path.weight, path.path_time_ns, strict=True):
@@ -102,7 +102,7 @@ def test_an_oscillation_is_predicted_where_it_is_asked_for(kind):
         misfits = []
         for k, observation in enumerate(log):
             if k >= 12:
-                misfits.append(estimator.misfit(state, observation))
+                misfits.append(estimator.innovation(state, observation))
             state, _ = estimator.step(state, observation)
         errors[name] = np.sqrt(np.nanmean(np.square(misfits)))
     assert errors["with"] < 0.4 * errors["without"]
@@ -147,7 +147,7 @@ def test_biases_are_found_with_their_sign_and_size():
 
 def test_what_is_off_costs_nothing():
     plain, all_off = (build_evolving(forecasts(), CONFIG, config) for config in (TimeConfig(), TimeConfig(oscillators=(), biases=())))
-    assert plain.layout.size == all_off.layout.size == plain.model.sea.size
+    assert plain.state_space.size == all_off.state_space.size == plain.operator.process.size
 
 
 def test_the_oscillations_prior_is_as_strong_as_asked_at_all_depths():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.observation import Reason
 from replay_kit.estimator.evolving import build_evolving
@@ -53,7 +53,7 @@ def test_the_smoother_is_the_joint_gaussian_with_a_late_observation_where_the_fi
         last = times[-1] if lag_days is None else at + int(lag_days * DAY)
         used = [k for k, time in enumerate(counted) if time <= max(last, at)]
         of_used = ([each[k] for k in used] for each in (designs, times, values))
-        mean, cov = slow.joint(estimator.model.sea, *of_used, at, [counted[k] for k in used])
+        mean, cov = slow.joint(estimator.operator.process, *of_used, at, [counted[k] for k in used])
         latent = estimator.basis.offset + estimator.basis.modes @ mean.reshape(3, -1).T
         np.testing.assert_allclose(flow.latent, latent, atol=1e-8 * np.abs(latent).max())
         np.testing.assert_allclose(flow.weight_cov, cov, atol=1e-8 * np.abs(cov).max())
@@ -62,7 +62,7 @@ def test_the_smoother_is_the_joint_gaussian_with_a_late_observation_where_the_fi
 @pytest.mark.parametrize("lag_seconds", [None, 7200.0])
 def test_a_late_observation_after_a_rejected_one_counts_for_the_times_between(lag_seconds):
     """The state stays where it was at a rejected profile; what comes late then counts before that profile's time."""
-    estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=3 * 3600.0), TrustConfig())
+    estimator = build_evolving(forecasts(), CONFIG, TimeConfig(scale=3 * 3600.0), GatingConfig())
     good = [replace(each, time_ns=DAY + 30 * k * MINUTE) for k, each in enumerate(profiles(8))]
     wrong = replace(good[7], time_ns=good[6].time_ns + 20 * MINUTE, velocity=good[7].velocity + 5.0)
     late = replace(good[7], time_ns=good[6].time_ns + 10 * MINUTE)

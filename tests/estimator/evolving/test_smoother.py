@@ -37,7 +37,9 @@ def test_the_smoother_is_the_joint_gaussian_of_what_it_may_use(lag_days):
     for at, flow in zip(wanted, flows, strict=True):
         last = times[-1] if lag_days is None else at + int(lag_days * DAY)
         used = [k for k, time in enumerate(times) if time <= max(last, at)]
-        mean, cov = slow.joint(estimator.model.sea, [designs[k] for k in used], [times[k] for k in used], [values[k] for k in used], at)
+        mean, cov = slow.joint(
+            estimator.operator.process, [designs[k] for k in used], [times[k] for k in used], [values[k] for k in used], at
+        )
         latent = estimator.basis.offset + estimator.basis.modes @ mean.reshape(3, -1).T
         np.testing.assert_allclose(flow.latent, latent, atol=1e-8 * np.abs(latent).max())
         np.testing.assert_allclose(flow.weight_cov, cov, atol=1e-8 * np.abs(cov).max())

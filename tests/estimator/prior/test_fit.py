@@ -18,8 +18,8 @@ from replay_kit.estimator.prior.fit import (
     fit_settings,
     fit_steps,
     measure_columns,
-    score_shares,
-    score_the_rest,
+    score_sample_shares,
+    score_withheld,
 )
 from replay_kit.estimator.prior.hybrid import PriorSettings
 from tests import synthetic
@@ -51,7 +51,7 @@ def test_the_score_equals_a_textbook_update_and_quadrature():
     design = np.kron(np.eye(2), rows)
     values = design @ truth.ravel() + ERROR_STD * again.standard_normal(12)
     mean, cov, _, _ = slow.kalman_update(np.zeros(16), prior, design, values, ERROR_STD**2 * np.eye(12))
-    log_score, inside = score_the_rest(members, truth, prior, precision, information)
+    log_score, inside = score_withheld(members, truth, prior, precision, information)
     error, std = mean - truth.ravel(), np.sqrt(np.diag(cov))
     by_hand = np.mean([slow_scores.crps_by_quadrature(e, s) for e, s in zip(error, std, strict=True)])
     assert log_score == pytest.approx(np.log(by_hand / np.mean(np.abs(truth))), abs=1e-5)
@@ -64,8 +64,8 @@ def test_members_of_one_shape_want_the_sample_covariance_and_noise_does_not():
         return a * np.sin(nodes[:, 0] / 2e4) + b * np.cos(nodes[:, 1] / 2e4)
 
     settings = PriorSettings(0.5, 0.0, 3e4)
-    waves = best(score_shares(members_of(0, 12, long_waves), settings, SHARES, 6))
-    noise = best(score_shares(members_of(0, 12, lambda rng, nodes: rng.standard_normal(len(nodes))), settings, SHARES, 6))
+    waves = best(score_sample_shares(members_of(0, 12, long_waves), settings, SHARES, 6))
+    noise = best(score_sample_shares(members_of(0, 12, lambda rng, nodes: rng.standard_normal(len(nodes))), settings, SHARES, 6))
     assert waves.sample_share == max(SHARES)
     assert noise.sample_share == min(SHARES)
 
@@ -82,7 +82,7 @@ def test_what_is_set_is_kept_and_what_is_open_is_chosen_alike_each_time():
 
 def test_three_members_are_too_few_to_spare_one():
     three = members_of(0, 3, lambda rng, nodes: rng.standard_normal(len(nodes)), n_side=3)
-    assert score_shares(three, PriorSettings(0.5, 0.0, 3e4), SHARES, 6) == []
+    assert score_sample_shares(three, PriorSettings(0.5, 0.0, 3e4), SHARES, 6) == []
     assert choose_settings(three, 1e4, EstimatorConfig()).sample_share == pytest.approx(2 / 3)
 
 

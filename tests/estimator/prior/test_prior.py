@@ -10,7 +10,7 @@ from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.modes import cell_size, correlation_length
 from replay_kit.estimator.prior.hybrid import shifted_copies
-from replay_kit.estimator.update.dense import dense_prior
+from replay_kit.estimator.update.full_covariance import full_covariance_prior
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.baselines import gaspari_cohn as slow_taper
@@ -33,45 +33,45 @@ def test_the_prior_is_the_twin_s_projected_on_the_modes():
     fields = basis.member_weights @ velocity_modes.T
     twin = slow.hybrid_covariance(fields, velocity_modes, nodes, share, shift, radius, slow_taper)
     projector = np.kron(np.eye(basis.member_weights.shape[1]), np.linalg.pinv(velocity_modes))
-    np.testing.assert_allclose(estimator.prior.dense(), projector @ twin @ projector.T, atol=1e-12)
+    np.testing.assert_allclose(estimator.prior.covariance(), projector @ twin @ projector.T, atol=1e-12)
 
 
 def prior_named(name):
     if name != "dense":
         return build_estimator(SMALL, CONFIGS[name]).prior
     hybrid = build_estimator(SMALL, CONFIGS["hybrid"]).prior
-    return dense_prior(hybrid.mean, hybrid.dense(), 3)
+    return full_covariance_prior(hybrid.mean, hybrid.covariance(), 3)
 
 
 @pytest.mark.parametrize("name", [*CONFIGS, "dense"])
 def test_products_with_the_parts_are_products_with_the_matrix(name):
     prior = prior_named(name)
-    dense = prior.dense()
+    dense = prior.covariance()
     assert np.linalg.eigvalsh(dense).min() > -1e-12 * np.abs(dense).max()
     rng = np.random.default_rng(0)
     weights = rng.standard_normal((4, 3, dense.shape[0] // 3))
     scale = np.abs(dense).max()
-    np.testing.assert_allclose(prior.times(weights).reshape(4, -1), weights.reshape(4, -1) @ dense, atol=1e-12 * scale)
+    np.testing.assert_allclose(prior.matvec(weights).reshape(4, -1), weights.reshape(4, -1) @ dense, atol=1e-12 * scale)
     basis = weights[0, :2]
     columns = np.einsum("zy,cr->zcyr", np.eye(3), basis).reshape(6, -1)
-    np.testing.assert_allclose(prior.times_modes(basis).reshape(6, -1), columns @ dense, atol=1e-12 * scale)
+    np.testing.assert_allclose(prior.matvec_modes(basis).reshape(6, -1), columns @ dense, atol=1e-12 * scale)
 
 
 def test_a_dense_prior_is_the_matrix_it_was_made_of_and_less_takes_rows_away():
     hybrid = build_estimator(SMALL, CONFIGS["hybrid"]).prior
-    matrix = hybrid.dense()
-    prior = dense_prior(hybrid.mean, matrix, 3)
-    np.testing.assert_allclose(prior.dense(), matrix, atol=1e-16)  # the upper half is the lower one mirrored
+    matrix = hybrid.covariance()
+    prior = full_covariance_prior(hybrid.mean, matrix, 3)
+    np.testing.assert_allclose(prior.covariance(), matrix, atol=1e-16)  # the upper half is the lower one mirrored
     np.testing.assert_allclose(prior.mode_std(), hybrid.mode_std(), rtol=1e-12)
     rows = 0.1 * np.random.default_rng(1).standard_normal((7, len(matrix)))
-    less = prior.less(hybrid.mean + 1.0, rows)
-    np.testing.assert_allclose(less.dense(), matrix - rows.T @ rows, atol=1e-14)
+    less = prior.downdate(hybrid.mean + 1.0, rows)
+    np.testing.assert_allclose(less.covariance(), matrix - rows.T @ rows, atol=1e-14)
     np.testing.assert_array_equal(less.mean, hybrid.mean + 1.0)
 
 
 def test_without_shift_or_localisation_it_is_the_sample_covariance():
     estimator = build_estimator(SMALL, CONFIGS["sample"])
-    np.testing.assert_allclose(estimator.prior.dense(), np.cov(estimator.basis.member_weights.reshape(5, -1).T), atol=1e-14)
+    np.testing.assert_allclose(estimator.prior.covariance(), np.cov(estimator.basis.member_weights.reshape(5, -1).T), atol=1e-14)
 
 
 def test_copies_shift_the_interior_and_repeat_the_edge():

@@ -41,7 +41,7 @@ def test_the_paper_s_prior():
 def test_the_sample_part_of_the_default_prior():
     weight = np.array([[1.0, -2.0], [0.5, 3.0]])
     prior = hybrid_prior(TIMES[:, None, None] * weight, np.eye(4)[:, :2], np.zeros((2, 2)), PriorSettings(1.0, 0.0, 1.0))
-    np.testing.assert_allclose(prior.dense(), VARIANCE * np.outer(weight.ravel(), weight.ravel()))
+    np.testing.assert_allclose(prior.covariance(), VARIANCE * np.outer(weight.ravel(), weight.ravel()))
 
 
 @pytest.mark.parametrize("evolving", [False, True])

@@ -11,16 +11,17 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.update import forms
-from replay_kit.estimator.update.biases import NAMES, Biases, Evidence, in_words, relative_velocity, stretch, unit_columns
-from replay_kit.estimator.update.dense import DensePrior
-from replay_kit.estimator.update.dual import Dual
-from replay_kit.estimator.update.span import Span
+from replay_kit.estimator.update import representation
+from replay_kit.estimator.update.biases import NAMES, Biases, BiasScore, in_words, relative_velocity, scale_jacobian, unit_bias_rows
+from replay_kit.estimator.update.full_covariance import FullCovariancePrior
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
+from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior
+from replay_kit.estimator.update.screening import screen_measurement
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
-from tests.estimator.basis.test_paths import dive
 from tests.estimator.evolving.test_extras import faulty
+from tests.estimator.update.test_path_mean import dive
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 ENSEMBLE = synthetic.ensemble(n_members=24, shape=(6, 7), levels=LEVELS)
@@ -37,21 +38,21 @@ def mission(heading, scale, n=110):
         yield faulty(replace(profile, time_ns=k), heading, scale, through_water, common_std=0.01)
 
 
-def suspected(estimator, log):
+def significant(estimator, log):
     *_, (state, _) = estimator.steps(estimator.initial(), log)
-    return state.evidence.suspected()
+    return state.bias_score.significant()
 
 
 @pytest.mark.parametrize("kind", ["static", "evolving"])
 def test_faults_are_named_with_their_size_and_a_sound_log_is_not_accused(kind):
     estimator = build_estimator(OTHERS, CONFIG) if kind == "static" else build_evolving([OTHERS], CONFIG, TimeConfig())
-    assert suspected(estimator, mission(0.0, 0.0)) == {}
-    found = suspected(estimator, mission(5.0, 0.06))
+    assert significant(estimator, mission(0.0, 0.0)) == {}
+    found = significant(estimator, mission(5.0, 0.06))
     assert set(found) == {"heading", "scale"}
     assert np.rad2deg(found["heading"][0]) == pytest.approx(5.0, abs=1.5)
     assert found["scale"][0] == pytest.approx(0.06, abs=0.02)
-    assert set(suspected(estimator, mission(-5.0, 0.0))) == {"heading"}
-    assert suspected(estimator, mission(-5.0, 0.0))["heading"][0] < 0.0
+    assert set(significant(estimator, mission(-5.0, 0.0))) == {"heading"}
+    assert significant(estimator, mission(-5.0, 0.0))["heading"][0] < 0.0
 
 
 def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
@@ -59,12 +60,13 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
     estimator = build_estimator(OTHERS, CONFIG)
     (profile,) = list(mission(3.0, 0.02, 1))
     used = np.arange(6)
-    rows, values = estimator.rows(profile, used)
-    innovation = rows.compress(values)[0] - rows.times(estimator.prior.mean.reshape(LEVELS.size, -1))
+    rows = estimator.rows(profile, used)
+    values = rows.values
+    innovation = rows.compress(values)[0] - rows.matvec(estimator.prior.mean.reshape(LEVELS.size, -1))
     design = rows.design()
-    cov = design @ estimator.prior.dense() @ design.T + np.eye(len(design))
-    units = unit_columns(profile, used, ENSEMBLE.grid.projection, rows, np.zeros((6, 2)))
-    evidence = Evidence().after(units, innovation, cov, 0.0)
+    cov = design @ estimator.prior.covariance() @ design.T + np.eye(len(design))
+    units = unit_bias_rows(replace(screen_measurement(profile, ENSEMBLE.grid), used=used), ENSEMBLE.grid.projection, rows, np.zeros((6, 2)))
+    evidence = BiasScore().updated(units, innovation, cov, 0.0)
     relative = relative_velocity(profile, used, ENSEMBLE.grid.projection)
     for k, name in enumerate(NAMES):
         (column,) = Biases((name,), np.ones(1)).columns(profile.depth[used], relative)
@@ -82,10 +84,14 @@ def test_the_evidence_is_the_score_of_a_gaussian_s_likelihood():
 
 def test_a_shear_goes_along_the_way_through_the_water_expected_and_is_what_a_state_says_without_its_own():
     shear = Biases(("shear",), np.ones(1))
-    depth, relative, misfit = np.array([10.0, 30.0, 70.0]), np.array([[0.3, 0.1], [0.2, 0.0], [0.1, -0.1]]), np.full((3, 2), [0.2, -0.3])
-    (column,) = shear.columns(depth, relative, misfit)
+    depth, relative, innovation = (
+        np.array([10.0, 30.0, 70.0]),
+        np.array([[0.3, 0.1], [0.2, 0.0], [0.1, -0.1]]),
+        np.full((3, 2), [0.2, -0.3]),
+    )
+    (column,) = shear.columns(depth, relative, innovation)
     np.testing.assert_allclose(column, np.outer([0.0, 20.0, 60.0], [0.0, -1.0]), atol=1e-12)
-    np.testing.assert_array_equal(shear.columns(depth, relative, 0.0 * misfit), shear.columns(depth, relative))
+    np.testing.assert_array_equal(shear.columns(depth, relative, 0.0 * innovation), shear.columns(depth, relative))
 
 
 def test_the_water_s_own_shear_is_no_error_of_the_instrument():
@@ -97,10 +103,14 @@ def test_the_water_s_own_shear_is_no_error_of_the_instrument():
         velocity = profile.velocity.copy()
         velocity[used] += 2e-3 * rng.standard_normal(2) * (profile.depth[used] - profile.depth[0])[:, None]
         sheared = replace(profile, velocity=velocity)
-        rows, values = estimator.rows(sheared, used)
-        misfit = values - estimator.rows(profile, used)[1]
-        pairs = [unit_columns(sheared, used, ENSEMBLE.grid.projection, rows, off)[:, 2] for off in (misfit, 0.0 * misfit)]
-        scores.append([column @ rows.compress(misfit)[0] for column in pairs])
+        rows = estimator.rows(sheared, used)
+        values = rows.values
+        innovation = values - estimator.rows(profile, used).values
+        pairs = [
+            unit_bias_rows(replace(screen_measurement(sheared, ENSEMBLE.grid), used=used), ENSEMBLE.grid.projection, rows, off)[:, 2]
+            for off in (innovation, 0.0 * innovation)
+        ]
+        scores.append([column @ rows.compress(innovation)[0] for column in pairs])
     mean, spread = np.mean(scores, axis=0), np.std(scores, axis=0) / np.sqrt(len(scores))
     assert abs(mean[0]) < 3.0 * spread[0]
     assert mean[1] < -10.0 * spread[1]
@@ -113,16 +123,16 @@ def test_through_time_the_evidence_is_what_a_state_with_a_flat_prior_says():
     (*_, (without, _)), (*_, (with_state, said)) = off.steps(off.initial(), log), on.steps(on.initial(), log)
     assert said.error_inflation == 1.0
     index = NAMES.index(name)
-    information = without.evidence.information[index, index]
+    information = without.bias_score.information[index, index]
     estimate, std = on.biases(with_state)[name]
-    assert without.evidence.score[index] / information == pytest.approx(estimate, rel=1e-4)
+    assert without.bias_score.score[index] / information == pytest.approx(estimate, rel=1e-4)
     assert 1.0 / np.sqrt(information) == pytest.approx(std, rel=1e-4)
 
 
 @pytest.mark.parametrize("form", ["dual", "span", "dense", "with a mean current"])
 def test_a_static_estimate_takes_off_what_the_current_absorbed_in_every_form(form, monkeypatch):
     """The same as the estimate through time that forgets nothing, whose answers lie in one matrix."""
-    monkeypatch.setattr(forms, "_NEARLY_ALL", 0.75 if form == "dense" else 2.0)
+    monkeypatch.setattr(representation, "_NEARLY_ALL", 0.75 if form == "dense" else 2.0)
     log = list(mission(4.0, 0.0, {"dual": 12, "span": 60, "dense": 60, "with a mean current": 20}[form]))
     if form == "span":
         log = [replace(one, longitude=log[k % 6].longitude, latitude=log[k % 6].latitude) for k, one in enumerate(log)]
@@ -130,10 +140,10 @@ def test_a_static_estimate_takes_off_what_the_current_absorbed_in_every_form(for
         log.insert(10, replace(dive(), time_ns=9))
     static, through = build_estimator(OTHERS, CONFIG), build_evolving([OTHERS], CONFIG, TimeConfig(scale="static", dropped_std=0.0))
     (*_, (state, _)), (*_, (same, _)) = static.steps(static.initial(), log), through.steps(through.initial(), log)
-    assert type(state.posterior) is (Span if form == "span" else Dual)
-    assert isinstance(state.posterior.prior, DensePrior) == (form in ("dense", "with a mean current"))
-    np.testing.assert_allclose(state.evidence.score, same.evidence.score, rtol=1e-6)
-    np.testing.assert_allclose(state.evidence.information, same.evidence.information, rtol=1e-6)
+    assert type(state.posterior) is (ReducedSubspacePosterior if form == "span" else ObservationSpacePosterior)
+    assert isinstance(state.posterior.prior, FullCovariancePrior) == (form in ("dense", "with a mean current"))
+    np.testing.assert_allclose(state.bias_score.score, same.bias_score.score, rtol=1e-6)
+    np.testing.assert_allclose(state.bias_score.information, same.bias_score.information, rtol=1e-6)
 
 
 def test_the_stretch_is_the_slope_of_the_measure_of_what_is_logged():
@@ -142,13 +152,13 @@ def test_the_stretch_is_the_slope_of_the_measure_of_what_is_logged():
     (profile,) = list(mission(0.0, 0.0, 1))
     for common_std, expected in ((0.0, 2.0), (1e3, 0.0)):
         one = replace(profile, common_std=common_std)
-        rows, _ = estimator.rows(one, np.arange(1))
+        rows = estimator.rows(one, np.arange(1))
         # an innovation as large as its covariance says
-        assert stretch(one, 1, rows, np.ones(2), np.eye(2)) == pytest.approx(expected, abs=1e-3)
+        assert scale_jacobian(one, rows, np.ones(2), np.eye(2)) == pytest.approx(expected, abs=1e-3)
 
 
 def test_a_sound_log_gives_no_scale_error_on_the_average():
-    """The regressor is made of what was measured: without the stretch it would find an error in its own noise."""
+    """The regressor is made of what was measured: without the Jacobian it would find an error in its own noise."""
     estimator = build_evolving([OTHERS], CONFIG, TimeConfig(scale="static", biases=("scale",)))
     static = build_estimator(OTHERS, CONFIG)
     places = list(mission(0.0, 0.0, 40))
@@ -156,7 +166,7 @@ def test_a_sound_log_gives_no_scale_error_on_the_average():
     for seed in range(16):
         # a truth that the prior itself draws
         rng = np.random.default_rng(seed)
-        weights = estimator.model.sea.weights(rng.standard_normal(estimator.model.sea.size), 0)
+        weights = estimator.operator.process.weights(rng.standard_normal(estimator.operator.process.size), 0)
         truth = static.flow_of(weights.ravel(), np.empty((0, 0)), None)
         log = []
         for place in places:
@@ -177,7 +187,7 @@ def test_a_log_that_does_not_say_how_its_platform_moved_says_nothing_of_faults()
     estimator = build_estimator(OTHERS, CONFIG)
     log = [replace(profile, platform_velocity=None) for profile in mission(20.0, 0.2)]
     *_, (state, _) = estimator.steps(estimator.initial(), log)
-    assert not state.evidence.information.any()
+    assert not state.bias_score.information.any()
 
 
 def test_faults_in_words():

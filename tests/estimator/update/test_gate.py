@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.update.gate import Verdict, Watch, judge, softened_variance
+from replay_kit.estimator.update.gate import ConsistencyMonitor, GateResult, gate_innovation, softened_variance
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 
 FEW = np.array([5.0, 60.0, 150.0, 300.0])
 ENSEMBLE = synthetic.ensemble(n_members=24, shape=(6, 7), levels=FEW)
-TRUST = TrustConfig()
-OPEN = TrustConfig(gate="off", adapt_errors=False, watch=False)
+TRUST = GatingConfig()
+OPEN = GatingConfig(gate="off", adapt_errors=False, inflate=False)
 
 
 def sound_profiles(n, noise=0.09):
@@ -41,19 +41,18 @@ def test_the_statistic_is_the_textbook_s():
     rng = np.random.default_rng(0)
     root = rng.standard_normal((6, 6))
     cov, innovation = root @ root.T, rng.standard_normal(6)
-    verdict = judge(innovation, cov, 0.0, 0, TRUST)
+    verdict = gate_innovation(innovation, cov, (0.0, 0), TRUST)
     assert verdict.statistic == pytest.approx(innovation @ np.linalg.inv(cov + np.eye(6)) @ innovation)
-    assert judge(innovation, cov, 0.0, 0, None).statistic == pytest.approx(verdict.statistic)
-    assert verdict.gate == pytest.approx(chi2.isf(1e-5, 6))
+    assert verdict.threshold == pytest.approx(chi2.isf(1e-5, 6))
     assert verdict.signal_dof(1.0) == pytest.approx(np.trace(cov @ np.linalg.inv(cov + np.eye(6))))
 
 
 def test_a_gate_of_one_in_a_hundred_rejects_about_one_in_a_hundred():
     rng = np.random.default_rng(1)
     cov = np.diag([25.0, 4.0, 1.0, 0.1])
-    config = TrustConfig(gate_probability=0.01, adapt_errors=False)
+    config = GatingConfig(gate_probability=0.01, adapt_errors=False)
     draws = rng.standard_normal((20_000, 4)) * np.sqrt(np.diag(cov) + 1.0)
-    rejected = np.mean([judge(draw, cov, 0.0, 0, config).decision == "rejected" for draw in draws])
+    rejected = np.mean([gate_innovation(draw, cov, (0.0, 0), config).decision == "rejected" for draw in draws])
     # two tests of one in a hundred, of which one implies much of the other
     assert 0.01 < rejected < 0.02
 
@@ -90,7 +89,7 @@ def test_a_softened_outlier_moves_the_estimate_by_k_standard_deviations_at_most(
         assert move <= factor * np.sqrt(prior) * 1.0001
         if innovation <= 0.1:
             assert grown == pytest.approx(error, rel=1e-2)
-    estimator = build_estimator(others(), EstimatorConfig(modes=20), TrustConfig(gate="soften"))
+    estimator = build_estimator(others(), EstimatorConfig(modes=20), GatingConfig(gate="soften"))
     state = estimator.initial()
     for observation in sound_profiles(6):
         state, said = estimator.step(state, observation)
@@ -110,8 +109,8 @@ def test_outliers_cost_little_with_a_gate_and_much_without(gate):
         offset = np.array([np.cos(angle), np.sin(angle)]) if k in bad else np.zeros(2)
         planted.append(replace(profile, velocity=profile.velocity + offset))
     errors = {}
-    for name, trust, log in (("clean", TRUST, profiles), ("gate", TrustConfig(gate=gate), planted), ("open", OPEN, planted)):
-        estimator = build_estimator(others(), EstimatorConfig(modes=20), trust)
+    for name, gating, log in (("clean", TRUST, profiles), ("gate", GatingConfig(gate=gate), planted), ("open", OPEN, planted)):
+        estimator = build_estimator(others(), EstimatorConfig(modes=20), gating)
         *_, (state, _) = estimator.steps(estimator.initial(), log)
         errors[name] = rms(estimator, state)
     assert errors["open"] > 1.5 * errors["clean"]
@@ -133,7 +132,7 @@ def test_the_same_profile_twice_counts_once():
 def test_what_contradicts_an_estimate_that_has_not_been_right_is_softened_not_rejected():
     """An ensemble of another place: nearly every profile lies beyond the gate, and all of them count."""
     elsewhere = Ensemble(ENSEMBLE.grid, 0.02 * ENSEMBLE.velocity[1:], None, "too weak")
-    estimator = build_estimator(elsewhere, EstimatorConfig(modes=20), TrustConfig(watch=False))
+    estimator = build_estimator(elsewhere, EstimatorConfig(modes=20), GatingConfig(inflate=False))
     state, decisions = estimator.initial(), []
     profiles = sound_profiles(12, noise=0.02)
     for observation in profiles:
@@ -162,7 +161,7 @@ def test_an_overconfident_estimate_is_noticed_and_grows_its_errors():
     mean = small.velocity.mean(axis=0)
     shrunk = Ensemble(small.grid, mean + 0.1 * (small.velocity - mean), None, "shrunk")
     watched = build_estimator(shrunk, EstimatorConfig(modes=20), TRUST)
-    blind = build_estimator(shrunk, EstimatorConfig(modes=20), TrustConfig(watch=False))
+    blind = build_estimator(shrunk, EstimatorConfig(modes=20), GatingConfig(inflate=False))
     profiles, states, grown = sound_profiles(100), [], []
     for estimator in (watched, blind):
         state = estimator.initial()
@@ -176,18 +175,18 @@ def test_an_overconfident_estimate_is_noticed_and_grows_its_errors():
 
 
 def test_the_watch_ignores_one_bad_profile_in_ten_and_sees_one_in_two():
-    sound, bad = (Verdict("accepted", nis, 16, 50.0, nis > 50.0, 1.0, np.zeros(16)) for nis in (16.0, 400.0))
-    watch = Watch()
+    sound, bad = (GateResult("accepted", nis, 16, 50.0, nis > 50.0, 1.0, np.zeros(16)) for nis in (16.0, 400.0))
+    watch = ConsistencyMonitor()
     for k in range(200):
-        watch, grown = watch.after(bad if k % 10 == 0 else sound, TRUST)
+        watch, grown = watch.updated(bad if k % 10 == 0 else sound, TRUST)
         assert grown == 1.0
     growth = []
     for k in range(40):
-        watch, grown = watch.after(bad if k % 2 else sound, TRUST)
+        watch, grown = watch.updated(bad if k % 2 else sound, TRUST)
         growth.append(grown)
     # the median between ten sound and ten bad ones is 13, a growth 2 at most
     assert max(growth) == 2.0
     for _ in range(400):
-        watch, grown = watch.after(bad, TRUST)
+        watch, grown = watch.updated(bad, TRUST)
         growth.append(grown)
     assert np.prod(growth) == pytest.approx(4.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.estimator.update.screening import is_repeated
+from replay_kit.estimator.update.screening import is_duplicate
 from tests import synthetic
 
 GRID = synthetic.ensemble(n_members=2).grid
@@ -13,11 +13,11 @@ PROFILE = synthetic.profile(GRID, 1e3, 2e3, np.array([20.0, 40.0]), np.array([[0
 
 
 def test_the_same_numbers_are_the_same_observation_missing_ones_too():
-    assert is_repeated(PROFILE, replace(PROFILE, velocity=PROFILE.velocity.copy(), depth=PROFILE.depth.copy()))
-    assert not is_repeated(None, PROFILE)
+    assert is_duplicate(PROFILE, replace(PROFILE, velocity=PROFILE.velocity.copy(), depth=PROFILE.depth.copy()))
+    assert not is_duplicate(None, PROFILE)
 
 
 @pytest.mark.parametrize("name", ["time_ns", "longitude", "latitude", "depth", "velocity"])
 def test_one_other_number_makes_another_observation(name):
     other = replace(PROFILE, **{name: getattr(PROFILE, name) + 1})
-    assert not is_repeated(PROFILE, other)
+    assert not is_duplicate(PROFILE, other)

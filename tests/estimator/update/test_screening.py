@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Flag, PathMean, Reason, Source
-from replay_kit.estimator.update.screening import as_profile, is_repeated, screen
+from replay_kit.estimator.update.screening import is_duplicate, screen, to_profile
 from tests import synthetic
 
 GRID = synthetic.ensemble(levels=np.array([5.0, 65.0, 165.0])).grid
@@ -79,20 +79,20 @@ def test_a_mean_along_a_path_stands_where_half_of_its_time_has_passed():
         source=Source(0, "/dac", 0, 4),
     )
     # exactly half of it with the second point, a little less, and all of it with the last
-    assert as_profile(mean).longitude == 152.1
-    assert as_profile(replace(mean, weight=np.array([0.25, 0.249, 0.251, 0.25]))).longitude == 152.2
-    assert as_profile(replace(mean, weight=np.array([0.0, 0.0, 0.0, 0.4999]))).longitude == 152.3
-    assert as_profile(mean).depth.tolist() == [50.0]
+    assert to_profile(mean).longitude == 152.1
+    assert to_profile(replace(mean, weight=np.array([0.25, 0.249, 0.251, 0.25]))).longitude == 152.2
+    assert to_profile(replace(mean, weight=np.array([0.0, 0.0, 0.0, 0.4999]))).longitude == 152.3
+    assert to_profile(mean).depth.tolist() == [50.0]
 
 
 def test_a_profile_is_repeated_in_every_number_or_not_at_all():
     one = synthetic.profile(GRID, 0.0, 0.0, np.array([10.0, np.nan]), np.zeros((2, 2)), time_ns=5)
-    assert is_repeated(one, replace(one))
-    assert not is_repeated(None, one)
+    assert is_duplicate(one, replace(one))
+    assert not is_duplicate(None, one)
     for changes in (
         {"time_ns": 6},
         {"longitude": one.longitude + 1e-9},
         {"depth": np.array([10.0, 20.0])},
         {"velocity": one.velocity + 1e-9},
     ):
-        assert not is_repeated(one, replace(one, **changes))
+        assert not is_duplicate(one, replace(one, **changes))

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planners.route.front import Route
 
 from planners import MissionRequest, MissionSettings, NoGo, plan_mission
+from planners.mission.attempt import GoalSteps
 from planners.mission.flight import currents_of
 from planners.mission.program import MissionGuess
-from planners.mission.solve import GoalSteps, solve_legs
+from planners.mission.solve import solve_legs
 from planners.mission.task import mission_task, time_on_clock
+from planners.route.graph import Route
 from planners.vehicle import Glider
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 
@@ -64,7 +65,7 @@ def test_the_clock_of_a_flow_that_changes_begins_with_its_first_estimate():
 def test_legs_that_fall_short_come_as_near_as_they_can_also_where_the_graph_took_the_goal_for_reached():
     flow, vehicle = still_flow(), Glider()
     start, goal = place(flow, -8e3, 0.0, 0.0), place(flow, 8e3, 3e3, 0.0)
-    task = mission_task(flow, (start, (goal,)), vehicle, MissionSettings(depth=300.0), ((), None), 0)
+    task = mission_task(flow, MissionRequest(start, (goal,), vehicle, MissionSettings(depth=300.0)))
     points = np.linspace(task.start[:2], task.goals[0, :2], 5)
     guess = MissionGuess(points[1:], np.full(4, np.pi / 2), np.full(4, 0.3))
     attempt = solve_legs(task, guess, GoalSteps((4,), (0,)), Route(points, np.linspace(0.0, 3e4, 5), True))

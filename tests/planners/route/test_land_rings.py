@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.hazards import region_rings
+from planners.route.hazards import hazard_rings
 from planners.route.region import region_of
 from tests.planners.flow_samples import still_flow
 
@@ -15,7 +15,7 @@ GRID = still_flow((7, 8)).grid
 def land(dry: tuple[slice, slice], levels: slice = slice(None), depth: float = 100.0):
     wet = GRID.wet.copy()
     wet[levels, *dry] = False
-    edge, *rings = region_rings(region_of(replace(GRID, wet=wet)), depth)
+    edge, *rings = hazard_rings(region_of(replace(GRID, wet=wet)), depth)
     assert edge.name.startswith("the edge")
     return rings
 

@@ -17,8 +17,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Flag
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.dive_error import new_dive, with_dive_error
-from replay_kit.estimator.evolving.fit_log import as_built, fit_to_log, fitted_estimator
-from replay_kit.estimator.evolving.likelihood import log_likelihoods, narrowed
+from replay_kit.estimator.evolving.fit_log import fit_to_log, fitted_estimator, initial_settings
+from replay_kit.estimator.evolving.likelihood import log_likelihoods, observed_subspace_estimator
 from replay_kit.estimator.update.screening import usable
 from replay_kit.studies.dives import read_dives, run_dives, to_json
 from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles, column
@@ -78,7 +78,7 @@ def test_withheld_values_are_conditioned_as_by_the_precision_matrix():
 
 def test_the_likelihood_is_that_of_all_bins_of_all_dives_at_once(estimator):
     profiles = [replace(profile, correlation_depth=20.0) for profile in legs(2, 0.1, np.random.default_rng(1))]
-    static = replace(estimator, layout=replace(estimator.layout, scales=np.full_like(estimator.layout.scales, np.inf)))
+    static = replace(estimator, state_space=replace(estimator.state_space, scales=np.full_like(estimator.state_space.scales, np.inf)))
     whole = with_dive_error(static, 0.12, 40.0)
     mean, cov, values = slow.joint(whole, profiles)
     dense = multivariate_normal(mean, cov).logpdf(values) + 0.5 * values.size * np.log(2.0 * np.pi)
@@ -87,8 +87,8 @@ def test_the_likelihood_is_that_of_all_bins_of_all_dives_at_once(estimator):
 
 def test_an_estimator_in_fewer_unknowns_expects_the_same(estimator, dives):
     observations = [*dives[0].given, *dives[1].given]
-    small = narrowed(estimator, observations)
-    assert small.layout.size < estimator.layout.size
+    small = observed_subspace_estimator(estimator, observations)
+    assert small.state_space.size < estimator.state_space.size
     states = [of.initial() for of in (small, estimator)]
     for observation in observations:
         ours, theirs = (expect(of, state, observation) for of, state in zip((small, estimator), states, strict=True))
@@ -102,19 +102,19 @@ def test_an_estimator_in_fewer_unknowns_expects_the_same(estimator, dives):
 def test_a_new_dive_knows_nothing_of_its_own_error_and_all_of_the_sea(estimator):
     whole = with_dive_error(estimator, 0.1, 40.0)
     state, _ = whole.step(whole.initial(), legs(1, 0.1, np.random.default_rng(2))[0])
-    after, part = new_dive(whole, state), whole.layout.parts["dive_error"]
+    after, part = new_dive(whole, state), whole.state_space.parts["dive_error"]
     assert np.any(state.mean[part] != 0.0)
     assert not after.mean[part].any()
     np.testing.assert_array_equal(after.cov[part, part], np.eye(part.stop - part.start))
     np.testing.assert_array_equal(after.cov[: part.start, : part.start], state.cov[: part.start, : part.start])
-    assert new_dive(estimator, estimator.initial()).mean.size == estimator.layout.size
+    assert new_dive(estimator, estimator.initial()).mean.size == estimator.state_space.size
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.15])
 def test_the_log_says_whether_a_dive_s_profiles_err_alike(estimator, shared):
     profiles = legs(4, shared, np.random.default_rng(4))
-    small = narrowed(fitted_estimator(estimator, TimeConfig(), as_built(estimator, TimeConfig())), profiles)
-    found = fit_to_log(small, TimeConfig(), profiles, as_built(small, TimeConfig()))
+    small = observed_subspace_estimator(fitted_estimator(estimator, TimeConfig(), initial_settings(estimator, TimeConfig())), profiles)
+    found = fit_to_log(small, TimeConfig(), profiles, initial_settings(small, TimeConfig()))
     assert (found.dive_error_std >= 0.1) == (shared > 0.0)
     assert found.error_factor <= 1.4
 

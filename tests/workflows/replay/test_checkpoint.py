@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import replay_kit.workflows.replay.session
 from replay_kit.config.run import OutputConfig, RunConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.plan import Place
+from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.results.journal import Journal, read_journal
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.studies.twins import make_twin
@@ -85,7 +85,7 @@ def grouped(ocean, tmp_path_factory):
 
 @pytest.mark.parametrize("block", [1, 5, 1000])
 def test_blocks_of_the_replay_change_no_byte_of_profiles_that_count_together(ocean, tmp_path, grouped, block, monkeypatch):
-    monkeypatch.setattr(replay_kit.workflows.replay.session, "BLOCK", block)
+    monkeypatch.setattr(ReducedBasisEstimator, "block_size", block)
     run(ocean, tmp_path / "out.mcap", config=WINDOW, goal=None)
     assert (tmp_path / "out.mcap").read_bytes() == grouped.read_bytes()
 
@@ -96,7 +96,7 @@ def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(
         with pytest.raises(Killed):
             run(ocean, out, checkpoint, stop_after, config=WINDOW, goal=None)
         # the state that is kept holds the open group
-        assert b"replay_kit.estimator.evolving.together" in checkpoint.read_bytes()
+        assert b"replay_kit.estimator.evolving.superobservation" in checkpoint.read_bytes()
     run(ocean, out, checkpoint, config=WINDOW, goal=None)
     assert out.read_bytes() == grouped.read_bytes()
     assert verify(out, [ocean], planner_of).same

@@ -13,7 +13,8 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
-from replay_kit.estimator.update.screening import rejected
+from replay_kit.estimator import Estimator
+from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.session import Session
 from tests import synthetic
@@ -24,7 +25,7 @@ PROFILE = synthetic.profile(FLOW.grid, 0.0, 0.0, np.array([10.0]), np.zeros((1, 
 SECOND = 10**9
 
 
-class Still:
+class Still(Estimator):
     """An estimator that learns nothing."""
 
     def initial(self):
@@ -32,9 +33,9 @@ class Still:
 
     def steps(self, state, measurements):
         for _ in measurements:
-            yield state, rejected(PROFILE, PROFILE.flags, PROFILE.reasons)
+            yield state, unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons)
 
-    def misfit(self, state, measurement):
+    def innovation(self, state, measurement):
         return np.zeros((1, 2))
 
     def flow(self, state):

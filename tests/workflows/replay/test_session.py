@@ -7,7 +7,8 @@ import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import PathMean
-from replay_kit.estimator.update.screening import rejected
+from replay_kit.estimator import Estimator
+from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.session import Session
 from tests import synthetic
 
@@ -15,11 +16,11 @@ GRID = synthetic.ensemble(n_members=2).grid
 PROFILE = synthetic.random_profiles(GRID, 1)[0]
 
 
-class Recorder:
+class Recorder(Estimator):
     """An estimator that notes what it is given."""
 
-    def __init__(self, takes_paths):
-        self.takes_paths = takes_paths
+    def __init__(self, supports_path_means):
+        self.supports_path_means = supports_path_means
 
     def initial(self):
         return ()
@@ -27,9 +28,9 @@ class Recorder:
     def steps(self, state, measurements):
         for measurement in measurements:
             state = (*state, measurement)
-            yield state, replace(rejected(PROFILE, PROFILE.flags, PROFILE.reasons), accepted=True)
+            yield state, replace(unused_innovation(PROFILE, PROFILE.flags, PROFILE.reasons), accepted=True)
 
-    def misfit(self, state, measurement):
+    def innovation(self, state, measurement):
         return np.zeros((PROFILE.depth.size, 2))
 
     def flow(self, state):
@@ -41,8 +42,8 @@ def mean_current():
     return PathMean(5, np.array([1, 4]), two, two, two, two / 3.0, (0.1, 0.2), 0.02, "dac", 1, PROFILE.source)
 
 
-def given(takes_paths):
-    session = Session(Recorder(takes_paths), GRID.levels, RunConfig())
+def given(supports_path_means):
+    session = Session(Recorder(supports_path_means), GRID.levels, RunConfig())
     session.take([PROFILE, mean_current(), PROFILE])
     session.assimilate_buffer()
     return session.state
@@ -76,7 +77,7 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
     assert published.grids_ns == published.digests_ns == [seconds * 10**9 for seconds in (0, 75, 150, 225)]
 
 
-def test_an_estimator_that_takes_paths_is_given_them_in_order():
+def test_an_estimator_that_supports_path_means_is_given_them_in_order():
     run = given(True)
     assert [isinstance(each, PathMean) for each in run.estimation.current] == [False, True, False]
     assert run.statistics.profiles.positions[1] == (2.0, 2.0)

@@ -6,13 +6,13 @@ from itertools import groupby, islice, pairwise
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.estimator.evolving import build_evolving
-from replay_kit.estimator.evolving import together as module
-from replay_kit.estimator.evolving.together import compressed
-from tests.estimator.basis.test_paths import dive
+from replay_kit.estimator.evolving import superobservation as module
+from replay_kit.estimator.evolving.superobservation import compressed
 from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles
+from tests.estimator.update.test_path_mean import dive
 
 SECOND = 10**9
 
@@ -63,7 +63,7 @@ def test_the_static_comparison_above_is_not_ruled_out():
 
 
 def test_an_outlier_in_a_group_is_rejected_alone():
-    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=10.0), TrustConfig())
+    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=10.0), GatingConfig())
     # one of a group is watched, so it takes five groups until the gate rejects
     log = quick_log(90)
     for k in range(80, 83):
@@ -75,7 +75,7 @@ def test_an_outlier_in_a_group_is_rejected_alone():
 
 def first_of_groups(states):
     """How many states each group has, by the time of its first profile; one without a group is alone."""
-    keys = [state.group.first_ns if state.group is not None else -k for k, state in enumerate(states, start=1)]
+    keys = [state.open_group.first_ns if state.open_group is not None else -k for k, state in enumerate(states, start=1)]
     return [len(list(alike)) for _, alike in groupby(keys)]
 
 
@@ -96,7 +96,7 @@ def test_a_profile_older_than_the_first_of_the_group_begins_another():
 @pytest.mark.parametrize("block", [1, 3, 16])
 def test_blocks_change_no_bit_of_a_group(block):
     """Whether profiles are given at once, in blocks or one by one."""
-    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=20.0, biases=("scale",)), TrustConfig())
+    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=20.0, biases=("scale",)), GatingConfig())
     log = quick_log(45)
     whole = list(together.steps(together.initial(), log))
     state, parts, source = together.initial(), [], iter(log)
@@ -106,8 +106,8 @@ def test_blocks_change_no_bit_of_a_group(block):
     for (state, said), (other, expected) in zip(parts, whole, strict=True):
         for name in ("means", "cov"):
             assert getattr(state, name).tobytes() == getattr(other, name).tobytes()
-        assert (state.time_ns, state.watch) == (other.time_ns, other.watch)
-        assert state.evidence.scores.tobytes() == other.evidence.scores.tobytes()
+        assert (state.time_ns, state.monitor) == (other.time_ns, other.monitor)
+        assert state.bias_score.scores.tobytes() == other.bias_score.scores.tobytes()
         assert (said.nis, said.decision, said.error_inflation) == (expected.nis, expected.decision, expected.error_inflation)
     assert first_of_groups([state for state, _ in parts]) == [21, 21, 3]
 
@@ -119,24 +119,24 @@ def test_a_group_is_the_update_by_all_rows_at_once():
     state = together.initial()
     for observation in profiles(3):
         state, _ = together.step(state, replace(observation, time_ns=observation.time_ns // 10))
-    first = together.offered(state, log[0])
-    offers = [first, *(together.offered(state, each, first.before) for each in log[1:])]
+    first = together.candidate(state, log[0])
+    offers = [first, *(together.candidate(state, each, first.before) for each in log[1:])]
     *_, (after, _) = together.steps(state, log)
-    rows = np.vstack([each.seen.design / each.looked.error_scale for each in offers])
-    told = np.vstack([each.told / each.looked.error_scale for each in offers])
+    rows = np.vstack([each.rows.design / each.evaluated.error_scale for each in offers])
+    told = np.vstack([each.augmented_innovation / each.evaluated.error_scale for each in offers])
     before = first.before
     innovation_cov = rows @ before.cov @ rows.T + np.eye(len(rows))
     gain = before.cov @ rows.T @ np.linalg.inv(innovation_cov)
     cov, means = before.cov - gain @ rows @ before.cov, before.means + gain @ told
-    stretched = sum(each.stretched for each in offers)
-    at = together.layout.parts["biases"].start
-    means[:, 0] -= cov[:, at] * together.model.biases.std[0] * stretched
+    scale_jacobian = sum(each.scale_jacobian for each in offers)
+    at = together.state_space.parts["biases"].start
+    means[:, 0] -= cov[:, at] * together.operator.biases.std[0] * scale_jacobian
     np.testing.assert_allclose(after.means, means, atol=1e-9 * np.abs(means).max())
     np.testing.assert_allclose(after.cov, cov, atol=1e-10)
-    evidence = before.evidence.after(told[:, 1:], told[:, 0], innovation_cov, stretched)
-    np.testing.assert_allclose(after.evidence.scores, evidence.scores, rtol=1e-8)
-    np.testing.assert_allclose(after.evidence.informations, evidence.informations, rtol=1e-8)
-    assert stretched != 0.0
+    evidence = before.bias_score.updated(told[:, 1:], told[:, 0], innovation_cov, scale_jacobian)
+    np.testing.assert_allclose(after.bias_score.scores, evidence.scores, rtol=1e-8)
+    np.testing.assert_allclose(after.bias_score.informations, evidence.informations, rtol=1e-8)
+    assert scale_jacobian != 0.0
 
 
 def test_a_long_group_takes_a_bounded_memory_and_says_what_its_profiles_say_alone():
@@ -146,18 +146,18 @@ def test_a_long_group_takes_a_bounded_memory_and_says_what_its_profiles_say_alon
     for observation in quick_log(150):
         state, _ = together.step(state, observation)
         alone, _ = one_by_one.step(alone, observation)
-        sizes.append(len(state.group.gain))
-    assert max(sizes) <= max(module._ROWS, 2 * together.layout.size) < 900
-    assert min(sizes[100:]) <= together.layout.size + 6
+        sizes.append(len(state.open_group.gain))
+    assert max(sizes) <= max(module._ROWS, 2 * together.state_space.size) < 900
+    assert min(sizes[100:]) <= together.state_space.size + 6
     np.testing.assert_allclose(state.mean, alone.mean, atol=1e-9 * np.abs(alone.mean).max())
     np.testing.assert_allclose(state.cov, alone.cov, atol=1e-10)
 
 
 def test_the_first_profile_of_a_group_is_watched_and_grows_the_covariance_of_the_whole_group():
     """Profiles far off, so that the watch fires at the first of some group: all of its states are grown, and none a second time."""
-    trust = TrustConfig(gate="off", watch_profiles=4)
+    gating = GatingConfig(gate="off", inflation_profiles=4)
     growing, steady = (
-        build_evolving(forecasts(), CONFIG, TimeConfig(window=3.0), each) for each in (trust, trust.model_copy(update={"watch": False}))
+        build_evolving(forecasts(), CONFIG, TimeConfig(window=3.0), each) for each in (gating, gating.model_copy(update={"inflate": False}))
     )
     log = [replace(each, velocity=each.velocity + 1.5 * (-1.0) ** (k // 4)) for k, each in enumerate(quick_log(20))]
     state = without = growing.initial()
@@ -176,7 +176,7 @@ def test_the_first_profile_of_a_group_is_watched_and_grows_the_covariance_of_the
 
 
 def test_a_group_whose_first_profile_is_rejected_counts_the_others_at_its_time():
-    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=10.0), TrustConfig())
+    together = build_evolving(forecasts(), CONFIG, TimeConfig(window=10.0), GatingConfig())
     log = quick_log(80)
     log[77] = replace(log[77], velocity=log[77].velocity + 3.0)
     (before, _), (rejected, said), (joined, _) = list(together.steps(together.initial(), log[:79]))[-3:]

@@ -1,11 +1,12 @@
-"""What an observation sees of the state: rows of unit noise, for profiles and for means along a path.
+"""The observation operator: rows of unit noise for profiles and for means along a path.
 
-At a place each unknown of the sea gives a current level by level, S_c (Z x n) for component c, which the hat functions D take to the bins;
-oscillations have depths of their own, D_o, and biases go with the velocity relative to the platform. So a component's design is
+At a place each unknown of the process model gives a current level by level, S_c (Z x n) for component c, which the hat functions D
+interpolate to the bins; oscillations have depth functions of their own, D_o, and biases are proportional to the velocity relative to the
+platform. So a component's design is
 
     [D S_c | D_o O_c | B_c] = J F_c,    J = [D | D_o | M],
 
-with one depth factor J for both components, which a QR factorisation compresses as in ``kalman``.
+with one depth factor J for both components, which a QR factorisation compresses as in ``update/compression.py``.
 """
 
 from dataclasses import dataclass
@@ -20,42 +21,40 @@ from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.noise import bin_noise
-from replay_kit.estimator.basis.paths import depth_means, local_mean, mean_noise
 from replay_kit.estimator.evolving.extras import Oscillations
-from replay_kit.estimator.evolving.sea import Sea
+from replay_kit.estimator.evolving.process import ProcessModel
 from replay_kit.estimator.update.biases import Biases, relative_velocity
-from replay_kit.estimator.update.kalman import Bins
+from replay_kit.estimator.update.compression import Bins
+from replay_kit.estimator.update.path_mean import depth_means, local_mean, mean_noise
 
 _NS = 1e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen(Bins):
+class LinearObservation(Bins):
     """An observation's rows: y = H x + noise of unit variance.
 
     Attributes:
-        design: shape (2 k, n), H.
-        values: shape (bins, 2) [m/s], measured about the current of unknowns that are all zero; local axes.
+        design: shape (2 k, n), H. Values are measured about the current of unknowns that are all zero.
     """
 
     design: Array
-    values: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
-    """What of the state an observation is about.
+class ObservationOperator:
+    """The map from the state to observations.
 
     Attributes:
         basis: Basis flows.
-        sea: The weights' prior through time.
+        process: The weights' prior through time.
         oscillations: Uniform over the region.
         biases: Of the instrument.
-        representation_std: shape (Z,) [m/s], what a bin sees and the basis cannot show, by level.
+        representation_std: shape (Z,) [m/s], representation error of the basis, by level.
     """
 
     basis: Basis
-    sea: Sea
+    process: ProcessModel
     oscillations: Oscillations
     biases: Biases
     representation_std: Array
@@ -64,16 +63,17 @@ class Model:
         """Return the current at a place level by level: without the unknowns, shape (Z, 2), and of each of them, (F + B, Z, 2) [m/s]."""
         kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), self.basis.grid.nodes)
         modes = kernel_row @ self.basis.modes
-        known = (kernel_row @ self.basis.offset).T + self.sea.mean_at(time_ns) @ modes.T
-        return known, self.sea.seen(modes, time_ns)
+        known = (kernel_row @ self.basis.offset).T + self.process.mean_at(time_ns) @ modes.T
+        return known, self.process.project(modes, time_ns)
 
-    def profile(self, observation: Observation, used: NDArray[np.intp]) -> Seen:
+    def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:
         """Return the rows of a profile's usable bins."""
         grid, depth, time_ns = self.basis.grid, observation.depth[used], observation.time_ns
-        east, north = to_local(grid.projection, observation.longitude, observation.latitude)
+        place = (grid.projection, observation.longitude, observation.latitude)
+        east, north = to_local(*place)
         known, unknown = self.current(float(east), float(north), time_ns)
         weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
-        velocity = _local(self.basis, observation.longitude, observation.latitude, observation.velocity[used])
+        velocity = np.column_stack(rotate_to_local(*place, *observation.velocity[used].T))
         representation = np.interp(depth, grid.levels, self.representation_std)
         noise = bin_noise(depth, observation.error_std[used], representation, observation.common_std, observation.correlation_depth)
         relative = relative_velocity(observation, used, grid.projection)
@@ -91,19 +91,18 @@ class Model:
             )
             for c in range(2)
         ]
-        return Seen(q, noise, np.vstack(design), velocity - weights @ known)
+        return LinearObservation(q, noise, velocity - weights @ known, np.vstack(design))
 
-    def path(self, mean: PathMean) -> Seen:
-        """Return the rows of a mean along a path: the time-weighted sum of what is seen at its points, at their own times.
+    def path(self, mean: PathMean) -> LinearObservation:
+        """Return the rows of a mean along a path: the time-weighted sum over its points, each at its own time.
 
-        The unknowns are those of the path's end. Pairs are turned back to each point's time; what is forgotten within a dive is not
-        counted.
+        The unknowns are those at the path's end. Pairs are rotated back to each point's time; process noise within a dive is neglected.
         """
         grid = self.basis.grid
         east, north = to_local(grid.projection, mean.longitude, mean.latitude)
         weights = depth_means(mean, self.basis)
         knots = mean.weight[:, None] * self.oscillations.weights(mean.depth)
-        known, design, oscillating = np.zeros(2), np.zeros((self.sea.size, 2)), np.zeros((2, self.oscillations.size))
+        known, design, oscillating = np.zeros(2), np.zeros((self.process.size, 2)), np.zeros((2, self.oscillations.size))
         for k in np.flatnonzero(mean.weight > 0.0):
             of_known, unknown = self.current(float(east[k]), float(north[k]), int(mean.path_time_ns[k]))
             known += weights[k] @ of_known
@@ -113,9 +112,4 @@ class Model:
                 oscillating[c] += self.oscillations.at(knots[k] @ self.oscillations.factor(c), back)
         noise = mean_noise(mean, grid.levels, self.representation_std)
         rows = np.hstack([design.T, oscillating, np.zeros((2, self.biases.size))]) / noise.std[0]
-        return Seen(np.ones((1, 1)), noise, rows, local_mean(mean, self.basis) - known)
-
-
-def _local(basis: Basis, longitude: float, latitude: float, velocity: Array) -> Array:
-    """Return velocities, shape (n, 2), along true east and north in the local frame."""
-    return np.column_stack(rotate_to_local(basis.grid.projection, longitude, latitude, *velocity.T))
+        return LinearObservation(np.ones((1, 1)), noise, local_mean(mean, self.basis) - known, rows)

@@ -10,7 +10,7 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.update.likelihood import predict_jointly
+from replay_kit.estimator.static.likelihood import predict_jointly
 from tests import synthetic
 from tests.reference import estimator as slow
 
@@ -38,7 +38,7 @@ def dense(profiles, bins):
                 errors.append(np.hypot(profile.error_std[bin_at], representation))
     h = np.array(rows)
     mean = np.array(offsets) + h @ ESTIMATOR.prior.mean
-    return np.array(values), mean, h @ ESTIMATOR.prior.dense() @ h.T + np.diag(np.square(errors))
+    return np.array(values), mean, h @ ESTIMATOR.prior.covariance() @ h.T + np.diag(np.square(errors))
 
 
 def test_it_is_the_density_of_one_dense_gaussian():

@@ -15,13 +15,13 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
-from replay_kit.estimator import FilterState, build_estimator, means_of
-from replay_kit.estimator.update import forms, span
-from replay_kit.estimator.update.dense import DensePrior
-from replay_kit.estimator.update.directions import directions
-from replay_kit.estimator.update.dual import Dual, initial
-from replay_kit.estimator.update.forms import folded, in_cheaper_form
-from replay_kit.estimator.update.span import Span, mode_scale, span_of
+from replay_kit.estimator import FilterState, build_estimator
+from replay_kit.estimator.update import representation
+from replay_kit.estimator.update.full_covariance import FullCovariancePrior
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
+from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, nonzero_mode_std, to_reduced_subspace
+from replay_kit.estimator.update.representation import select_representation, to_full_covariance
+from replay_kit.estimator.update.subspace import directions
 from tests import synthetic
 from tests.reference import estimator as slow
 
@@ -49,9 +49,10 @@ def places(kind, n):
 
 
 def textbook(estimator, observations, inflation):
-    mean, cov = estimator.prior.mean, estimator.prior.dense()
+    mean, cov = estimator.prior.mean, estimator.prior.covariance()
     for observation, factor in zip(observations, inflation, strict=True):
-        rows, values = estimator.rows(observation, np.arange(observation.depth.size))
+        rows = estimator.rows(observation, np.arange(observation.depth.size))
+        values = rows.values
         design = np.vstack([np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)])
         noise = np.diag(np.tile(rows.noise.std**2 * factor, 2))
         mean, cov, _, _ = slow.kalman_update(mean, cov, design, values.T.ravel(), noise)
@@ -59,7 +60,7 @@ def textbook(estimator, observations, inflation):
 
 
 def assert_is(estimator, state, mean, cov):
-    scale = np.abs(estimator.prior.dense()).max()
+    scale = np.abs(estimator.prior.covariance()).max()
     assert np.linalg.norm(state.mean - mean) < 1e-8 * np.linalg.norm(mean)
     np.testing.assert_allclose(state.posterior.covariance(), cov, atol=1e-6 * scale)
 
@@ -86,14 +87,14 @@ def run(estimator, observations, state=None):
 @pytest.fixture
 def spans_stay(monkeypatch):
     """Let a span form keep nearly all directions, which these small worlds soon have."""
-    monkeypatch.setattr(forms, "_NEARLY_ALL", 1.0)
+    monkeypatch.setattr(representation, "_NEARLY_ALL", 1.0)
 
 
 def as_span(state):
     """The same state in the span form, whatever the log."""
     dual = state.posterior
-    std = mode_scale(dual.prior)
-    return FilterState(span_of(dual, directions(dual.places * std), std), state.time_ns)
+    std = nonzero_mode_std(dual.prior)
+    return FilterState(to_reduced_subspace(dual, directions(dual.profile_basis * std), std), state.time_ns)
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)
@@ -113,30 +114,14 @@ def test_the_form_may_change_after_any_ping(switch):
     observations = observed(places("track", 12))
     state, _ = run(estimator, observations[:switch])
     expected, expected_said = run(estimator, observations)
-    assert isinstance(expected.posterior, Dual)
+    assert isinstance(expected.posterior, ObservationSpacePosterior)
     other, said = run(estimator, observations[switch:], as_span(state))
-    assert isinstance(other.posterior, Span)
+    assert isinstance(other.posterior, ReducedSubspacePosterior)
     assert_is(estimator, other, expected.mean, expected.posterior.covariance())
     for ours, theirs in zip(said, expected_said[switch:], strict=True):
         assert ours.nis == pytest.approx(theirs.nis, rel=1e-7)
         for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-9)
-
-
-@pytest.mark.usefixtures("spans_stay")
-def test_more_directions_than_there_is_room_for_are_taken_in(monkeypatch):
-    monkeypatch.setattr(span, "_MORE", 2)
-    monkeypatch.setattr(span, "_MORE_SHARE", 0.0)
-    estimator, observations = ESTIMATORS["default"], observed(places("scattered", 9))
-    state, said = run(estimator, observations[:2])
-    other = as_span(state)
-    sizes = [other.posterior.room]
-    for observation in observations[2:]:
-        other, innovation = estimator.step(other, observation)
-        said.append(innovation)
-        sizes.append(other.posterior.room)
-    assert len(set(sizes)) > 2
-    assert_is(estimator, other, *textbook(estimator, observations, [i.error_inflation for i in said]))
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)
@@ -150,17 +135,17 @@ def test_hundreds_of_pings_need_no_more_than_the_covariance(preset):
 
 def test_rows_in_few_directions_take_the_span_form_and_more_than_the_weights_begin_anew():
     estimator = ESTIMATORS["default"]
-    assert isinstance(run(estimator, observed(places("scattered", 12)))[0].posterior, Dual)
-    assert isinstance(run(estimator, observed(places("repeated", 13)))[0].posterior, Span)  # 78 rows, 60 weights
+    assert isinstance(run(estimator, observed(places("scattered", 12)))[0].posterior, ObservationSpacePosterior)
+    assert isinstance(run(estimator, observed(places("repeated", 13)))[0].posterior, ReducedSubspacePosterior)  # 78 rows, 60 weights
     everywhere = run(estimator, observed(places("scattered", 13)))[0].posterior
-    assert isinstance(everywhere.prior, DensePrior)
+    assert isinstance(everywhere.prior, FullCovariancePrior)
     assert everywhere.n_rows == 0
     many = build_estimator(synthetic.ensemble(n_members=40, shape=(8, 9), levels=LEVELS), EstimatorConfig(modes=None))
     observations = observed(places("repeated", 40))
-    assert isinstance(run(many, observations[:31])[0].posterior, Dual)
-    assert isinstance(run(many, observations)[0].posterior, Span)
-    assert isinstance(run(many, observed(places("scattered", 33)))[0].posterior, Dual)
-    assert in_cheaper_form(initial(many.prior, np.zeros((3, 3, many.prior.mean.size // 3)))).n == 0
+    assert isinstance(run(many, observations[:31])[0].posterior, ObservationSpacePosterior)
+    assert isinstance(run(many, observations)[0].posterior, ReducedSubspacePosterior)
+    assert isinstance(run(many, observed(places("scattered", 33)))[0].posterior, ObservationSpacePosterior)
+    assert select_representation(initial(many.prior, np.zeros((3, 3, many.prior.mean.size // 3)))).n == 0
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)
@@ -176,7 +161,7 @@ def test_blocks_give_what_single_steps_give(preset, kind):
         said.append(innovation)
     in_blocks = list(estimator.steps(estimator.initial(), iter(observations)))
     assert [i.accepted for _, i in in_blocks] == [i.accepted for i in said] == [k != 5 for k in range(75)]
-    means = means_of([state for state, _ in in_blocks])
+    means = estimator.weights([state for state, _ in in_blocks])
     for mean, (state, innovation), alone, expected in zip(means, in_blocks, one_by_one[1:], said, strict=True):
         tolerance = 1e-8 * np.linalg.norm(alone.mean)
         assert np.linalg.norm(mean - alone.mean) < tolerance
@@ -190,10 +175,10 @@ def test_what_is_folded_into_the_prior_is_kept():
     first, second = observed(places("scattered", 9)), observed(places("track", 5), seed=4)
     expected, _ = run(estimator, [*first, *second])
     for state in (run(estimator, first)[0], as_span(run(estimator, first)[0])):
-        new = folded(state.posterior)
+        new = to_full_covariance(state.posterior)
         assert new.n_rows == 0
         np.testing.assert_allclose(new.mean, state.mean, atol=1e-12)
-        again = folded(run(estimator, second, FilterState(new, None))[0].posterior)
+        again = to_full_covariance(run(estimator, second, FilterState(new, None))[0].posterior)
         assert_is(estimator, FilterState(again, None), expected.mean, expected.posterior.covariance())
 
 
@@ -265,8 +250,8 @@ def test_modes_without_prior_variance_harm_nothing():
 @pytest.mark.parametrize("preset", ESTIMATORS)
 def test_the_modes_scale_is_the_root_mean_square_of_the_prior_s_diagonal(preset):
     prior = ESTIMATORS[preset].prior
-    expected = np.sqrt(np.diag(prior.dense()).reshape(3, -1).mean(axis=0))
-    np.testing.assert_allclose(mode_scale(prior), expected, rtol=1e-12)
+    expected = np.sqrt(np.diag(prior.covariance()).reshape(3, -1).mean(axis=0))
+    np.testing.assert_allclose(nonzero_mode_std(prior), expected, rtol=1e-12)
 
 
 def test_a_flow_computes_its_covariance_once_and_carries_it_when_pickled():

@@ -1,7 +1,7 @@
-"""The state: independent unknowns, each forgotten at its own rate, some turning in pairs.
+"""The state space: independent unknowns, each with its own decorrelation time, some of them rotating pairs.
 
-Without observations every unknown has mean 0 and variance 1, always. Over a time dt it keeps phi = exp(-dt / tau) of itself, and pairs turn
-by omega dt; what is forgotten comes back as noise, so the variance stays:
+Without observations every unknown has mean 0 and variance 1, always. Over a time dt it decays by phi = exp(-dt / tau), and pairs rotate
+by omega dt; process noise keeps the variance constant:
 
     x <- phi R x,    P <- phi R P R' phi + diag(1 - phi^2).
 """
@@ -13,19 +13,19 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.update.posterior import Look
+from replay_kit.estimator.update.posterior import PredictedObservation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layout:
-    """The unknowns.
+class StateSpace:
+    """The unknowns and their evolution.
 
     Attributes:
-        scales: shape (n,), how long each is remembered [s]; inf for ever.
-        first: shape (p,), positions of the first of each pair that turns.
+        scales: shape (n,), decorrelation time of each [s]; inf for a constant.
+        first: shape (p,), positions of the first of each rotating pair.
         second: shape (p,), of the second.
-        omega: shape (p,), angular velocity of each pair [rad/s]; a positive one turns the first towards the second's negative.
-        parts: Name of each part to its positions.
+        omega: shape (p,), angular velocity of each pair [rad/s]; positive from the first towards the negative second.
+        parts: Positions of each part, by name.
     """
 
     scales: Array
@@ -49,14 +49,14 @@ class Layout:
         """
         if seconds == 0.0:
             return mean, cov
-        mean = self.forecast_mean(mean, seconds)
+        mean = self.predict_mean(mean, seconds)
         if self.first.size:
-            cov = self.turned(self.turned(cov, seconds).T, seconds)
-            # a turn of rows, then of columns, rounds differently on the two sides of the diagonal
+            cov = self.rotated(self.rotated(cov, seconds).T, seconds)
+            # rotating rows, then columns, rounds differently on the two sides of the diagonal
             cov = 0.5 * (cov + cov.T)
         else:
             cov = cov.copy()
-        # unknowns of one scale follow one another: one number scales their block
+        # unknowns of one scale are adjacent: one number scales their block
         ends = np.append(np.flatnonzero(self.scales[1:] != self.scales[:-1]) + 1, self.size)
         starts = np.append(0, ends[:-1])
         for first, last in zip(starts, ends, strict=True):
@@ -67,13 +67,13 @@ class Layout:
         cov[np.diag_indices_from(cov)] += -np.expm1(-2.0 * seconds / self.scales)
         return mean, cov
 
-    def forecast_mean(self, mean: Array, seconds: float) -> Array:
+    def predict_mean(self, mean: Array, seconds: float) -> Array:
         """Return the mean of ``predict`` alone; ``mean`` of shape (n,) or (n, c)."""
         kept = np.exp(-seconds / self.scales)
-        return np.asarray((kept if mean.ndim == 1 else kept[:, None]) * self.turned(mean, seconds))
+        return np.asarray((kept if mean.ndim == 1 else kept[:, None]) * self.rotated(mean, seconds))
 
-    def turned(self, rows: Array, seconds: float) -> Array:
-        """Return the unknowns, shape (n, ...), with pairs turned by a time; a negative one turns back."""
+    def rotated(self, rows: Array, seconds: float) -> Array:
+        """Return the unknowns, shape (n, ...), with pairs rotated over a time; a negative one rotates them back."""
         if self.first.size == 0:
             return rows
         out = rows.copy()
@@ -85,29 +85,29 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class Along(Look[tuple[Array, Array]]):
-    """What a state expects of rows.
+class StatePrediction(PredictedObservation[tuple[Array, Array]]):
+    """The prediction of rows by a state.
 
     Attributes:
-        cross: shape (m, n), the rows times the state's covariance.
+        cross_covariance: shape (m, n), the rows times the state's covariance.
     """
 
-    cross: Array
+    cross_covariance: Array
 
 
-def look_along(means: Array, cov: Array, design: Array) -> Along:
-    """Return what is expected of rows, and how they change means and covariance.
+def predict_observation(means: Array, cov: Array, design: Array) -> StatePrediction:
+    """Return the prediction of rows, whose update gives means and covariance.
 
     Args:
-        means: shape (n, 1 + b), of which the first column is the state's mean, the others its answers to errors of one unit.
+        means: shape (n, 1 + b): the state's mean, and its sensitivity to each instrument error of one unit.
         cov: shape (n, n).
         design: shape (m, n).
     """
     cross = design @ cov
 
-    def absorb(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
+    def update(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
         gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
         return means + gain.T @ whitened, cov - gain.T @ gain
 
-    spread = cross @ design.T
-    return Along(design @ means[:, 0], design @ means[:, 1:], 0.5 * (spread + spread.T), absorb, cross)
+    of_rows = cross @ design.T
+    return StatePrediction(design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross)

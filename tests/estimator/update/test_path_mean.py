@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.config.gating import TrustConfig
+from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import PathMean, Reason, Source
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.basis.paths import path_rows
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.update.path_mean import path_rows
 from tests import synthetic
 from tests.reference import estimator as slow
 
@@ -55,7 +55,7 @@ def test_the_operator_is_the_mean_of_any_flow_of_the_basis():
         weights = rng.standard_normal(3 * estimator.basis.n_modes)
         flow = estimator.flow_of(weights, np.empty((0, 0)), None)
         expected = mean_by_brute_force(flow, path) - mean_by_brute_force(estimator.flow_of(0.0 * weights, np.empty((0, 0)), None), path)
-        np.testing.assert_allclose(rows.times(weights.reshape(3, -1)) * path.error_std, expected, rtol=1e-9)
+        np.testing.assert_allclose(rows.matvec(weights.reshape(3, -1)) * path.error_std, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("n_profiles", [0, 4, 40])
@@ -91,11 +91,11 @@ def test_without_change_the_evolving_estimate_takes_it_as_the_static_one():
         state, said = static.step(state, path)
         other, same = evolving.step(other, path)
         assert same.nis == pytest.approx(said.nis, rel=1e-9)
-    np.testing.assert_allclose(evolving.weights(other), state.mean, atol=1e-11)
+    np.testing.assert_allclose(evolving.weights([other])[0], state.mean, atol=1e-11)
 
 
 def test_a_path_outside_the_region_is_left_out_and_one_twice_counts_once():
-    estimator = build_estimator(SMALL, CONFIG, TrustConfig())
+    estimator = build_estimator(SMALL, CONFIG, GatingConfig())
     path = dive()
     after, said = estimator.step(estimator.initial(), replace(path, longitude=path.longitude + 20.0))
     assert not said.accepted
@@ -113,10 +113,10 @@ def test_the_operator_sees_a_forecast_that_changes_during_the_dive():
     path = dive()
     expected = np.zeros(2)
     for k in range(path.weight.size):
-        flow = estimator.at(estimator.initial(), int(path.path_time_ns[k]))
+        flow = estimator.flow(estimator.predict(estimator.initial(), int(path.path_time_ns[k])))
         point = replace(path, longitude=path.longitude[[k]], latitude=path.latitude[[k]], depth=path.depth[[k]], weight=np.ones(1))
         expected += path.weight[k] * mean_by_brute_force(flow, point)
-    seen = estimator.model.path(path)
+    seen = estimator.operator.path(path)
     # vectors are turned where the path ends
     measured = rotate_to_local(SMALL.grid.projection, path.longitude[-1], path.latitude[-1], *path.velocity)
     np.testing.assert_allclose(seen.values[0], np.array(measured) - expected, atol=1e-12)

@@ -1,7 +1,7 @@
-"""How likely several profiles are together, before any of them is known: their joint Gaussian under the prior.
+"""The joint likelihood of several profiles under the prior, before any of them is assimilated.
 
-With the compressed rows of each profile (``kalman.py``) whitened by the bins' errors, y = H w + noise of unit variance, the rows of all
-profiles have mean H mean and covariance S = H P H' + 1. What the compression leaves out is noise alone.
+With the compressed rows of each profile (``update/compression.py``) whitened by the bins' errors, y = H w + noise of unit variance, the
+rows of all profiles have mean H mean and covariance S = H P H' + 1. The compression residual is noise alone.
 """
 
 from collections.abc import Sequence
@@ -13,17 +13,18 @@ from scipy.linalg import solve_triangular
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation
-from replay_kit.estimator.filter import ReducedBasisEstimator
+from replay_kit.estimator.static.filter import ReducedBasisEstimator
+from replay_kit.estimator.update.posterior import prior_cross_covariances
 
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """What profiles are together under the prior.
+    """The joint likelihood of profiles under the prior.
 
     Attributes:
         log: Natural logarithm of their density, without the constant of 2 pi.
-        nis: Normalised square of what the prior does not predict.
-        dof: Numbers measured.
+        nis: Normalised innovation squared.
+        dof: Number of measured values.
     """
 
     log: float
@@ -36,11 +37,11 @@ class JointPrediction:
     """The prediction of certain bins of certain profiles, whatever velocities they then have.
 
     Attributes:
-        estimator: Whose prior predicts.
+        estimator: Has the prior.
         bins: For each profile the indices of the bins predicted.
-        mean: shape (R,), predicted rows about the basis' offset.
+        mean: shape (R,), predicted rows about the offset of the basis.
         chol: shape (R, R), lower factor of the rows' covariance.
-        log_error: Sum over the numbers measured of the logarithm of their stated error.
+        log_error: Sum of the logarithm of the stated error over the measured values.
     """
 
     estimator: ReducedBasisEstimator
@@ -55,15 +56,15 @@ class JointPrediction:
         Args:
             profiles: As many as were predicted, with the same places, depths and errors.
         """
-        parts, left_out = [], 0.0
+        parts, residual = [], 0.0
         for profile, used in zip(profiles, self.bins, strict=True):
             if used.size:
-                rows, values = self.estimator.rows(profile, used)
-                compressed, noise = rows.compress(values)
+                rows = self.estimator.rows(profile, used)
+                compressed, square = rows.compress(rows.values)
                 parts.append(compressed)
-                left_out += noise
+                residual += square
         whitened = solve_triangular(self.chol, np.concatenate(parts) - self.mean, lower=True)
-        nis = float(whitened @ whitened) + left_out
+        nis = float(whitened @ whitened) + residual
         half_log_det = float(np.log(np.diag(self.chol)).sum())
         return Likelihood(-0.5 * nis - half_log_det - self.log_error, nis, 2 * sum(used.size for used in self.bins))
 
@@ -79,14 +80,12 @@ def predict_jointly(estimator: ReducedBasisEstimator, profiles: Sequence[Observa
     designs, images, log_error = [], [], 0.0
     for profile, used in zip(profiles, bins, strict=True):
         if used.size:
-            rows, _ = estimator.rows(profile, used)
+            rows = estimator.rows(profile, used)
             designs.append(rows.design())
-            # the prior times each row of H: a row is a combination over levels of the modes at the place
-            by_level = estimator.prior.times_modes(rows.basis)
-            images.append(np.einsum("kz,zcym->ckym", rows.r, by_level).reshape(2 * rows.r.shape[0], -1))
+            images.append(prior_cross_covariances(estimator.prior, [rows])[0].reshape(2 * rows.r.shape[0], -1))
             log_error += 2.0 * rows.noise.log_scale
     design, image = np.concatenate(designs), np.concatenate(images)
-    covariance = design @ image.T
+    covariance: Array = design @ image.T
     covariance = 0.5 * (covariance + covariance.T)
     covariance[np.diag_indices_from(covariance)] += 1.0
-    return JointPrediction(estimator, tuple(bins), design @ estimator.prior.mean, np.linalg.cholesky(covariance), log_error)
+    return JointPrediction(estimator, tuple(bins), design @ estimator.prior.mean, np.asarray(np.linalg.cholesky(covariance)), log_error)

@@ -12,7 +12,7 @@ from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.modes import ensemble_slices
-from replay_kit.estimator.update.kalman import dependence_inflation
+from replay_kit.estimator.update.compression import dependence_inflation
 from tests import synthetic
 from tests.reference import estimator as slow
 
@@ -86,9 +86,9 @@ def test_online_equals_batch(preset):
             std = np.hypot(0.05, np.interp(observation.depth[used], basis.grid.levels, basis.truncation_std))
         variances.append(np.tile(std**2, 2))
     h, y, r = np.vstack(rows), np.concatenate(values), np.diag(np.concatenate(variances))
-    mean, cov, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.dense(), h, y, r)
+    mean, cov, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.covariance(), h, y, r)
     np.testing.assert_allclose(state.mean, mean, atol=1e-10 * np.abs(mean).max())
-    np.testing.assert_allclose(state.posterior.covariance(), cov, atol=1e-10 * np.abs(estimator.prior.dense()).max())
+    np.testing.assert_allclose(state.posterior.covariance(), cov, atol=1e-10 * np.abs(estimator.prior.covariance()).max())
 
 
 def test_innovation_std_and_residual_are_those_of_the_uncompressed_profile():
@@ -199,7 +199,7 @@ def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_pape
     h = np.vstack([np.kron(weights, kernel[c] @ estimator.basis.modes) for c in range(2)])
     value = (wiggle - weights @ (kernel @ estimator.basis.offset).reshape(2, -1).T).T.ravel()
     noise = np.diag(np.tile(own**2 * innovation.error_inflation, 2))
-    mean, _, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.dense(), h, value, noise)
+    mean, _, _, _ = slow.kalman_update(estimator.prior.mean, estimator.prior.covariance(), h, value, noise)
     np.testing.assert_allclose(state.mean, mean, atol=1e-9)
     assert estimator.step(estimator.initial(), observation)[1].error_inflation == 1.0
     paper = build_estimator(SMALL, EstimatorConfig(preset="paper"))

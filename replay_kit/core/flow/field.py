@@ -1,0 +1,209 @@
+"""A current field with its uncertainty: an immutable value that evaluates itself.
+
+A flow is a sum over levels of a depth function times an incompressible horizontal kernel field,
+
+    f(x, y, z) = sum_j d_j(z) K((x, y), nodes) latent[:, j],
+
+so it is divergence-free in the horizontal wherever it is evaluated. Its uncertainty, when it has one, is a covariance of
+weights w of r modes a level: f = K modes w summed over levels in the same way. Estimates, baselines, truths and ensemble
+members are all this one value, as ``FlowEstimate``.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.flow.horizontal import HorizontalKernel, stream_function_kernel, velocity_kernel
+from replay_kit.core.geodesy import inside_grid
+from replay_kit.core.grid import Grid
+
+# Points evaluated at once: bounds the memory of the kernel matrix to some 10 MB for a thousand nodes.
+_CHUNK = 512
+
+
+@dataclass(frozen=True, eq=False)
+class FlowField:
+    """A horizontally divergence-free flow in a box, with its uncertainty when known.
+
+    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent the kernel fades to zero. Below the
+    last level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
+    Points on land have a value too; ``grid.wet`` is the land mask.
+
+    Attributes:
+        grid: Grid, local frame and land mask it was built on; its wet top points are the kernel's nodes.
+        kernel: Horizontal kernel.
+        depth_functions: How levels combine.
+        latent: shape (2N, Z), latent velocities of the flow, all east then all north.
+        modes: shape (2N, r), latent velocities of the modes the uncertainty is expressed in; r = 0 without uncertainty.
+        covariance: Of the weights, or a function that computes it when first asked for; read ``weight_cov``.
+        time_ns: Time it holds for [ns, UTC]; None when unknown.
+        later: Makes the estimate for another time; None when the flow has no model of time.
+    """
+
+    grid: Grid
+    kernel: HorizontalKernel
+    depth_functions: DepthFunctions
+    latent: Array
+    modes: Array
+    covariance: Array | Callable[[], Array]
+    time_ns: int | None
+    later: "Callable[[int], Self] | None" = None
+
+    def at(self, time_ns: int) -> Self:
+        """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
+
+        Raises:
+            EstimatorError: The flow carries no model of time, as one read from a file or one of a truth.
+        """
+        if self.later is None:
+            raise EstimatorError(
+                "the flow has no model of time (read from a file, a truth, a member or a sample); "
+                "ask the estimate of a replay for another time"
+            )
+        return self.later(time_ns)
+
+    @property
+    def nodes(self) -> Array:
+        """Kernel nodes, shape (N, 2) [m]."""
+        return self.grid.nodes
+
+    @property
+    def levels(self) -> Array:
+        """Levels, shape (Z,) [m]."""
+        return self.grid.levels
+
+    @cached_property
+    def weight_cov(self) -> Array:
+        """Covariance of the weights, shape (rZ, rZ) [m^2/s^2 of mode amplitude], level after level."""
+        return self.covariance() if callable(self.covariance) else self.covariance
+
+    def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
+        """Pickle the covariance itself, not the estimator's state from which it would be computed."""
+        parts = (self.grid, self.kernel, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
+        return type(self), parts
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modes of the uncertainty; 0 when the flow has none."""
+        return int(self.modes.shape[1])
+
+    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
+        """Return the velocity [m/s], local east and north, at points of the local frame.
+
+        Args:
+            east: [m], any shape; the three broadcast together.
+            north: [m].
+            depth: [m], positive down.
+
+        Returns:
+            Array of the broadcast shape with one more axis of length 2.
+        """
+        points, depths, shape = _flatten(east, north, depth)
+        out = np.empty((depths.size, 2))
+        for places, part, at in _by_place(points):
+            by_level = (velocity_kernel(self.kernel, places, self.nodes) @ self.latent).reshape(2, len(places), -1)
+            weights = depth_weights(self.depth_functions, depths[part], self.levels)
+            out[part] = np.einsum("cpz,pz->pc", by_level[:, at], weights)
+        return out.reshape(*shape, 2)
+
+    def stream_function(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
+        """Return psi [m^2/s] with u = dpsi/dy, v = -dpsi/dx, at points of the local frame; shapes as in ``velocity``."""
+        points, depths, shape = _flatten(east, north, depth)
+        out = np.empty(depths.size)
+        for part in _chunks(depths.size):
+            by_level = stream_function_kernel(self.kernel, points[part], self.nodes) @ self.latent
+            out[part] = np.sum(by_level * depth_weights(self.depth_functions, depths[part], self.levels), axis=1)
+        return out.reshape(shape)
+
+    def standard_error(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
+        """Return the standard deviation [m/s] of each velocity component; shapes as in ``velocity``.
+
+        It is NaN outside the grid's outline and below the last level, where nothing is known.
+
+        Raises:
+            EstimatorError: The flow carries no uncertainty.
+        """
+        self._require_uncertainty("standard_error")
+        points, depths, shape = _flatten(east, north, depth)
+        variance = np.empty((depths.size, 2))
+        for places, part, at in _by_place(points):
+            basis = (velocity_kernel(self.kernel, places, self.nodes) @ self.modes).reshape(2, -1, self.n_modes)
+            variance[part] = self._variance(basis, at, depth_weights(self.depth_functions, depths[part], self.levels))
+        known = inside_grid(self.grid, *points.T) & (depths <= self.levels[-1])
+        variance[~known] = np.nan
+        return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
+
+    def sample(self, n: int, seed: int) -> tuple[Self, ...]:
+        """Return n flows drawn from the estimate's Gaussian; the same seed gives the same flows.
+
+        Raises:
+            EstimatorError: The flow carries no uncertainty.
+        """
+        self._require_uncertainty("sample")
+        values, vectors = np.linalg.eigh(self.weight_cov)
+        factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        draws = factor @ np.random.default_rng(seed).standard_normal((values.size, n))
+        by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
+        certain = self.certain()
+        return tuple(replace(certain, latent=self.latent + self.modes @ weights.T) for weights in by_level)
+
+    def certain(self) -> Self:
+        """Return the same flow without its uncertainty."""
+        return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
+
+    def _variance(self, basis: Array, at: NDArray[np.intp], weights: Array) -> Array:
+        """Return diag(H P H'), shape (P, 2): pairs of levels in turn, because a hat function overlaps only its neighbours.
+
+        Args:
+            basis: shape (2, M, r), the modes at the places.
+            at: shape (P,), each point's place: one quadratic form serves all points over it.
+            weights: shape (P, Z).
+        """
+        out = np.zeros((weights.shape[0], 2))
+        r = self.n_modes
+        for j in range(self.levels.size):
+            for k in range(j + 1):
+                both = weights[:, j] * weights[:, k] * (1.0 if j == k else 2.0)
+                touched = np.flatnonzero(both)
+                if touched.size:
+                    block = self.weight_cov[j * r : (j + 1) * r, k * r : (k + 1) * r]
+                    places, of_point = np.unique(at[touched], return_inverse=True)
+                    for component in range(2):
+                        rows = basis[component, places]
+                        out[touched, component] += both[touched] * np.einsum("pr,pr->p", rows @ block, rows)[of_point]
+        return out
+
+    def _require_uncertainty(self, what: str) -> None:
+        if self.n_modes == 0:
+            raise EstimatorError(f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none")
+
+
+def _flatten(east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:
+    e, n, d = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (east, north, depth)))
+    return np.column_stack([e.ravel(), n.ravel()]), d.ravel(), d.shape
+
+
+def _chunks(size: int) -> Iterator[slice]:
+    for start in range(0, size, _CHUNK):
+        yield slice(start, min(start + _CHUNK, size))
+
+
+def _by_place(points: Array) -> Iterator[tuple[Array, NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield some places, shape (M, 2), the positions of the points that lie there, and which of the places each lies at.
+
+    On a grid, and along a profile, many points lie over one place: what depends on the place alone is computed once.
+    """
+    east_north, at = np.unique(points[:, 0] + 1j * points[:, 1], return_inverse=True)
+    order = np.argsort(at, kind="stable")
+    for part in _chunks(east_north.size):
+        first, last = np.searchsorted(at, [part.start, part.stop], sorter=order)
+        points_here = order[first:last]
+        places = east_north[part]
+        yield np.column_stack([places.real, places.imag]), points_here, at[points_here] - part.start

@@ -1,0 +1,91 @@
+"""Flows from the files that ``FlowEstimate.save`` writes, and from the attachment ``estimate.nc`` of a result MCAP."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.flow.depth import DepthFunctions
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import HorizontalKernel
+from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, READ_VERSIONS
+from replay_kit.core.grid import Grid, Projection
+
+
+def load(path: Path) -> FlowEstimate:
+    """Return the flow that ``save`` wrote.
+
+    Raises:
+        ForecastError: The file is missing, damaged, not such a file, or of another format version.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise ForecastError(f"{path}: cannot read the flow: {error.strerror}") from error
+    return load_bytes(data, str(path))
+
+
+def load_bytes(data: bytes, name: str) -> FlowEstimate:
+    """Return the flow of a saved file's bytes, such as the attachment ``estimate.nc`` of a result MCAP.
+
+    Args:
+        data: The bytes.
+        name: What to call them in errors.
+
+    Raises:
+        ForecastError: As for ``load``.
+    """
+    try:
+        with xr.open_dataset(io.BytesIO(data), engine="h5netcdf", decode_cf=False) as dataset:
+            kind, version = dataset.attrs.get("replay_kit_format"), dataset.attrs.get("replay_kit_format_version")
+            if kind == FORMAT and version in READ_VERSIONS:
+                return from_lossless(dataset.load())
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise ForecastError(f"{name}: expected a flow saved by replay-kit (NetCDF-4), but it is none or is damaged: {error}") from error
+    if kind != FORMAT:
+        raise ForecastError(f"{name}: a NetCDF file, but not a flow saved by replay-kit (no attribute replay_kit_format = {FORMAT})")
+    known = " and ".join(map(str, READ_VERSIONS))
+    raise ForecastError(f"{name}: flow format version {version}, but this replay-kit reads versions {known}; write it again")
+
+
+def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
+    """Return the flow of a dataset that was read without decoding times.
+
+    Raises:
+        KeyError: Something is missing in it.
+        ValueError: Its parts do not fit together.
+    """
+    attrs = dataset.attrs
+    values = {str(name): np.asarray(variable.values) for name, variable in dataset.variables.items()}
+    grid = Grid(
+        projection=Projection(float(attrs["projection_longitude"]), float(attrs["projection_latitude"])),
+        longitude=values["longitude"],
+        latitude=values["latitude"],
+        east=values["east"],
+        north=values["north"],
+        levels=values["depth"],
+        wet=np.ascontiguousarray(dataset["wet"].transpose("depth", "y", "x").values.astype(np.bool_)),
+    )
+    latent = values["latent"]
+    kind = attrs["depth_function_kind"]
+    if kind not in ("hat", "gaussian") or latent.shape[0] != 2 * int(grid.wet[0].sum()):
+        raise ValueError(f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {int(grid.wet[0].sum())} nodes")
+    return FlowEstimate(
+        grid=grid,
+        kernel=HorizontalKernel(float(attrs["kernel_length_east"]), float(attrs["kernel_length_north"]), float(attrs["kernel_speed"])),
+        depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
+        latent=latent,
+        modes=values.get("modes", np.empty((latent.shape[0], 0))),
+        covariance=values.get("weight_cov", np.empty((0, 0))),
+        time_ns=_time_ns(dataset),
+    )
+
+
+def _time_ns(dataset: xr.Dataset) -> int | None:
+    """Return the exact time [ns, UTC] of either version; None for a flow that holds for no time."""
+    if "time" not in dataset.variables:
+        return None
+    time = dataset.variables["time"]
+    return int(time.values) if dataset.attrs["replay_kit_format_version"] == 1 else int(time.attrs[EXACT_TIME])

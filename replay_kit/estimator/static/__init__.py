@@ -1,0 +1,1 @@
+"""The static estimate: one forecast time, nothing changes between observations."""

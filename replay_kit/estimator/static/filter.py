@@ -1,0 +1,239 @@
+"""The static estimator: an immutable problem, an immutable state, and one step shared by online and offline use."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config.gating import GatingConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
+from replay_kit.estimator.basis.modes import Basis, build_basis, correlation_length
+from replay_kit.estimator.basis.noise import bin_noise
+from replay_kit.estimator.interface import Estimator
+from replay_kit.estimator.prior.fit import choose_settings, members_in_basis
+from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior
+from replay_kit.estimator.update.biases import NAMES, BiasScore, significant_bias_notes, unit_bias_rows
+from replay_kit.estimator.update.compression import ProfileRows, compress_profile
+from replay_kit.estimator.update.evaluation import evaluate_observation
+from replay_kit.estimator.update.gate import ConsistencyMonitor
+from replay_kit.estimator.update.observation_space import initial
+from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_path_mean
+from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means
+from replay_kit.estimator.update.representation import inflated, select_representation
+from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
+
+_NEW_MONITOR, _NO_SCORE = ConsistencyMonitor(), BiasScore()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterState:
+    """The estimate of the weights at one time.
+
+    Attributes:
+        posterior: Of the weights, in the representation that is cheaper at the time.
+        time_ns: Of the last observation used [ns, UTC]; None before the first.
+        monitor: Of the latest gate results.
+        last: The last measurement with a usable bin; an equal one that follows is a duplicate.
+        bias_score: Of systematic errors of the instrument.
+    """
+
+    posterior: Posterior
+    time_ns: int | None
+    monitor: ConsistencyMonitor = _NEW_MONITOR
+    last: Measurement | None = None
+    bias_score: BiasScore = _NO_SCORE
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the weights, shape (Z r,), level after level; computed when first asked for."""
+        return self.posterior.mean
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReducedBasisEstimator(Estimator[FilterState]):
+    """The paper's 2.5D estimator, in both presets.
+
+    Attributes:
+        basis: Basis flows.
+        prior: Of the weights.
+        error_std: Error of every bin [m/s], replacing the bins' own (paper); None adds ``representation_std`` to the bins' own.
+        representation_std: shape (Z,) [m/s], representation error of the basis, by level.
+        time_ns: Time of the forecast.
+        gating: Gate and covariance inflation; None accepts every profile with its stated errors (paper).
+    """
+
+    basis: Basis
+    prior: Prior
+    error_std: float | None
+    representation_std: Array
+    time_ns: int | None
+    gating: GatingConfig | None = None
+
+    supports_path_means = True
+    # the products of so many observations with the prior covariance are computed together: it is read once for all
+    block_size = 16
+
+    @property
+    def state_size(self) -> int:
+        """Number of weights in all."""
+        return int(self.prior.mean.size)
+
+    def initial(self) -> FilterState:
+        """Return the prior as a state."""
+        n_levels = self.basis.grid.levels.size
+        return FilterState(initial(self.prior, np.zeros((len(NAMES), n_levels, self.prior.mean.size // n_levels))), None)
+
+    def step(self, state: FilterState, observation: Measurement) -> tuple[FilterState, Innovation]:
+        """Return the state after an observation, and the innovation.
+
+        An observation without a usable bin leaves the state unchanged.
+        """
+        return next(self.steps(state, [observation]))
+
+    def steps(self, state: FilterState, observations: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]:
+        """Yield the state after each observation, and its innovation.
+
+        The same as repeated ``step``, but products that do not depend on earlier observations are computed for ``block_size`` of them
+        at once: several times faster, and equal to rounding.
+        """
+        source = iter(observations)
+        while block := [self._linearised(observation) for observation in islice(source, self.block_size)]:
+            prefetched: Iterator[PriorCrossCovariance] = iter(())
+            made_by: Posterior | None = None
+            for index, (screened, rows) in enumerate(block):
+                innovation, posterior = screened.unused, state.posterior
+                known = None
+                if isinstance(rows, ProfileRows):
+                    # what was prefetched holds until the posterior changes its representation or its prior
+                    if made_by is None or type(made_by) is not type(posterior) or made_by.prior is not posterior.prior:
+                        made_by = posterior
+                        prefetched = iter(posterior.prefetch([later for _, later in block[index:] if isinstance(later, ProfileRows)]))
+                    known = next(prefetched)
+                if rows is not None and is_duplicate(state.last, screened.observation):
+                    innovation = screened.rejected(Reason.DUPLICATE)
+                elif isinstance(rows, ProfileRows) and known is not None:
+                    state, innovation = self._updated(state, screened, rows, posterior.predict(rows, known))
+                elif isinstance(rows, PathRows):
+                    state, innovation = self._updated(state, screened, rows, predict_path_mean(posterior, rows))
+                yield state, innovation
+
+    def _updated(
+        self, state: FilterState, screened: Screened, rows: ProfileRows | PathRows, predicted: PredictedObservation[Posterior]
+    ) -> tuple[FilterState, Innovation]:
+        """Return the state after an observation with a prediction, and the innovation."""
+        update = evaluate_observation(rows, predicted, self.gating, self.error_std is None, state.monitor.is_consistent)
+        bias_rows = unit_bias_rows(screened, self.basis.grid.projection, rows, rows.residual(predicted.mean))
+        posterior, time_ns = state.posterior, state.time_ns
+        if update.accepted:
+            innovations = predicted.augmented_innovation(update.innovation, bias_rows)
+            posterior = select_representation(predicted.posterior(innovations, update.error_scale))
+            time_ns = screened.observation.time_ns
+        monitor, inflation = state.monitor.updated(update.gate, self.gating)
+        if inflation > 1.0:
+            posterior = inflated(posterior, inflation)
+        # the posterior's own prior may be an earlier posterior
+        prior = rows.matvec(self._by_level(self.prior.mean))
+        score = update.bias_score(state.bias_score, screened.observation, bias_rows)
+        return FilterState(posterior, time_ns, monitor, screened.observation, score), update.to_innovation(screened, prior, inflation)
+
+    def _linearised(self, observation: Measurement) -> tuple[Screened, ProfileRows | PathRows | None]:
+        """Return a measurement after screening, and its rows; None without a usable bin."""
+        screened = screen_measurement(observation, self.basis.grid)
+        if screened.used.size == 0:
+            return screened, None
+        if isinstance(observation, PathMean):
+            return screened, path_rows(observation, self.basis, self.representation_std)
+        return screened, self.rows(observation, screened.used)
+
+    def usable(self, observation: Measurement) -> bool:
+        """Return whether an observation has a bin that ``step`` would use."""
+        return screen_measurement(observation, self.basis.grid).used.size > 0
+
+    def innovation(self, state: FilterState, observation: Measurement) -> Array:
+        """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
+        screened, rows = self._linearised(observation)
+        return screened.scatter(np.empty((0, 2)) if rows is None else rows.residual(rows.matvec(self._by_level(state.mean))))
+
+    def weights(self, states: Sequence[FilterState]) -> Sequence[Array | None]:
+        """Return the means of states, each of shape (Z r,): those of neighbours in one run cost little more than one of them."""
+        return list(means([state.posterior for state in states])) if states else []
+
+    def flow(self, state: FilterState) -> FlowEstimate:
+        """Return the current estimate of a state; its covariance is computed when first asked for."""
+        return self.flow_of(state.mean, state.posterior.covariance, state.time_ns)
+
+    def flow_of(self, mean: Array, covariance: Array | Callable[[], Array], time_ns: int | None) -> FlowEstimate:
+        """Return the current estimate of weights.
+
+        Args:
+            mean: shape (Z r,).
+            covariance: shape (Z r, Z r), or a function that computes it.
+            time_ns: Of the last observation used [ns, UTC]; None for the forecast's.
+        """
+        flow = self.basis.flow(mean, covariance, self.time_ns if time_ns is None else time_ns)
+        # a static estimate holds at any time as it is
+        return replace(flow, later=lambda time_ns: replace(flow, time_ns=time_ns))
+
+    def rows(self, observation: Observation, used: NDArray[np.intp]) -> ProfileRows:
+        """Return the compressed rows of a profile's usable bins."""
+        grid, depth = self.basis.grid, observation.depth[used]
+        east, north = to_local(grid.projection, observation.longitude, observation.latitude)
+        kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), grid.nodes)
+        weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
+        common, correlation = observation.common_std, observation.correlation_depth
+        own, extra = observation.error_std[used], np.interp(depth, grid.levels, self.representation_std)
+        if self.error_std is not None:
+            own, extra = np.full(used.size, self.error_std), np.zeros(used.size)
+            common, correlation = 0.0 if np.isfinite(common) else np.inf, 0.0
+        noise = bin_noise(depth, own, extra, common, correlation)
+        u, v = rotate_to_local(grid.projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
+        values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
+        return compress_profile(weights, kernel_row @ self.basis.modes, noise, values)
+
+    @property
+    def basis_size(self) -> tuple[int | None, int | None]:
+        """Number of modes for each level, and of elements of the basis."""
+        return self.basis.n_modes, self.basis.modes.size
+
+    def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
+        """Return a velocity minus its least-squares fit by the basis, shape (P, 2) [m/s]."""
+        return self.basis.span_residual(points, depth, velocity)
+
+    def notes(self) -> list[str]:
+        """Return the settings of the prior, which may have been fitted."""
+        return [f"prior: {self.prior.settings}"] if self.prior.settings else []
+
+    def bias_notes(self, state: FilterState) -> list[str]:
+        """Return the significant systematic errors of the instrument."""
+        return significant_bias_notes(state.bias_score)
+
+    def _by_level(self, mean: Array) -> Array:
+        return mean.reshape(self.basis.grid.levels.size, -1)
+
+
+def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingConfig | None = None) -> ReducedBasisEstimator:
+    """Return the estimator of the configuration's preset for an ensemble.
+
+    Args:
+        ensemble: The forecast at one time.
+        config: Preset, basis and prior.
+        gating: Gate and covariance inflation of the default preset; None accepts every profile with its stated errors.
+    """
+    basis = build_basis(ensemble, config)
+    if config.preset == "paper":
+        return ReducedBasisEstimator(
+            basis, diagonal_prior(basis.member_weights), config.paper_error_std, basis.truncation_std, ensemble.time_ns
+        )
+    members = members_in_basis(basis)
+    settings = choose_settings(members, correlation_length(ensemble), config)
+    prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
+    return ReducedBasisEstimator(basis, prior, None, basis.representation_std(config), ensemble.time_ns, gating)

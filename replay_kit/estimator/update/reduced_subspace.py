@@ -1,0 +1,277 @@
+"""The posterior in the reduced subspace measured so far: exact, cheap where positions repeat, and of bounded size.
+
+Along a track the modes under the vehicle soon repeat: every G is A B with few directions B (s, r), so every design is h = R (x) A B.
+With C = (I (x) B) P0 (I (x) B'), of shape (Z s, Z s), the posterior is
+
+    mean = w0 + P0 (I (x) B') a,    P = P0 - P0 (I (x) B') M (I (x) B) P0,
+
+and a profile whose rows in the directions are g = R (x) A, with innovation e = z - h w0 - g C a, updates
+
+    q = (I - M C) g',    S = I + g C q,    M += q S^-1 q',    a += q S^-1 e.
+
+Instrument errors are further columns of e and a. C is nearly singular, because the directions range from long waves to short ones, but
+it is never inverted. A new direction adds zeros to M and a.
+
+Directions are scaled by the prior standard deviation of the weights: B = V' / std and A = G std V with V orthonormal. A vehicle meets
+directions one by one, each barely above the tolerance; when room runs out, a singular value decomposition of all A measured replaces
+them with fewer that represent the same rows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from replay_kit.core.arrays import Array
+from replay_kit.estimator.prior.hybrid import Prior
+from replay_kit.estimator.update.buffer import Buffer
+from replay_kit.estimator.update.compression import ProfileRows
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
+from replay_kit.estimator.update.posterior import (
+    Posterior,
+    PredictedObservation,
+    PriorCrossCovariance,
+    means,
+    prior_cross_covariances,
+    rank_k_update,
+    tiled_product,
+)
+from replay_kit.estimator.update.subspace import new_directions
+
+# Directions whose singular value is below this share of G are dropped when room runs out.
+_NEGLIGIBLE = 2.5e-11
+# Updates of M are kept as rows up to this number, then added in one product.
+_PENDING = 512
+# Rows A are kept as measured up to this number, then compressed.
+_MEASURED = 256
+# Room for new directions: the least, and the share of the existing ones.
+_MORE, _MORE_SHARE = 32, 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedSubspacePosterior:
+    """The posterior in the reduced subspace; matrices have room for further directions, filled with zeros.
+
+    Attributes:
+        prior: Gaussian of the weights before the profiles.
+        mode_std: shape (r,), prior standard deviation of the modes' weights.
+        directions: Rows of V', shape (room, r), of which the first ``size`` belong to this posterior.
+        size: Number s of directions.
+        matrix: shape (Z room, Z room), M without the pending updates.
+        amplitude: shape (Z room, 1 + b), a.
+        pending: Rows whose Gram matrix is still to be added to M, shape (., Z room); the first ``n_pending`` belong to this posterior.
+        n_pending: Their number.
+        measured: Rows A, shape (., room), with the Gram matrix of all G measured; the first ``n_measured`` belong to this posterior.
+        n_measured: Their number.
+        prior_bias_sensitivity: shape (b, Z, r), change of the prior's mean for instrument errors of one unit.
+    """
+
+    prior: Prior
+    mode_std: Array
+    directions: Buffer
+    size: int
+    matrix: Array
+    amplitude: Array
+    pending: Buffer
+    n_pending: int
+    measured: Buffer
+    n_measured: int
+    prior_bias_sensitivity: Array
+
+    @property
+    def room(self) -> int:
+        """Number of directions there is room for."""
+        return len(self.directions.rows)
+
+    @property
+    def n_levels(self) -> int:
+        """Number of levels Z."""
+        return len(self.amplitude) // self.room
+
+    @property
+    def active_directions(self) -> Array:
+        """Rows of V' that belong to this posterior, shape (s, r)."""
+        return self.directions.rows[: self.size]
+
+    @property
+    def shared_factor(self) -> Any:
+        """The prior: each posterior has information vectors of its own."""
+        return self.prior
+
+    @cached_property
+    def mean(self) -> Array:
+        """Mean of the weights, shape (Z r,), level after level."""
+        return np.asarray(means([self])[0])
+
+    @staticmethod
+    def information_vectors(posteriors: "Sequence[ReducedSubspacePosterior]") -> Array:
+        """Return (I (x) B') a of posteriors, shape (m, Z, r)."""
+        return np.concatenate([p._to_weights(slice(1)) for p in posteriors])
+
+    def _to_weights(self, columns: slice) -> Array:
+        """Return (I (x) B') of some columns of a, shape (., Z, r)."""
+        by_level = self.amplitude[:, columns].T.reshape(-1, self.n_levels, self.room)[..., : self.size]
+        return np.asarray(by_level @ self.active_directions / self.mode_std)
+
+    def bias_sensitivity(self) -> Array:
+        """Return the change of the mean for each instrument error of one unit, shape (b, Z, r)."""
+        return self.prior_bias_sensitivity + self.prior.matvec(self._to_weights(slice(1, None)))
+
+    def covariance(self) -> Array:
+        """Return the covariance of the weights, shape (Z r, Z r)."""
+        cov = self.prior.covariance()
+        across = self.prior.matvec_modes(self.active_directions / self.mode_std).reshape(-1, len(cov))
+        rank_k_update(cov, across, -(self._without_room() @ across))
+        return cov
+
+    def prefetch(self, profiles: Sequence[ProfileRows]) -> list[PriorCrossCovariance]:
+        """Return the parts of coming predictions that do not depend on the order of assimilation."""
+        nothing = np.empty((0, 0))
+        return [PriorCrossCovariance(cross, nothing, 0) for cross in prior_cross_covariances(self.prior, profiles)]
+
+    def predict(self, rows: ProfileRows, prefetched: PriorCrossCovariance) -> PredictedObservation[Posterior]:
+        """Return the prediction of a profile's rows."""
+        return self._with_directions_of(rows.basis)._predict(rows, prefetched.cross)
+
+    def _predict(self, rows: ProfileRows, cross: Array) -> PredictedObservation[Posterior]:
+        pending = self.pending.rows[: self.n_pending]
+        inside = self._with_room((rows.basis * self.mode_std) @ self.active_directions.T)
+        g_cross = self._with_room(cross / self.mode_std @ self.active_directions.T).reshape(len(cross), -1)
+        q = -tiled_product(self.matrix, np.ascontiguousarray(g_cross.T)).T - (g_cross @ pending.T) @ pending
+        q += np.einsum("kz,cs->ckzs", rows.r, inside).reshape(q.shape)
+        cov = g_cross @ q.T
+        means = np.vstack([self.prior.mean.reshape(1, self.n_levels, -1), self.prior_bias_sensitivity])
+        predicted = rows.matvec(means).T + g_cross @ self.amplitude
+
+        def update(lower: Array, whitened: Array, error_scale: float) -> "ReducedSubspacePosterior":
+            half_gain = scipy.linalg.solve_triangular(lower, q / error_scale, lower=True, check_finite=False)
+            return self._updated(half_gain, whitened, inside)
+
+        return PredictedObservation(predicted[:, 0], predicted[:, 1:], 0.5 * (cov + cov.T), update)
+
+    def _updated(self, half_gain: Array, whitened: Array, inside: Array) -> "ReducedSubspacePosterior":
+        """Return the posterior with M and a updated by half gains, shape (2 k, Z room), and with the rows A of G, shape (2, room)."""
+        new = self._flushed() if self.n_pending + len(half_gain) > len(self.pending.rows) else self
+        if new.n_measured + 2 > len(new.measured.rows):
+            new = new._compressed()
+        return replace(
+            new,
+            amplitude=self.amplitude + half_gain.T @ whitened,
+            pending=new.pending.appended(new.n_pending, half_gain),
+            n_pending=new.n_pending + len(half_gain),
+            measured=new.measured.appended(new.n_measured, inside),
+            n_measured=new.n_measured + 2,
+        )
+
+    def _with_room(self, values: Array) -> Array:
+        """Return values for the directions, shape (..., s), padded with zeros."""
+        out = np.zeros((*values.shape[:-1], self.room))
+        out[..., : self.size] = values
+        return out
+
+    def _without_room(self) -> Array:
+        """Return M, shape (Z s, Z s)."""
+        shape = (self.n_levels, self.room, self.n_levels, self.room)
+        blocks = self._flushed().matrix.reshape(shape)[:, : self.size, :, : self.size]
+        return blocks.reshape(self.n_levels * self.size, -1)
+
+    def _flushed(self) -> "ReducedSubspacePosterior":
+        """Return the same posterior without pending updates."""
+        matrix, rows = self.matrix.copy(), self.pending.rows[: self.n_pending]
+        rank_k_update(matrix, rows, rows)
+        return replace(self, matrix=matrix, pending=Buffer(*self.pending.rows.shape), n_pending=0)
+
+    def _compressed(self) -> "ReducedSubspacePosterior":
+        """Return the same posterior with the least number of measured rows that have the same Gram matrix."""
+        rows = scipy.linalg.qr(self.measured.rows[: self.n_measured, : self.size], mode="r")[0][: self.size]
+        measured = Buffer(*self.measured.rows.shape).appended(0, self._with_room(rows))
+        return replace(self, measured=measured, n_measured=len(rows))
+
+    def _with_directions_of(self, basis: Array) -> "ReducedSubspacePosterior":
+        """Return the same posterior with all directions of G."""
+        if self.size == basis.shape[1]:
+            return self
+        more = new_directions(self.active_directions, basis * self.mode_std)
+        if not len(more):
+            return self
+        if self.size + len(more) > self.room:
+            return self._in_fewer_directions(more, float(np.linalg.norm(basis * self.mode_std)))
+        return replace(self, directions=self.directions.appended(self.size, more), size=self.size + len(more))
+
+    def _in_fewer_directions(self, more: Array, length: float) -> "ReducedSubspacePosterior":
+        """Return the same posterior in the directions that are not negligible for a G of some length, and in further ones."""
+        _, strength, turn = scipy.linalg.svd(self.measured.rows[: self.n_measured, : self.size], full_matrices=False)
+        turn = turn[strength > _NEGLIGIBLE * length]
+        half = self._without_room().reshape(-1, self.size) @ turn.T
+        turned = np.matmul(turn, half.reshape(self.n_levels, self.size, -1))
+        amplitude = self.amplitude.T.reshape(-1, self.n_levels, self.room)[..., : self.size] @ turn.T
+        directions = np.vstack([turn @ self.active_directions, more])
+        return _Parts(directions, turned, amplitude, np.diag(strength[: len(turn)])).with_room(
+            self.prior, self.mode_std, self.prior_bias_sensitivity
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Parts:
+    """What a posterior is made of, without room.
+
+    Attributes:
+        directions: shape (s, r), orthonormal.
+        matrix: shape (Z, s0, Z s0), M in the first s0 of the directions, as are the other parts.
+        amplitude: shape (1 + b, Z, s0), a.
+        measured: shape (., s0), rows A.
+    """
+
+    directions: Array
+    matrix: Array
+    amplitude: Array
+    measured: Array
+
+    def with_room(self, prior: Prior, mode_std: Array, prior_bias_sensitivity: Array) -> ReducedSubspacePosterior:
+        """Return a posterior of these parts, padded; the arguments are its attributes."""
+        size, n_modes = self.directions.shape
+        n_columns, n_levels, before = self.amplitude.shape
+        room = min(n_modes, size + max(_MORE, int(_MORE_SHARE * size)))
+        padding = (0, room - before)
+        matrix = np.pad(self.matrix.reshape(n_levels, before, n_levels, before), ((0, 0), padding, (0, 0), padding))
+        amplitude = np.pad(self.amplitude, ((0, 0), (0, 0), padding))
+        wide = n_levels * room
+        return ReducedSubspacePosterior(
+            prior,
+            mode_std,
+            Buffer(room, n_modes).appended(0, self.directions),
+            size,
+            matrix.reshape(wide, wide),
+            np.ascontiguousarray(amplitude.reshape(n_columns, -1).T),
+            Buffer(max(_PENDING, 2 * n_levels), wide),
+            0,
+            Buffer(room + _MEASURED, room).appended(0, np.pad(self.measured, ((0, 0), padding))),
+            len(self.measured),
+            prior_bias_sensitivity,
+        )
+
+
+def nonzero_mode_std(prior: Prior) -> Array:
+    """Return the prior standard deviation of the modes' weights, shape (r,), with zeros replaced by 1e-12 of the largest."""
+    std = prior.mode_std()
+    return np.asarray(np.maximum(std, 1e-12 * std.max() or 1.0))
+
+
+def to_reduced_subspace(posterior: ObservationSpacePosterior, directions: Array, mode_std: Array) -> ReducedSubspacePosterior:
+    """Return an observation-space posterior in directions that span all its rows: W = L^-1 H gives M = W'W and a = W'f.
+
+    Args:
+        posterior: The posterior.
+        directions: shape (s, r), orthonormal.
+        mode_std: shape (r,), prior standard deviation of the modes' weights.
+    """
+    inside = (posterior.profile_basis * mode_std) @ directions.T
+    rows = posterior.factor.solve(posterior.n, posterior.design(inside))
+    matrix = np.zeros((rows.shape[1], rows.shape[1]))
+    rank_k_update(matrix, rows, rows)
+    measured = scipy.linalg.qr(inside, mode="r")[0][: len(directions)]
+    amplitude = (posterior.forward.T @ rows).reshape(-1, posterior.n_levels, len(directions))
+    return _Parts(directions, matrix, amplitude, measured).with_room(posterior.prior, mode_std, posterior.prior_bias_sensitivity)

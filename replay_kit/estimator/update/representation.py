@@ -1,0 +1,62 @@
+"""The choice of the posterior's representation: the cheaper one from here on.
+
+Every form is exact. The observation-space form starts without any cost but works on all rows measured; the reduced-subspace form works on
+their directions, which along a track are fewer than the rows. When the rows outnumber the weights and span nearly all directions, the
+posterior becomes a full-covariance prior of an observation-space posterior without rows, again after every few profiles: memory and
+time for each profile are then bounded.
+"""
+
+from replay_kit.estimator.update.full_covariance import FullCovariancePrior, full_covariance_prior
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
+from replay_kit.estimator.update.posterior import Posterior
+from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, nonzero_mode_std, to_reduced_subspace
+from replay_kit.estimator.update.subspace import directions
+
+# Directions for each profile below which the reduced-subspace form is cheaper; at scattered places there are two.
+_FEW = 1.25
+# Rows for each weight above which the observation-space form is dearer wherever the profiles lie.
+_MANY = 1.25
+# The first number of profiles at which directions are counted; then at every doubling.
+_FIRST = 32
+# Share of all directions above which the reduced-subspace form is dearer than the full covariance.
+_NEARLY_ALL = 0.75
+# Rows that an observation-space posterior with a full-covariance prior holds before they are merged into that prior.
+_MERGE_ROWS = 1024
+
+
+def select_representation(posterior: Posterior) -> Posterior:
+    """Return the same posterior in the form that is cheaper from here on; a change costs as much as some dozens of updates."""
+    if isinstance(posterior, ReducedSubspacePosterior):
+        return to_full_covariance(posterior) if posterior.size > _NEARLY_ALL * posterior.mode_std.size else posterior
+    assert isinstance(posterior, ObservationSpacePosterior)
+    if isinstance(posterior.prior, FullCovariancePrior):
+        return to_full_covariance(posterior) if posterior.n_rows > _MERGE_ROWS else posterior
+    n, many = posterior.n, posterior.n_rows > _MANY * posterior.prior.mean.size
+    # powers of two, because counting costs about as much as an update
+    if not many and (n < _FIRST or n & (n - 1)):
+        return posterior
+    mode_std = nonzero_mode_std(posterior.prior)
+    found = directions(posterior.profile_basis * mode_std)
+    if len(found) <= min(_FEW * n, _NEARLY_ALL * mode_std.size):
+        return to_reduced_subspace(posterior, found, mode_std)
+    return to_full_covariance(posterior) if many else posterior
+
+
+def full_covariance_of(posterior: Posterior) -> FullCovariancePrior:
+    """Return the posterior as a Gaussian with one covariance matrix."""
+    if isinstance(posterior, ObservationSpacePosterior) and isinstance(posterior.prior, FullCovariancePrior):
+        return posterior.prior.downdate(posterior.mean, posterior.whitened_cross()) if posterior.n else posterior.prior
+    return full_covariance_prior(posterior.mean, posterior.covariance(), posterior.n_levels)
+
+
+def to_full_covariance(posterior: Posterior) -> ObservationSpacePosterior:
+    """Return the same posterior as a full-covariance prior without rows."""
+    if isinstance(posterior, ObservationSpacePosterior) and isinstance(posterior.prior, FullCovariancePrior) and posterior.n == 0:
+        return posterior
+    return initial(full_covariance_of(posterior), posterior.bias_sensitivity())
+
+
+def inflated(posterior: Posterior, factor: float) -> ObservationSpacePosterior:
+    """Return a posterior whose covariance is multiplied by a factor."""
+    prior = full_covariance_of(posterior)
+    return initial(FullCovariancePrior(prior.mean, factor * prior.blocks), posterior.bias_sensitivity())
