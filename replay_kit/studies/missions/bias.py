@@ -63,16 +63,16 @@ def _dense(scene: Scene) -> Flight:
 
 
 def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure]:
-    """Return which errors a run that does not look for any says that its log speaks of."""
-    suspected = followed.state.evidence.significant()
+    """Return the errors that are significant in the log of a run that estimates none."""
+    significant = followed.state.bias_score.significant()
     figures = []
     for name in PLANTED:
         unit, factor = _UNIT[name]
         least, most = (1.0, np.nan) if planted else (np.nan, 0.0)
-        figures.append(Figure(STUDY, method, f"{name} is named", float(name in suspected), at_least=least, at_most=most))
-        if name in suspected:
-            figures.append(Figure(STUDY, method, f"{name} as named [{unit}]", factor * suspected[name][0]))
-    figures.append(Figure(STUDY, method, "shear is named, wrongly", float("shear" in suspected), at_most=0.0))
+        figures.append(Figure(STUDY, method, f"{name} is named", float(name in significant), at_least=least, at_most=most))
+        if name in significant:
+            figures.append(Figure(STUDY, method, f"{name} as named [{unit}]", factor * significant[name][0]))
+    figures.append(Figure(STUDY, method, "shear is named, wrongly", float("shear" in significant), at_most=0.0))
     return figures
 
 
