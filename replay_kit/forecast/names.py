@@ -30,7 +30,7 @@ def find_velocity(ds: xr.Dataset, where: str) -> tuple[xr.DataArray, xr.DataArra
     """Return the two velocity components and whether they lie along true east and north or along the grid's axes.
 
     Raises:
-        ForecastError: No pair is found, or a standard name is there twice.
+        ForecastError: No pair is found, or several variables have the same standard name.
     """
     for east, north, axes in _VELOCITY_STANDARD_NAMES:
         found = _by_standard_name(ds, east), _by_standard_name(ds, north)

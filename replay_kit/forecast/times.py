@@ -80,11 +80,11 @@ def _notes(time_ns: int | None, near_ns: int | None, among: str) -> tuple[str, .
     """Return the time taken, when it was a choice or lies more than a day from the log."""
     if time_ns is None:
         return ()
-    said = f"the forecast is of {np.datetime_as_string(np.datetime64(time_ns, 'ns'), unit='m')}Z"
+    note = f"the forecast is of {np.datetime_as_string(np.datetime64(time_ns, 'ns'), unit='m')}Z"
     days = 0.0 if near_ns is None else (near_ns - time_ns) / _DAY_NS
     if abs(days) > 1.0:
-        return (f"{said}, {abs(days):.1f} days {'before' if days > 0 else 'after'} the log begins: the log lies outside its time",)
-    return (f"{said}, {among}",) if among else ()
+        return (f"{note}, {abs(days):.1f} days {'before' if days > 0 else 'after'} the log begins: the log lies outside its time",)
+    return (f"{note}, {among}",) if among else ()
 
 
 def _scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:

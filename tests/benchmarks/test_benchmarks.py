@@ -39,7 +39,7 @@ def test_every_benchmark_runs_and_its_answers_are_right(name, tmp_path, capsys):
         for name, value in row["error"].items():
             allowed = ALLOWED.get(name.split("_")[0])
             assert allowed is None or value < allowed, (row["name"], name, value)
-    assert {row["form"] for row in result["rows"] if "form" in row} <= {"Dual", "Span"}
+    assert {row["form"] for row in result["rows"] if "form" in row} <= {"ObservationSpacePosterior", "ReducedSubspacePosterior"}
 
 
 def test_the_scaling_is_measured_and_drawn(tmp_path):

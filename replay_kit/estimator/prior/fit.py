@@ -1,7 +1,7 @@
-"""What no one can state of a prior, fitted by leaving members of the ensemble out: never on a truth, never on the log.
+"""Settings of the prior, fitted by leaving members of the ensemble out: never on a truth, never on the log.
 
-A member is left out, a few columns of it are measured with noise, and the prior that the others make is asked for the rest of it.
-The settings are best whose answers, with their stated uncertainty, lie nearest: least mean continuous ranked probability score.
+A member is left out, a few columns of it are measured with noise, and the prior of the others predicts the rest of it.
+The best settings have the least mean continuous ranked probability score, which measures error and stated uncertainty together.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 SHARES = (0.3, 0.45, 0.6, 0.75, 0.85, 0.93)
 # Of the paper's 22 bins of 9 cm/s some three meet in a level.
 _LEVEL_ERROR_STD = 0.05
-# Sparse, middling and dense logs count alike.
+# Sparse, medium and dense logs have equal weight.
 _COLUMNS = (5, 25, 150)
 # The share hardly depends on the modes of little energy, and the cost goes with the cube of their number.
 _MODES = 50
@@ -37,7 +37,7 @@ _SHARE_OF_FEW = 2 / 3
 
 @dataclass(frozen=True, slots=True)
 class FitRow:
-    """How well settings told the members left out.
+    """The score of settings on the members left out.
 
     Attributes:
         settings: What was tried.
@@ -93,7 +93,7 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
 
 
 def fit_settings(members: Members, length: float, left_out: int, advance: Callable[[], None] = lambda: None) -> list[FitRow]:
-    """Return all that was tried: shares for each shift, then for the best shift with other radii; none with fewer than four members.
+    """Return rows of all candidates: shares for each shift, then for the best shift with other radii; none with fewer than four members.
 
     Args:
         members: All of the ensemble.
@@ -129,7 +129,7 @@ def score_sample_shares(
     left_out: int,
     advance: Callable[[], None] = lambda: None,
 ) -> list[FitRow]:
-    """Return one row a share, all told the same columns of the same members; none with fewer than four members.
+    """Return one row for each share, from the same columns of the same members; none with fewer than four members.
 
     Args:
         members: All of the ensemble; the leading modes are used.
@@ -169,7 +169,7 @@ def _score_member(members: Members, member: int, settings: PriorSettings, shares
 
 
 def measure_columns(members: Members, truth: Array, n_columns: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return what noisy columns at random nodes say of the weights: precision, shape (Z r, Z r), and H' y, shape (Z r,).
+    """Return the information of noisy columns at random nodes on the weights: precision, shape (Z r, Z r), and H' y, shape (Z r,).
 
     Args:
         members: Their modes and nodes.
@@ -180,8 +180,8 @@ def measure_columns(members: Members, truth: Array, n_columns: int, rng: np.rand
     n_nodes = members.nodes.shape[0]
     at = rng.integers(n_nodes, size=n_columns)
     rows = np.concatenate([members.velocity_modes[at], members.velocity_modes[at + n_nodes]]) / _LEVEL_ERROR_STD
-    seen = truth @ rows.T + rng.standard_normal((truth.shape[0], rows.shape[0]))
-    return np.asarray(np.kron(np.eye(truth.shape[0]), rows.T @ rows), dtype=np.float64), (seen @ rows).ravel()
+    measured = truth @ rows.T + rng.standard_normal((truth.shape[0], rows.shape[0]))
+    return np.asarray(np.kron(np.eye(truth.shape[0]), rows.T @ rows), dtype=np.float64), (measured @ rows).ravel()
 
 
 def score_withheld(members: Members, truth: Array, prior: Array, precision: Array, information: Array) -> tuple[float, float]:

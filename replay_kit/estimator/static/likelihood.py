@@ -34,7 +34,7 @@ class Likelihood:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPrediction:
-    """The prediction of certain bins of certain profiles, whatever velocities they then have.
+    """The prediction of chosen bins of profiles, independent of their measured velocities.
 
     Attributes:
         estimator: Has the prior.

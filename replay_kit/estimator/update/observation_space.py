@@ -11,7 +11,6 @@ The effects of instrument errors of one unit on z are further columns of z and f
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,11 +20,12 @@ from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.posterior import (
+    ComputedMean,
     Posterior,
     PredictedObservation,
     PriorCrossCovariance,
-    means,
     prior_cross_covariances,
+    prior_prediction,
     rank_k_update,
     tiled_product,
 )
@@ -135,7 +135,7 @@ def _solve(corner: Array, right: Array, transposed: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class ObservationSpacePosterior:
+class ObservationSpacePosterior(ComputedMean):
     """The posterior in observation space.
 
     Attributes:
@@ -169,11 +169,6 @@ class ObservationSpacePosterior:
     def shared_factor(self) -> Any:
         """The growing Cholesky factor."""
         return self.factor
-
-    @cached_property
-    def mean(self) -> Array:
-        """Mean of the weights, shape (Z r,), level after level."""
-        return np.asarray(means([self])[0])
 
     @staticmethod
     def information_vectors(posteriors: "Sequence[ObservationSpacePosterior]") -> Array:
@@ -230,8 +225,7 @@ class ObservationSpacePosterior:
         """Return the prediction of a profile's rows."""
         before = self.factor.solve(self.n, self._rows_times(prefetched.cross, prefetched.n_solved, self.n), prefetched.solved)
         cov = rows.matvec(prefetched.cross) - before.T @ before
-        means = np.vstack([self.prior.mean.reshape(1, self.n_levels, -1), self.prior_bias_sensitivity])
-        predicted = rows.matvec(means).T + before.T @ self.forward
+        predicted = prior_prediction(self.prior, self.prior_bias_sensitivity, rows) + before.T @ self.forward
 
         def update(lower: Array, whitened: Array, error_scale: float) -> "ObservationSpacePosterior":
             factor = self.factor.extended(self.n)

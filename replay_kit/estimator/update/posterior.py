@@ -6,6 +6,7 @@ covariance enters through its product with G at each level, so a product with H 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -74,6 +75,15 @@ class Posterior(Protocol):
             prefetched: Of this profile, computed by this posterior or by an ancestor in the same representation.
         """
         ...
+
+
+class ComputedMean:
+    """The mean of a posterior, computed when first read."""
+
+    @cached_property
+    def mean(self: Posterior) -> Array:
+        """Mean of the weights, shape (Z r,), level after level."""
+        return np.asarray(means([self])[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,6 +166,17 @@ def means(posteriors: Sequence[Posterior]) -> Array:
         information = np.concatenate([group[0].information_vectors(group) for group in groups])
         out.append(same[0].prior.mean + same[0].prior.matvec(information).reshape(len(same), -1))
     return np.concatenate(out)
+
+
+def prior_prediction(prior: Prior, bias_sensitivity: Array, rows: ProfileRows) -> Array:
+    """Return the prior means of a profile's rows and of their bias sensitivity, shape (2 k, 1 + b).
+
+    Args:
+        prior: Gaussian of the weights.
+        bias_sensitivity: shape (b, Z, r), of the prior's mean.
+        rows: The profile.
+    """
+    return rows.matvec(np.vstack([prior.mean.reshape(1, *bias_sensitivity.shape[1:]), bias_sensitivity])).T
 
 
 def prior_cross_covariances(prior: Prior, profiles: Sequence[ProfileRows]) -> list[Array]:

@@ -19,7 +19,6 @@ them with fewer that represent the same rows.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,11 +30,12 @@ from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.posterior import (
+    ComputedMean,
     Posterior,
     PredictedObservation,
     PriorCrossCovariance,
-    means,
     prior_cross_covariances,
+    prior_prediction,
     rank_k_update,
     tiled_product,
 )
@@ -52,7 +52,7 @@ _MORE, _MORE_SHARE = 32, 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedSubspacePosterior:
+class ReducedSubspacePosterior(ComputedMean):
     """The posterior in the reduced subspace; matrices have room for further directions, filled with zeros.
 
     Attributes:
@@ -101,11 +101,6 @@ class ReducedSubspacePosterior:
         """The prior: each posterior has information vectors of its own."""
         return self.prior
 
-    @cached_property
-    def mean(self) -> Array:
-        """Mean of the weights, shape (Z r,), level after level."""
-        return np.asarray(means([self])[0])
-
     @staticmethod
     def information_vectors(posteriors: "Sequence[ReducedSubspacePosterior]") -> Array:
         """Return (I (x) B') a of posteriors, shape (m, Z, r)."""
@@ -143,8 +138,7 @@ class ReducedSubspacePosterior:
         q = -tiled_product(self.matrix, np.ascontiguousarray(g_cross.T)).T - (g_cross @ pending.T) @ pending
         q += np.einsum("kz,cs->ckzs", rows.r, inside).reshape(q.shape)
         cov = g_cross @ q.T
-        means = np.vstack([self.prior.mean.reshape(1, self.n_levels, -1), self.prior_bias_sensitivity])
-        predicted = rows.matvec(means).T + g_cross @ self.amplitude
+        predicted = prior_prediction(self.prior, self.prior_bias_sensitivity, rows) + g_cross @ self.amplitude
 
         def update(lower: Array, whitened: Array, error_scale: float) -> "ReducedSubspacePosterior":
             half_gain = scipy.linalg.solve_triangular(lower, q / error_scale, lower=True, check_finite=False)

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from replay_kit.cli import app as cli
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
-from replay_kit.core.flow import netcdf as flow_netcdf
+from replay_kit.core.flow.load import load
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
@@ -84,7 +84,7 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
     with xr.open_dataset(tmp_path / "grid.nc", engine="h5netcdf") as grid:
         names = {variable.attrs.get("standard_name") for variable in grid.variables.values()}
     assert "eastward_sea_water_velocity" in names
-    loaded = flow_netcdf.load(tmp_path / "flow.nc")
+    loaded = load(tmp_path / "flow.nc")
     np.testing.assert_array_equal(loaded.latent, flow.latent)
     np.testing.assert_array_equal(loaded.weight_cov, flow.weight_cov)
 
