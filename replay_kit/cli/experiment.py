@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 from threadpoolctl import threadpool_limits
 
-import planners
 from replay_kit.cli.dives import dives
 from replay_kit.cli.options import (
     ConfigOption,
@@ -32,6 +31,7 @@ from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, EstimatorError
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import read_ensemble, read_series, read_truth
+from replay_kit.studies import bindings
 from replay_kit.studies import missions as on_missions
 from replay_kit.studies.accuracy import METHODS, AccuracyJob, run_accuracy
 from replay_kit.studies.accuracy_text import print_accuracy, to_json
@@ -112,7 +112,7 @@ def paper(
     # made before the work, so that a folder that cannot be made is said at once
     out.mkdir(exist_ok=True)
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
-        tables, shown = run_paper(members, withheld, settings.estimator, job, (planners.plan, planners.fly), advance)
+        tables, shown = run_paper(members, withheld, settings.estimator, job, bindings.glide_calls(), advance)
         write_paper(out, tables, shown)
     console = console_beside(json_file)
     print_paper(tables, console)

@@ -6,8 +6,6 @@ from typing import Annotated
 import typer
 from threadpoolctl import threadpool_limits
 
-import planners
-from planners.mission.flights import fly_mission
 from replay_kit.cli.options import (
     ConfigOption,
     JsonOption,
@@ -24,28 +22,13 @@ from replay_kit.cli.options import (
     forecast_part,
     write_json,
 )
-from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import EstimatorError
 from replay_kit.forecast import read_ensemble, read_truth
+from replay_kit.studies import bindings
 from replay_kit.studies import planning as on_planning
 from replay_kit.studies.paper import check_folder
-from replay_kit.studies.planning.mission_legs import legs_planner
-from replay_kit.workflows.planning import MissionPlanner
 from replay_kit.workflows.replay.job import check_paths, truth_path
-
-CALLS = on_planning.Calls(
-    plan=planners.plan,
-    fly=planners.fly,
-    plan_mission=planners.plan_mission,
-    fly_mission=fly_mission,
-    plan_scenarios=planners.plan_scenarios,
-    fly_corrected=lambda flow, samples, plan: planners.fly_scenarios(flow, samples, plan, pilot=planners.Pilot()),
-    glider=lambda speed, shallowest, steepest: planners.Glider(speed, None, shallowest, steepest),
-    settings=planners.MissionSettings,
-    no_go=planners.NoGo,
-    legs_planner=lambda depth: legs_planner(MissionPlanner.of(PlannerConfig(kind="mission", depth=depth))),
-)
 
 
 def planning(
@@ -98,7 +81,7 @@ def planning(
             on_planning.write_planning(out, partial)
 
     with threadpool_limits(limits=settings.output.threads), bar() as advance:
-        result = on_planning.run_planning(members, withheld, settings.estimator, job, CALLS, advance, keep)
+        result = on_planning.run_planning(members, withheld, settings.estimator, job, bindings.PLANNING_CALLS, advance, keep)
     console = console_beside(json_file)
     on_planning.print_planning(result, console)
     console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)

@@ -14,8 +14,8 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
+from tests.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 WRITTEN = {"--out", "--netcdf", "--save-estimate", "--json", "--geojson", "--csv", "--waypoints", "--suggest"}
 
 

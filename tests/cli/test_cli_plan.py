@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 from planners import MissionSettings
 from replay_kit import __version__
 from replay_kit.cli.app import app
-from replay_kit.cli.plan_inputs import read_areas, read_bathymetry
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ForecastError, LogError, PlanError
 from replay_kit.results import first_difference, read_recorded
+from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry
 from tests.planners.flow_samples import eddying_flow
 
 ASK = ["--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", "390"]
@@ -107,14 +107,14 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     free, past = (json.loads(run(flow, *ASK, "--json", "-", *more).stdout) for more in ([], ["--no-go", areas, "--samples", 5]))
     assert past["status"] == "reached"
     assert past["duration_s"] > free["duration_s"]
-    assert (past["samples"]["safe"] == 1.0) == (past["samples"]["trespass"] == {})
+    assert (past["samples"]["safe"] == 1.0) == (past["samples"]["violations"] == {})
     assert past["samples"]["allowed"] is None
     done = run(flow, *ASK, "--json", "-", "--no-go", areas, "--samples", 5, "--risk", 0.2, "--legs", len(past["legs"]))
     wide = json.loads(done.stdout)
     assert wide["duration_s"] >= past["duration_s"] * (1.0 - 1e-4)
-    trespassing = 1.0 - wide["samples"]["safe"]
-    assert f"{100.0 * trespassing:.0f} % of them trespass" in done.stderr
-    assert (trespassing == 0.0) == (wide["samples"]["trespass"] == {})
+    violating = 1.0 - wide["samples"]["safe"]
+    assert f"{100.0 * violating:.0f} % of them violate a constraint" in done.stderr
+    assert (violating == 0.0) == (wide["samples"]["violations"] == {})
 
 
 def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path):

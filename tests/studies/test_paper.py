@@ -18,13 +18,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import planners
-from replay_kit.cli import experiment as cli_experiment
 from replay_kit.cli.app import app
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
-from replay_kit.studies import reachable
+from replay_kit.studies import bindings, reachable
 from replay_kit.studies.accuracy import build_method
 from replay_kit.studies.bootstrap import bootstrap_median
 from replay_kit.studies.bound import bound
@@ -377,8 +376,8 @@ def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
 
 
 def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatch):
-    monkeypatch.setattr(cli_experiment.planners, "plan", stay)
-    monkeypatch.setattr(cli_experiment.planners, "fly", stayed)
+    monkeypatch.setattr(bindings.planners, "plan", stay)
+    monkeypatch.setattr(bindings.planners, "fly", stayed)
     monkeypatch.setattr(figures, "draw", lambda tables, shown: iter([("sparse", "png", b"drawn")]))
     options = [
         "--leave-out",

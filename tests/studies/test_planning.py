@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 
 import planners
 from planners.mission.flights import fly_mission
-from replay_kit.cli import planning as cli_planning
 from replay_kit.cli.app import app
-from replay_kit.cli.planning import CALLS
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
+from replay_kit.studies import bindings
+from replay_kit.studies.bindings import PLANNING_CALLS
 from replay_kit.studies.bootstrap import bootstrap_ratio
 from replay_kit.studies.planning import STUDIES, PlanningJob
 from replay_kit.studies.planning.flights import draw_missions, fly_plan
@@ -44,7 +44,7 @@ SQUARE = np.array([[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]])
 
 
 def world(**calls):
-    return build_world(MEMBERS, None, CONFIG, JOB, replace(CALLS, **calls), lambda what, steps: None)
+    return build_world(MEMBERS, None, CONFIG, JOB, replace(PLANNING_CALLS, **calls), lambda what, steps: None)
 
 
 def flown(flow, miss, error=0.1):
@@ -82,12 +82,12 @@ def answer(tmp_path_factory):
     ]
     # one start, coarse steps and few legs: plans are tested elsewhere
     quick = replace(
-        CALLS,
+        PLANNING_CALLS,
         plan=partial(planners.plan, settings=planners.GlideSettings(starts=1, n_steps=8)),
         settings=lambda **how: planners.MissionSettings(**{**how, "max_legs": 3}),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cli_planning, "CALLS", quick)
+        patch.setattr(bindings, "PLANNING_CALLS", quick)
         done = CliRunner().invoke(app, [*command, "--study", ",".join(DRAWN), "--json", str(folder / "answer.json")])
     assert done.exit_code == 0, done.output
     again = CliRunner().invoke(app, [*command, "--study", "masked"])
@@ -276,8 +276,8 @@ def test_a_wrong_option_makes_no_folder(tmp_path):
 def test_a_truth_of_its_own_leaves_no_member_out():
     truth = synthetic.ensemble(5, n_members=1, shape=(8, 9))
     with pytest.raises(ConfigError, match="--truth and --leave-out"):
-        build_world(MEMBERS, truth, CONFIG, JOB, CALLS, lambda what, steps: None)
-    (withheld,) = build_world(MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), CALLS, lambda what, steps: None).truths
+        build_world(MEMBERS, truth, CONFIG, JOB, PLANNING_CALLS, lambda what, steps: None)
+    (withheld,) = build_world(MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), PLANNING_CALLS, lambda what, steps: None).truths
     assert (withheld.case.ensemble.n_members, withheld.member) == (6, 6)
     assert withheld.case.truth is truth
 
