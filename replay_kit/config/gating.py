@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class TrustConfig(BaseModel):
     """``[trust]``: gate, softening and the watch over the estimate's own errors; the paper preset uses none of it."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     gate: Literal["reject", "soften", "off"] = Field(
         default="reject",

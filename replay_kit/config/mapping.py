@@ -17,7 +17,7 @@ DepthUnit = Literal["m", "dm", "cm", "mm", "dbar", "bar", "Pa", "hPa", "kPa"]
 
 
 class _Map(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     topic: str = Field(min_length=1, description="the messages of this topic are read so, whatever their schema")
     depth: Path | None = Field(default=None, description="the vehicle's depth, height or pressure")

@@ -30,7 +30,7 @@ _MOST = {"error_velocity": "m/s", "speed": "m/s", "tilt": "degrees", "outlier": 
 class QualityConfig(BaseModel):
     """``[measurements.quality]``: which bins are suspect, and which fail."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     use_suspect: bool = Field(default=True, description="whether suspect bins are used; false makes them fail")
     correlation_suspect: _Limit = Field(default=None, description="%; Teledyne states one threshold only")

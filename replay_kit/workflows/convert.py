@@ -16,6 +16,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import LogReader, LogReport, Loss, Message
+from replay_kit.core.paths import check_paths
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.copying import RawLog, header_of
 from replay_kit.logs.losses import loss_json, loss_words
@@ -23,7 +24,6 @@ from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.raw import RawMessage
 from replay_kit.results.readback import check_written
-from replay_kit.workflows.replay.job import check_paths
 
 _STAMP_BYTES = 8
 _T = TypeVar("_T", bound=RawMessage | Message)

@@ -9,15 +9,14 @@ import pytest
 import xarray as xr
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from typer.testing import CliRunner
 
 from planners import MissionSettings
 from replay_kit import __version__
-from replay_kit.cli.app import app
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ForecastError, LogError, PlanError
 from replay_kit.results import first_difference, read_recorded
 from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry
+from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow
 
 ASK = ["--start=152.42,-40.0,0", "--goal=152.52,-39.96,0", "--depth", "390"]
@@ -34,7 +33,7 @@ def flow(tmp_path_factory):
 
 
 def run(*arguments, code=0):
-    done = CliRunner().invoke(app, ["plan", *map(str, arguments)], catch_exceptions=True)
+    done = invoke(["plan", *map(str, arguments)])
     if code == 0:
         assert done.exit_code == 0, done.output
     return done

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from replay_kit.cli import info as cli_info
 from replay_kit.config.run import load_config
 from replay_kit.workflows.info.inspect import inspect_log
+from tests.command import invoke
 from tests.measurements.carriers import json_mcap
 from tests.measurements.messages import fix, ping
 
@@ -22,29 +22,28 @@ def log(tmp_path):
     return path
 
 
-def run_info(capsys, *arguments, **options):
-    with pytest.raises(cli_info.typer.Exit) as end:
-        cli_info.info(*arguments, **options)
-    return end.value.exit_code, capsys.readouterr()
+def run_info(*arguments):
+    done = invoke(["info", *map(str, arguments)])
+    return done.exit_code, done
 
 
-def test_a_suggested_mapping_is_printed_alone(capsys, log):
-    code, said = run_info(capsys, [log], suggest=cli_info.Path("-"))
+def test_a_suggested_mapping_is_printed_alone(log):
+    code, said = run_info(log, "--suggest", "-")
     assert code == 0
-    assert said.out.startswith("# A first mapping")
-    assert 'topic = "/vendor/nav"' in said.out
-    assert "/adcp" not in said.out
-    assert "mavlink" not in said.out
-    assert "Use: replay" in said.err
+    assert said.stdout.startswith("# A first mapping")
+    assert 'topic = "/vendor/nav"' in said.stdout
+    assert "/adcp" not in said.stdout
+    assert "mavlink" not in said.stdout
+    assert "Use: replay" in said.stderr
 
 
-def test_a_suggested_mapping_makes_the_topic_usable(capsys, log, tmp_path):
+def test_a_suggested_mapping_makes_the_topic_usable(log, tmp_path):
     before = inspect_log(log, load_config(None))
     assert set(before.not_known) == {"/vendor/nav", "/vendor/text"}
-    code, _ = run_info(capsys, [log], suggest=tmp_path / "map.toml")
+    code, _ = run_info(log, "--suggest", tmp_path / "map.toml")
     assert code == 0
-    _, said = run_info(capsys, [log], config=tmp_path / "map.toml", json_file=cli_info.Path("-"))
-    assert json.loads(said.out)["logs"][0]["positions"] == before.positions + 3
+    _, said = run_info(log, "--config", tmp_path / "map.toml", "--json", "-")
+    assert json.loads(said.stdout)["logs"][0]["positions"] == before.positions + 3
 
 
 def test_a_depth_averaged_current_is_no_position(tmp_path):

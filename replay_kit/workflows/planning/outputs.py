@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from planners.mission.waypoints import Waypoints
 from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.run import RunConfig
@@ -71,9 +72,9 @@ def mission_csv(planned: PlannedMission) -> str:
     return to_csv(planned.plan, planned.ellipses)
 
 
-def waypoint_file(planned: PlannedMission, path: Path) -> str | None:
-    """Return the text of a waypoint file, in the format that its ending chooses; None without waypoints."""
-    return None if planned.waypoints is None else waypoint_text(planned.waypoints, path)
+def waypoint_file(waypoints: Waypoints, path: Path) -> str:
+    """Return the text of a waypoint file, in the format that its ending chooses."""
+    return waypoint_text(waypoints, path)
 
 
 def write_mission(
