@@ -62,7 +62,10 @@ def takes_settings(*paths: str, without: Collection[str] = (), short: str = "", 
         file: Whether it has ``--config`` too.
     """
     entries: list[tuple[str, Any, Any]] = [("config", ConfigFile, field(default=None))] if file else []
-    for path, setting in _settings(RunConfig):
+    known = dict(_settings(RunConfig))
+    for wanted in paths:
+        assert any(f"{path}.".startswith(f"{wanted}.") for path in known), f"{wanted} is neither a section nor a setting"
+    for path, setting in known.items():
         if path not in without and any(f"{path}.".startswith(f"{wanted}.") for wanted in paths):
             kind, read = _option_type(setting.annotation)
             entry = field(default=None, metadata={"path": path, "read": read})

@@ -130,6 +130,7 @@ def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
         (["twin", "--truth", "t.nc", "-o", "x.mcap", "--pings", "0"], 2, "--pings"),
         (["info", "absent.mcap"], 3, "no such file"),
         ([], 2, ""),
+        (["experiment"], 2, ""),
     ):
         done = run_command(tmp_path, arguments)
         assert done.returncode == code, done.stderr

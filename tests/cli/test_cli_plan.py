@@ -13,7 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from planners import MissionSettings
 from replay_kit import __version__
 from replay_kit.config.run import load_config
-from replay_kit.core.errors import ForecastError, LogError, PlanError
+from replay_kit.core.errors import LogError
 from replay_kit.results import first_difference, read_recorded
 from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry
 from tests.command import invoke
@@ -180,27 +180,3 @@ def test_a_configuration_counts_here_too_and_options_win(flow, tmp_path):
 def test_samples_of_a_flow_that_changes_are_refused(flow):
     done = run(flow, flow, *ASK, "--samples", 5, code=2)
     assert "give one estimate" in str(done.exception)
-
-
-def test_files_that_hold_no_areas_or_depths(tmp_path):
-    for text in ("{}", "[1]", '{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}'):
-        path = tmp_path / "areas.geojson"
-        path.write_text(text)
-        with pytest.raises(PlanError, match="expected GeoJSON"):
-            read_areas(path)
-    path.write_bytes(b"\x89" + bytes(1000))
-    with pytest.raises(PlanError, match="expected GeoJSON") as told:
-        read_areas(path)
-    assert len(str(told.value)) < 400
-    polygon = {"type": "Polygon", "coordinates": [[[1, 2], [2, 2], [2, 3]]]}
-    for value, below in ((True, True), (0, False), (None, False)):
-        path.write_text(json.dumps({"type": "Feature", "properties": {"surface_only": value}, "geometry": polygon}))
-        assert read_areas(path)[0].surface_only == below
-    path.write_text(json.dumps({"type": "Feature", "properties": {"surface_only": "false"}, "geometry": polygon}))
-    with pytest.raises(PlanError, match="neither true nor false"):
-        read_areas(path)
-    xr.Dataset({"speed": (("y", "x"), np.zeros((2, 2)))}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
-    with pytest.raises(ForecastError, match="expected one of"):
-        read_bathymetry(tmp_path / "other.nc")
-    with pytest.raises(ForecastError, match="cannot read"):
-        read_bathymetry(tmp_path / "missing.nc")
