@@ -5,7 +5,7 @@ Observations" (U.S. IOOS), which names the tests and leaves the thresholds to th
 test is switched off there by the word ``"off"``.
 """
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 
@@ -27,62 +27,35 @@ _LEAST = {"correlation": "%", "nortek_correlation": "%", "amplitude": "dB", "snr
 _MOST = {"error_velocity": "m/s", "speed": "m/s", "tilt": "degrees", "outlier": "median deviations"}
 
 
+def _limit(quantity: str, side: str, unit: str, default: float | None, note: str = "") -> Any:
+    """Return the setting of a threshold; its name says whether a bin beyond it is suspect or fails."""
+    return Field(default=default, description=f"{quantity} {side} which a bin is flagged [{unit}]{note and '; '}{note}.")
+
+
 class QualityConfig(BaseModel):
     """``[measurements.quality]``: which bins are suspect, and which fail."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     use_suspect: bool = Field(default=True, description="Use suspect bins; off makes them fail.")
-    correlation_suspect: _Limit = Field(
-        default=None, description="Correlation below which a bin is suspect [%]; Teledyne states one threshold only."
+    correlation_suspect: _Limit = _limit("Correlation", "below", "%", None, "Teledyne states one threshold only")
+    correlation_fail: _Limit = _limit("Correlation of the third best beam", "below", "%", 25.0, "Teledyne's WC, 64 of 255 counts")
+    nortek_correlation_suspect: _Limit = _limit("Correlation", "below", "%", None, "for pings whose attitude_convention is nortek")
+    nortek_correlation_fail: _Limit = _limit("Correlation of the third best beam", "below", "%", 50.0, "for such pings; Nortek's own limit")
+    amplitude_suspect: _Limit = _limit("Amplitude", "below", "dB", None, "what is low depends on the instrument")
+    amplitude_fail: _Limit = _limit(
+        "Amplitude of the third best beam", "below", "dB", 10.0, "below the noise of every receiver, a dead channel"
     )
-    correlation_fail: _Limit = Field(
-        default=25.0, description="Correlation of the third best beam below which a bin fails [%]; Teledyne's WC, 64 of 255 counts."
-    )
-    nortek_correlation_suspect: _Limit = Field(
-        default=None, description="Correlation below which a bin is suspect in pings whose attitude_convention is nortek [%]."
-    )
-    nortek_correlation_fail: _Limit = Field(
-        default=50.0, description="Correlation of the third best beam below which a bin fails in such pings [%]; Nortek's own limit."
-    )
-    amplitude_suspect: _Limit = Field(
-        default=None, description="Amplitude below which a bin is suspect [dB]; what is low depends on the instrument."
-    )
-    amplitude_fail: _Limit = Field(
-        default=10.0,
-        description="Amplitude of the third best beam below which a bin fails [dB]; below every receiver's noise, a dead channel.",
-    )
-    snr_suspect: _Limit = Field(
-        default=6.0,
-        description="Signal-to-noise ratio of the third best beam below which a bin is suspect [dB]; for pings with snr or noise_floor.",
-    )
-    snr_fail: _Limit = Field(
-        default=3.0,
-        description="Signal-to-noise ratio of the third best beam below which a bin fails [dB]; where manufacturers end the range.",
-    )
-    percent_good_suspect: _Limit = Field(
-        default=50.0, description="Share of three- and four-beam solutions below which a bin is suspect [%]."
-    )
-    percent_good_fail: _Limit = Field(default=25.0, description="Share of three- and four-beam solutions below which a bin fails [%].")
-    error_velocity_suspect: _Limit = Field(
-        default=0.8, description="Error velocity above which a bin is suspect [m/s]; usual for single pings."
-    )
-    error_velocity_fail: _Limit = Field(default=2.0, description="Error velocity above which a bin fails [m/s]; Teledyne's WE.")
-    speed_suspect: _Limit = Field(
-        default=3.0, description="Speed over the ground above which a bin is suspect [m/s]; few ocean currents are faster."
-    )
-    speed_fail: _Limit = Field(
-        default=None,
-        description="Speed over the ground above which a bin fails [m/s]; measurements.max_speed fails a component in any case.",
-    )
-    tilt_suspect: _Limit = Field(
-        default=15.0,
-        description="Tilt from the vertical above which a ping is suspect [degrees]; not for vehicles that dive, which tilt to glide.",
-    )
-    tilt_fail: _Limit = Field(
-        default=30.0,
-        description="Tilt from the vertical above which a ping fails [degrees]; the limit of Nortek's tilt sensor and bin mapping.",
-    )
+    snr_suspect: _Limit = _limit("Signal-to-noise ratio of the third best beam", "below", "dB", 6.0, "for pings with snr or noise_floor")
+    snr_fail: _Limit = _limit("Signal-to-noise ratio of the third best beam", "below", "dB", 3.0, "where manufacturers end the range")
+    percent_good_suspect: _Limit = _limit("Share of three- and four-beam solutions", "below", "%", 50.0)
+    percent_good_fail: _Limit = _limit("Share of three- and four-beam solutions", "below", "%", 25.0)
+    error_velocity_suspect: _Limit = _limit("Error velocity", "above", "m/s", 0.8, "usual for single pings")
+    error_velocity_fail: _Limit = _limit("Error velocity", "above", "m/s", 2.0, "Teledyne's WE")
+    speed_suspect: _Limit = _limit("Speed over the ground", "above", "m/s", 3.0, "few ocean currents are faster")
+    speed_fail: _Limit = _limit("Speed over the ground", "above", "m/s", None, "measurements.max_speed fails a component in any case")
+    tilt_suspect: _Limit = _limit("Tilt", "above", "degrees from the vertical", 15.0, "not for vehicles that dive, which tilt to glide")
+    tilt_fail: _Limit = _limit("Tilt", "above", "degrees from the vertical", 30.0, "the limit of Nortek's tilt sensor and bin mapping")
     sidelobe: bool = Field(default=True, description="Fail bins that are contaminated by the side lobes' echo from the surface.")
     beam_angle: float = Field(
         default=20.0,
@@ -90,14 +63,8 @@ class QualityConfig(BaseModel):
         lt=90.0,
         description="Angle of the beams from the instrument's axis in pings without beam_unit_vectors [degrees].",
     )
-    outlier_suspect: _Limit = Field(
-        default=4.0,
-        description="Deviation from the neighbouring bins above which a bin is suspect [median deviations, scaled to standard deviations].",
-    )
-    outlier_fail: _Limit = Field(
-        default=6.0,
-        description="Deviation from the neighbouring bins above which a bin fails [median deviations, scaled to standard deviations].",
-    )
+    outlier_suspect: _Limit = _limit("Deviation from the neighbouring bins", "above", "median deviations, as standard deviations", 4.0)
+    outlier_fail: _Limit = _limit("Deviation from the neighbouring bins", "above", "median deviations, as standard deviations", 6.0)
     outlier_window: int = Field(default=7, ge=5, le=99, description="Number of bins in the window whose middle one is tested.")
     outlier_floor: float = Field(
         default=0.1, gt=0.0, description="Least median deviation [m/s], in addition to the bin's own error, so that smooth profiles pass."

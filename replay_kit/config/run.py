@@ -8,10 +8,11 @@ import tomllib
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
+from replay_kit.config.explain import explain
 from replay_kit.config.gating import TrustConfig
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.option import Option
@@ -280,7 +281,7 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
     try:
         return RunConfig.model_validate(_laid_over(tables, overrides or {}))
     except ValidationError as error:
-        raise ConfigError(f"{path or 'options'}: {_explain(error)}") from error
+        raise ConfigError(f"{path or 'options'}: {explain(error, RunConfig)}") from error
 
 
 def _laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -293,40 +294,3 @@ def _laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, 
         elif value is not None:
             merged[key] = value
     return merged
-
-
-def _explain(error: ValidationError) -> str:
-    lines = []
-    for item in error.errors():
-        key = ".".join(str(part) for part in item["loc"])
-        if item["type"] == "extra_forbidden":
-            known = sorted(_known_keys(item["loc"][:-1]))
-            lines.append(f"unknown key '{key}'; known here: {', '.join(known)}")
-        else:
-            lines.append(f"'{key}': {item['msg'].removeprefix('Value error, ')}, got {item['input']!r}")
-    return "; ".join(lines)
-
-
-def _known_keys(location: tuple[int | str, ...]) -> list[str]:
-    """Return the keys known at a place: of a section, or of an entry of a list whose kind is stated."""
-    model: type[BaseModel] = RunConfig
-    for part in location:
-        if isinstance(part, int) or part not in model.model_fields:
-            continue
-        found = [kind for kind in _models_in(model.model_fields[part].annotation) if _is_kind(kind, location)]
-        if not found:
-            break
-        model = found[0]
-    return list(model.model_fields)
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for argument in get_args(annotation) for model in _models_in(argument)]
-
-
-def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
-    """Return whether a model is what a place in the configuration says: pydantic names an entry's kind in the place."""
-    kinds = get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
-    return len(kinds) != 1 or kinds[0] in location
