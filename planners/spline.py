@@ -1,19 +1,18 @@
-"""A B-spline of a flow for the optimiser: what it costs does not grow with the flow's nodes; it is not exact, and its error is measured.
+"""A B-spline of a flow for the optimiser: its cost does not grow with the number of nodes; it is not exact, and its error is measured.
 
-It is cubic in the plane. In depth it is linear between the levels where the flow is, and cubic otherwise. It holds for one estimate alone,
-and is not free of divergence; beyond its box it is what it is at the edge.
+It is cubic in the plane. In depth it is linear between the levels where the flow is, and cubic otherwise. It represents one estimate only
+and is not divergence-free; outside its box it has the value at the edge.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.interpolate import BSpline
 
 from planners.flow import graph_key
+from planners.solver import Recent
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -22,9 +21,9 @@ from replay_kit.core.flow.horizontal import velocity_kernel
 _CUBIC = 3
 # Random places in the box at which the error is measured.
 _PLACES = 2000
-# Splines kept, and with them the programs made of them.
+# Splines kept in memory, and with them the programs built from them.
 _MOST_SPLINES = 4
-# Places at which the kernel's matrix is made at once.
+# Places at which the kernel matrix is evaluated at once.
 _CHUNK = 1024
 
 
@@ -60,22 +59,17 @@ class _Axis:
         return np.asarray(BSpline.design_matrix(np.clip(at, self.knots[0], self.knots[-1]), self.knots, self.degree).toarray())
 
 
-_splines: OrderedDict[Any, FlowSpline] = OrderedDict()
+_splines = Recent[FlowSpline](_MOST_SPLINES)
 
 
 def spline_of(flow: FlowEstimate, points: int = 3) -> FlowSpline:
-    """Return a flow's B-spline over its grid, its levels and a kernel length around, with its error against the flow.
+    """Return the B-spline of a flow over its grid, its levels and a kernel length around, with its error relative to the flow.
 
     Args:
         flow: The flow.
-        points: Coefficients a kernel length; the error falls with their fourth power.
+        points: Coefficients per kernel length; the error falls with their fourth power.
     """
-    key = (*graph_key(flow), flow.latent.tobytes(), points)
-    if key not in _splines:
-        _splines[key] = _spline(flow, points)
-        if len(_splines) > _MOST_SPLINES:
-            _splines.popitem(last=False)
-    return _splines[key]
+    return _splines.get((*graph_key(flow), flow.latent.tobytes(), points), lambda: _spline(flow, points))
 
 
 def _spline(flow: FlowEstimate, points: int) -> FlowSpline:

@@ -45,7 +45,7 @@ def test_planners_see_the_core_alone():
         ("replay_kit/cli/plan.py", "from planners import plan"),
         ("replay_kit/results/slices.py", "import planners.route.region as region"),
         ("replay_kit/core/geodesy.py", "from casadi import SX"),
-        ("planners/route/region.py", "from replay_kit.workflows.replay.statistics import Tally"),
+        ("planners/route/region.py", "from replay_kit.workflows.replay.statistics import RunStatistics"),
         ("replay_kit/estimator/filter.py", "import replay_kit.results.summary"),
         ("replay_kit/estimator/filter.py", "from mcap.reader import make_reader"),
     ],

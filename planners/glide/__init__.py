@@ -1,1 +1,1 @@
-"""One glide of constant heading and glide angle: the paper's planner."""
+"""One glide of constant heading and glide angle (Kong et al., IROS 2021)."""

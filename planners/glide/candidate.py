@@ -1,19 +1,18 @@
-"""One glide, flown densely in the estimate: what a seed or the optimiser's answer is really worth."""
+"""One glide flown densely in the estimate: the true closest approach of a seed or of the optimiser's solution."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
-from planners.glide.kinematics import velocity_through_water
 from planners.glide.settings import GlideSettings
-from planners.glide.track import Track, fly_glide, fractions_of_duration
 from planners.glide.transcription import GlideCase, approach, solve_glide
 from planners.route.region import Region
+from planners.track import Track, fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
-# The optimiser's path and the dense one have to agree this well [m]; after this many refinements the plan says that they do not.
+# Largest difference between the optimiser's closest approach and the dense one [m]; after this many refinements the plan reports it.
 AGREEMENT = 1.0
 _REFINEMENTS = 3
 # Dense steps for each of the optimiser's.
@@ -23,14 +22,14 @@ _POLISHED = 1e-2, 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class GlideTask:
     """One planning problem.
 
     Attributes:
         flow: The current.
         region: Where the path may be.
         case: Places and limits in the local frame.
-        settings: What the glide may do.
+        settings: Limits of the glide, effort of the planner.
     """
 
     flow: FlowEstimate
@@ -46,7 +45,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A glide and what came of it.
+    """A glide and its dense path.
 
     Attributes:
         heading: Clockwise from local north [rad].
@@ -56,7 +55,7 @@ class Candidate:
         time: Of the closest approach until then [s].
         distance: Closest approach until then [m].
         track: The dense path.
-        promised: What the optimiser takes the distance to be [m]; NaN for a seed.
+        predicted_distance: Closest approach by the optimiser's own path [m]; NaN for a seed.
         iterations: IPOPT's, over all refinements.
         return_status: IPOPT's last.
     """
@@ -68,17 +67,17 @@ class Candidate:
     time: float
     distance: float
     track: Track
-    promised: float = float("nan")
+    predicted_distance: float = float("nan")
     iterations: int = 0
     return_status: str = "not started"
 
     @property
-    def agrees(self) -> bool:
-        """Whether the dense path comes as close as the optimiser promised."""
-        return self.distance <= self.promised + AGREEMENT
+    def is_consistent(self) -> bool:
+        """Whether the dense path comes as close as the optimiser predicted."""
+        return self.distance <= self.predicted_distance + AGREEMENT
 
 
-def fly_candidate(task: Task, heading: float, glide_angle: float, duration: float, refinement: int = _DENSE) -> Candidate:
+def fly_candidate(task: GlideTask, heading: float, glide_angle: float, duration: float, refinement: int = _DENSE) -> Candidate:
     """Return a glide flown through the task's flow.
 
     Args:
@@ -98,19 +97,19 @@ def fly_candidate(task: Task, heading: float, glide_angle: float, duration: floa
     return Candidate(heading, glide_angle, duration, until, time, distance, track)
 
 
-def aligned_fractions(task: Task, glide_angle: float, duration: float, n_steps: int) -> Array:
+def aligned_fractions(task: GlideTask, glide_angle: float, duration: float, n_steps: int) -> Array:
     """Return the ends of a glide's steps as fractions of its duration, one at each level it crosses."""
     start_depth = task.case.start[2]
     end_depth = start_depth + task.case.speed * np.sin(glide_angle) * duration
     return fractions_of_duration(start_depth, end_depth, task.flow.levels, n_steps)
 
 
-def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
-    """Return the optimum found from a guess of heading, glide angle and duration; None when the solver's answer is not a number.
+def optimise(task: GlideTask, guess: tuple[float, float, float]) -> Candidate | None:
+    """Return the optimum found from a guess of heading, glide angle and duration; None when the solution is not a number.
 
-    Least squares come near, IPOPT settles it. The steps are laid for the guess's depths; where the dense path falls short of what the
-    solver promised, they are laid again for the answer's, then made finer. A path that leaves the region is solved within it; one that
-    land cuts short is left as it is, as the solver knows of no land.
+    Least squares come near, IPOPT finishes. The steps fit the depths of the guess; where the dense path is farther away than the solver
+    predicted, they are fitted to the depths of the solution, then refined. A path that leaves the region is solved within it; one that
+    ends on land is left as it is, as the solver does not know about land.
     """
     iterations, n_steps, best, bounded = 0, task.n_steps, None, False
     for refinement in range(_REFINEMENTS + 1):
@@ -122,9 +121,9 @@ def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
         guess = answer.heading, answer.glide_angle, answer.duration
         flown = fly_candidate(task, *guess)
         if best is None or flown.distance < best.distance:
-            best = replace(flown, promised=answer.distance)
+            best = replace(flown, predicted_distance=answer.distance)
         fixed = task.settings.integrator == "euler"
-        if best.agrees or fixed or (flown.until < flown.duration and (bounded or aground(task, flown))):
+        if best.is_consistent or fixed or (flown.until < flown.duration and (bounded or stops_on_land(task, flown))):
             break
         # A path cut short is not a matter of step length: from the same guess again, now within the region.
         if flown.until < flown.duration:
@@ -134,19 +133,19 @@ def optimise(task: Task, guess: tuple[float, float, float]) -> Candidate | None:
     return best and replace(best, iterations=iterations, return_status=answer.return_status)
 
 
-def aground(task: Task, flown: Candidate) -> bool:
+def stops_on_land(task: GlideTask, flown: Candidate) -> bool:
     """Return whether what cuts a glide short is land, not the region's edge."""
     beyond = flown.track.at(np.array([min(flown.until + 1.0, flown.duration)]))
     return bool(task.region.inside(beyond)[0])
 
 
-def _approached(task: Task, guess: tuple[float, float, float], n_steps: int) -> tuple[float, float, float]:
+def _approached(task: GlideTask, guess: tuple[float, float, float], n_steps: int) -> tuple[float, float, float]:
     """Return the guess after a least-squares approach, or as it was when the approach left the region or came no closer."""
     moved = approach(task.flow, task.case, guess, aligned_fractions(task, guess[1], guess[2], n_steps))
     return moved if fly_candidate(task, *moved, 1).distance < fly_candidate(task, *guess, 1).distance else guess
 
 
-def polish(task: Task, seed: Candidate) -> Candidate:
+def polish(task: GlideTask, seed: Candidate) -> Candidate:
     """Return a seed improved without derivatives (Nelder-Mead on the flown distance), for when IPOPT did worse than the seed."""
     limit = np.log(task.settings.max_duration)
     # of a goal that is missed by far, metres do not matter

@@ -1,16 +1,16 @@
-"""A plan's outcome in words, with the limit that binds when the goal is not reached."""
+"""The outcome of a plan in words, with the limit that binds when the goal is not reached."""
 
 import numpy as np
 
-from planners.glide.candidate import Candidate, Task, aground
+from planners.glide.candidate import Candidate, GlideTask, stops_on_land
 from replay_kit.core.plan import PlanStatus
 
 # A limit counts as binding when the path ends this close to it [m], or within this share of the longest duration.
 _NEAR, _NEAR_SHARE = 5.0, 1e-3
 
 
-def explain(task: Task, best: Candidate, distance: float, status: PlanStatus) -> str:
-    """Return what the plan does and, when it does not reach the goal, why.
+def explain(task: GlideTask, best: Candidate, distance: float, status: PlanStatus) -> str:
+    """Return the closest approach in words and, when the goal is not reached, the limit that binds.
 
     Args:
         task: The problem.
@@ -24,12 +24,12 @@ def explain(task: Task, best: Candidate, distance: float, status: PlanStatus) ->
     return f"{what}, outside the tolerance of {task.settings.tolerance:g} m; {_binding(task, best)}"
 
 
-def _binding(task: Task, best: Candidate) -> str:
+def _binding(task: GlideTask, best: Candidate) -> str:
     end = best.track.at(np.array([best.time]))[0]
     if float(np.linalg.norm(end - task.case.start)) < _NEAR:
         return "every glide leads away from the goal: the current is stronger than the vehicle"
     if best.until < best.duration and best.time > best.until - 1.0:
-        return "the path meets land there" if aground(task, best) else "the path leaves the region that the forecast covers there"
+        return "the path meets land there" if stops_on_land(task, best) else "the path leaves the region that the forecast covers there"
     if best.time >= (1.0 - _NEAR_SHARE) * task.settings.max_duration:
         return f"limit: the longest glide considered, max_duration = {task.settings.max_duration:g} s"
     if _distance_to_sides(task, end) < _NEAR:
@@ -43,7 +43,7 @@ def _binding(task: Task, best: Candidate) -> str:
     return f"no limit binds: the current, {current:.2f} m/s along the path, carries a vehicle of {task.settings.speed:g} m/s past the goal"
 
 
-def _distance_to_sides(task: Task, point: np.ndarray) -> float:
+def _distance_to_sides(task: GlideTask, point: np.ndarray) -> float:
     """Return how far inside the outline a point is [m]."""
     sides, place = task.case.sides, point[:2] / 1e3
     along = sides[:, 2:4] @ place

@@ -1,9 +1,8 @@
-"""What a glide may do."""
+"""Limits of a glide."""
 
 from dataclasses import dataclass
-from typing import Literal
 
-Integrator = Literal["rk4", "euler"]
+from planners.track import Integrator
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,8 +15,8 @@ class GlideSettings:
         max_duration: Longest glide considered [s].
         n_steps: Steps of the optimiser, beside one for each level; doubled where the dense path disagrees by a metre.
         starts: Most seeds that the optimiser starts from.
-        integrator: Of the optimiser's steps: Runge-Kutta's, or the paper's, Euler's, with which steps are never doubled. What a plan says
-            of its path is flown by Runge-Kutta either way; what the optimiser takes the distance to be is in ``statistics``.
+        integrator: Of the optimiser's steps: Runge-Kutta's, or Euler's as in the paper, whose steps are never doubled. The path of the plan
+            is integrated by Runge-Kutta either way; the closest approach by the optimiser's own path is in ``statistics``.
     """
 
     speed: float = 0.3

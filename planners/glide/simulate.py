@@ -1,17 +1,16 @@
-"""A plan flown in another flow: what the plan made on an estimate is worth in a truth."""
+"""A plan flown in another flow, such as a plan made on an estimate flown in the truth."""
 
 import numpy as np
 
-from planners.glide.kinematics import velocity_through_water
-from planners.glide.track import fly_glide, fractions_of_duration
 from planners.route.region import locate, region_of
+from planners.track import fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north
 from replay_kit.core.plan import Plan
 
 # A head current stronger than planned delays the closest approach; half as long again catches it, and a glide that has not come close
-# by then has missed.
+# by then has passed the goal.
 _LONGER = 1.5
 _FINER = 2
 

@@ -1,10 +1,10 @@
-"""The paper's planner, made robust: seeds, IPOPT from several of them, the best path flown again densely and explained."""
+"""One glide planned: seeds, IPOPT from several of them, the best path flown again densely, its outcome in words."""
 
 import numpy as np
 
-from planners.glide.candidate import AGREEMENT, Candidate, Task, fly_candidate, optimise, polish
+from planners.glide.candidate import AGREEMENT, Candidate, GlideTask, fly_candidate, optimise, polish
 from planners.glide.explain import explain
-from planners.glide.seed import find_seeds
+from planners.glide.seeds import find_seeds
 from planners.glide.settings import GlideSettings
 from planners.glide.transcription import GlideCase
 from planners.route.region import locate, region_of
@@ -15,10 +15,10 @@ from replay_kit.core.plan import Place, Plan, PlanStatus
 _DEFAULT = GlideSettings()
 # A goal passed this close needs no further start [m].
 _CLOSE_ENOUGH = 1.0
-# A seed this many kernel lengths farther from the goal than the best one is not worth a start.
-_WORTH = 3.0
+# A seed this many kernel lengths farther from the goal than the best one is not tried.
+_SEED_RANGE = 3.0
 _MOST_SEEDS = 8
-# An optimum within a centimetre of a seed that was one already (a warm start) is no worse than it [m].
+# An optimum this close to a seed that is one already (a warm start) is no worse than it [m].
 _TIE = 1e-2
 
 
@@ -34,7 +34,7 @@ def plan(
     """Return the glide at one constant velocity through water that passes closest to a goal.
 
     The closest approach is taken on the continuous path, as long as the path stays in the water that the flow's grid covers. The
-    result is a value whatever the outcome: ``status`` and ``message`` say whether the goal is reached and what prevents it.
+    result is a value whatever the outcome: ``status`` and ``message`` say whether the goal is reached and which limit binds.
 
     Args:
         flow: The current, held constant in time.
@@ -42,8 +42,8 @@ def plan(
         goal: Where it should pass.
         settings: What the glide may do.
         start_time_ns: When it begins [ns, UTC]; copied to the plan.
-        warm: An earlier plan for the same goal; its heading, angle and what is left of its duration are tried first, and when they
-            lead to the goal nothing else is.
+        warm: An earlier plan for the same goal; its heading, angle and remaining duration are tried first, and when they lead to the
+            goal nothing else is tried.
 
     Raises:
         PlanError: The start or the goal is outside the region, above the surface, below the deepest level or on land.
@@ -51,10 +51,10 @@ def plan(
     region = region_of(flow.grid)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
     case = GlideCase(begin, end, region.deepest, region.sides(), settings.speed, settings.max_duration, settings.integrator)
-    task = Task(flow, region, case, settings)
+    task = GlideTask(flow, region, case, settings)
     turn = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
     # No glide beats one that passes the goal, so an earlier plan that still leads there needs no search.
-    seeds = _flown(task, _kept(warm, start_time_ns, turn))
+    seeds = _flown(task, _remaining(warm, start_time_ns, turn))
     solved = _solve_all(task, seeds)
     if not any(candidate.distance <= _CLOSE_ENOUGH for candidate in solved):
         found = _seeds(task)
@@ -68,13 +68,13 @@ def plan(
     if best is seed or (settings.integrator == "rk4" and best.distance > seed.distance + _TIE):
         best = polish(task, seed)
         notes.append("IPOPT did no better than the seed, which was polished by Nelder-Mead instead")
-    elif not best.agrees and best.until == best.duration:
-        notes.append(f"the optimiser promised {best.promised:.1f} m, more than {AGREEMENT:g} m from the dense path")
+    elif not best.is_consistent and best.until == best.duration:
+        notes.append(f"the optimiser predicted {best.predicted_distance:.1f} m, more than {AGREEMENT:g} m from the dense path")
     statistics = _statistics(solved, seed, best)
     return _to_plan(task, best, (start, goal, start_time_ns, turn), notes, statistics)
 
 
-def _kept(warm: Plan | None, start_time_ns: int, turn: float) -> list[tuple[float, float, float]]:
+def _remaining(warm: Plan | None, start_time_ns: int, turn: float) -> list[tuple[float, float, float]]:
     """Return heading [rad], glide angle [rad] and remaining duration [s] of an earlier plan; nothing when there is none."""
     if warm is None or warm.status == "failed":
         return []
@@ -82,23 +82,22 @@ def _kept(warm: Plan | None, start_time_ns: int, turn: float) -> list[tuple[floa
     return [(float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0))]
 
 
-def _seeds(task: Task) -> list[Candidate]:
+def _seeds(task: GlideTask) -> list[Candidate]:
     """Return the optimiser's starts, flown in the flow itself, nearest to the goal first; none when no path is finite."""
-    case = task.case
-    found = find_seeds(task.flow, task.region, case.start, case.goal, case.speed, case.max_duration, _MOST_SEEDS)
-    reach = _WORTH * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
+    found = find_seeds(task.flow, task.region, task.case, _MOST_SEEDS)
+    reach = _SEED_RANGE * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
     guesses = [(seed.heading, seed.glide_angle, seed.duration) for seed in found if seed.distance <= found[0].distance + reach]
     return sorted(_flown(task, guesses), key=lambda seed: seed.distance)[: task.settings.starts]
 
 
-def _flown(task: Task, guesses: list[tuple[float, float, float]]) -> list[Candidate]:
+def _flown(task: GlideTask, guesses: list[tuple[float, float, float]]) -> list[Candidate]:
     """Return the guesses whose path is finite."""
     limit = task.case.max_duration
     flown = [fly_candidate(task, heading, angle, float(np.clip(time, 1.0, limit)), 1) for heading, angle, time in guesses]
     return [seed for seed in flown if np.isfinite(seed.distance)]
 
 
-def _solve_all(task: Task, seeds: list[Candidate]) -> list[Candidate]:
+def _solve_all(task: GlideTask, seeds: list[Candidate]) -> list[Candidate]:
     solved: list[Candidate] = []
     for seed in seeds:
         candidate = optimise(task, (seed.heading, seed.glide_angle, seed.duration))
@@ -117,19 +116,19 @@ def _statistics(solved: list[Candidate], seed: Candidate, best: Candidate) -> di
         "worst_optimum": max((candidate.distance for candidate in solved), default=seed.distance),
         "return_status": best.return_status,
     }
-    if np.isfinite(best.promised):
-        statistics["solver_distance"] = best.promised
+    if np.isfinite(best.predicted_distance):
+        statistics["solver_distance"] = best.predicted_distance
     return statistics
 
 
 def _to_plan(
-    task: Task,
+    task: GlideTask,
     best: Candidate,
-    asked: tuple[Place, Place, int, float],
+    request: tuple[Place, Place, int, float],
     notes: list[str],
     statistics: dict[str, float | int | str],
 ) -> Plan:
-    start, goal, start_time_ns, turn = asked
+    start, goal, start_time_ns, turn = request
     # Flown again to the closest approach alone, so that the track ends there on a step.
     final = fly_candidate(task, best.heading, best.glide_angle, max(best.time, 1e-3))
     distance = float(np.linalg.norm(final.track.position[-1] - task.case.goal))
@@ -152,8 +151,8 @@ def _to_plan(
     )
 
 
-def _failed(task: Task, start: Place, goal: Place, start_time_ns: int) -> Plan:
-    """Return the plan that says that no glide could be flown at all; it stays where it is."""
+def _failed(task: GlideTask, start: Place, goal: Place, start_time_ns: int) -> Plan:
+    """Return the failed plan, when no glide has a finite path; it stays at its start."""
     return Plan(
         status="failed",
         start=start,

@@ -4,7 +4,6 @@ Minimised over the duration too, the distance at the end is the closest approach
 plan to plan (latent velocities, places, limits, steps) is a parameter, so that one graph serves every estimate on the same nodes.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,14 +11,12 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
-from planners.flow import field_function, graph_key
-from planners.glide.kinematics import euler_step, rk4_step, velocity_through_water
-from planners.glide.settings import Integrator
+from planners.flow import graph_key
+from planners.solver import KM, Recent
+from planners.track import Integrator, path_function, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
-# Distances inside the program are in kilometres: objective and constraints are then of order one to a thousand.
-_KM = 1e3
 # Most steps of least squares: a handful for a goal that can be reached; for others its rate is linear and IPOPT takes over.
 _APPROACH_STEPS = 60
 # Steepest angle a guess may have [rad]: the tangent of a right angle is no start.
@@ -68,7 +65,7 @@ class GlideProgram:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlideCase:
-    """What one plan gives the program.
+    """The parameters of one plan.
 
     Attributes:
         start: shape (3,) [m], local east, north, depth.
@@ -91,7 +88,7 @@ class GlideCase:
 
 @dataclass(frozen=True, slots=True)
 class GlideSolution:
-    """What IPOPT answered.
+    """The solution of IPOPT.
 
     Attributes:
         heading: Clockwise from local north [rad].
@@ -110,8 +107,7 @@ class GlideSolution:
     return_status: str
 
 
-_programs: OrderedDict[Any, GlideProgram] = OrderedDict()
-_MOST_PROGRAMS = 8
+_programs = Recent[GlideProgram](8)
 
 
 def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
@@ -123,20 +119,14 @@ def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: I
         bounded: Whether the path is constrained to the region.
         integrator: Of the steps.
     """
-    key = (*graph_key(flow), n_steps, bounded, integrator)
-    if key not in _programs:
-        _programs[key] = _build(flow, n_steps, bounded, integrator)
-        if len(_programs) > _MOST_PROGRAMS:
-            _programs.popitem(last=False)
-    _programs.move_to_end(key)
-    return _programs[key]
+    return _programs.get((*graph_key(flow), n_steps, bounded, integrator), lambda: _build(flow, n_steps, bounded, integrator))
 
 
 def approach(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, float], fractions: Array) -> tuple[float, float, float]:
-    """Return a guess moved towards the goal by nonlinear least squares, within the bounds of the unknowns but blind to the region.
+    """Return a guess moved towards the goal by nonlinear least squares, within the bounds of the unknowns; the region is ignored.
 
     From a rough seed the exact Hessian is often indefinite, and IPOPT spends dozens of iterations on it; the Gauss-Newton steps of
-    least squares go straight down, at a third of the price each. Arguments as for ``solve_glide``.
+    least squares go straight down, at a third of the cost each. Arguments as for ``solve_glide``.
     """
     program, parameters = glide_program(flow, fractions.size - 1, False, case.integrator), _parameters(flow, case, fractions)
     unknowns, lower, upper = _unknowns(case, guess)
@@ -176,10 +166,10 @@ def solve_glide(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, 
         lbx=lower,
         ubx=upper,
         lbg=program.lower,
-        ubg=np.concatenate([[case.deepest / _KM], program.upper_sides]) if bounded else program.upper_sides,
+        ubg=np.concatenate([[case.deepest / KM], program.upper_sides]) if bounded else program.upper_sides,
     )
     statistics = program.solver.stats()
-    distance = float(np.sqrt(max(float(answer["f"]), 0.0))) * _KM if np.isfinite(float(answer["f"])) else np.inf
+    distance = float(np.sqrt(max(float(answer["f"]), 0.0))) * KM if np.isfinite(float(answer["f"])) else np.inf
     heading, glide_angle, duration = _glide(case, np.asarray(answer["x"]).ravel())
     return GlideSolution(heading, glide_angle, duration, distance, int(statistics["iter_count"]), str(statistics["return_status"]))
 
@@ -192,7 +182,7 @@ def _unknowns(case: GlideCase, guess: tuple[float, float, float]) -> tuple[Array
     """
     heading, glide_angle, duration = guess
     duration = float(np.clip(duration, 1.0, case.max_duration))
-    descent = case.speed * duration * np.tan(np.clip(glide_angle, -_STEEPEST, _STEEPEST)) / _KM
+    descent = case.speed * duration * np.tan(np.clip(glide_angle, -_STEEPEST, _STEEPEST)) / KM
     return (
         np.array([heading, descent, np.log(duration)]),
         np.array([-np.inf, -np.inf, 0.0]),
@@ -203,7 +193,7 @@ def _unknowns(case: GlideCase, guess: tuple[float, float, float]) -> tuple[Array
 def _glide(case: GlideCase, unknowns: Array) -> tuple[float, float, float]:
     """Return heading [rad], glide angle [rad] and duration [s] of the program's unknowns."""
     duration = float(np.exp(unknowns[2]))
-    return float(unknowns[0]), float(np.arctan(unknowns[1] * _KM / (case.speed * duration))), duration
+    return float(unknowns[0]), float(np.arctan(unknowns[1] * KM / (case.speed * duration))), duration
 
 
 def _parameters(flow: FlowEstimate, case: GlideCase, fractions: Array) -> Array:
@@ -218,43 +208,22 @@ def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrat
     steps, sides = ca.MX.sym("steps", n_steps), ca.MX.sym("sides", 4, 7)
     latent = ca.MX.sym("latent", *flow.latent.shape)
     duration = ca.exp(unknowns[2])
-    glide_angle = ca.atan(unknowns[1] * _KM / (speed * duration))
+    glide_angle = ca.atan(unknowns[1] * KM / (speed * duration))
     velocity = ca.vertcat(*velocity_through_water(ca, unknowns[0], glide_angle, speed))
     positions = ca.horzsplit(path_function(flow, n_steps, integrator)(start, velocity, duration * steps, latent))
-    beyond = [_beyond_sides(position[:2] / _KM, sides) for position in positions]
-    miss = (positions[-1] - goal) / _KM
+    beyond = [_beyond_sides(position[:2] / KM, sides) for position in positions]
+    miss = (positions[-1] - goal) / KM
     program: dict[str, Any] = {
         "x": unknowns,
         "p": ca.veccat(start, goal, speed, steps, sides, latent),
         "f": ca.sumsqr(miss),
     }
     if bounded:
-        program["g"] = ca.vertcat(positions[-1][2] / _KM, *beyond)
+        program["g"] = ca.vertcat(positions[-1][2] / KM, *beyond)
     n_sides = 4 * n_steps if bounded else 0
     lower = np.concatenate([np.zeros(int(bounded)), np.full(n_sides, -np.inf)])
     jacobian = ca.Function("miss", [unknowns, program["p"]], [miss, ca.jacobian(miss, unknowns)])
     return GlideProgram(ca.nlpsol("glide", "ipopt", program, _OPTIONS), jacobian, lower, np.zeros(n_sides))
-
-
-def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk4") -> ca.Function:
-    """Return the function (start, velocity, steps, latent) -> positions after each step.
-
-    The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
-    function for one step each derivative would evaluate its own.
-    """
-    current = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
-    inputs: list[Any] = [ca.MX.sym(*what) for what in (("start", 3), ("velocity", 3), ("steps", n_steps), ("latent", *flow.latent.shape))]
-    start, velocity, steps, latent = inputs
-
-    def over_ground(at: Any) -> Any:
-        return velocity + ca.vertcat(current(at, latent), 0.0)
-
-    one_step = rk4_step if integrator == "rk4" else euler_step
-    positions: list[Any] = [start]
-    for i in range(n_steps):
-        positions.append(one_step(over_ground, positions[-1], steps[i], over_ground(positions[-1])))
-    options: dict[str, Any] = {"is_diff_in": [True, True, True, False], "never_inline": True, "cse": True}
-    return ca.Function("path", inputs, [ca.horzcat(*positions[1:])], options)
 
 
 def _beyond_sides(point: Any, sides: Any) -> Any:

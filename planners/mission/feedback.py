@@ -1,12 +1,12 @@
-"""A mission corrected at each surfacing: from where it came up, the next leg is aimed anew at the place planned for its end.
+"""A mission corrected at each surfacing: from where the glider came up, the next leg is aimed at the place planned for its end.
 
-The pilot knows the estimate, the place of each surfacing, and what dead reckoning tells: the leg's way over ground less its way through
-water is the mean current of the leg, and its difference from what was expected is likely to go on. The pilot does not know the current
+The pilot knows the estimate, the place of each surfacing, and dead reckoning: the leg's displacement over ground less its displacement
+through water is the mean current of the leg, and the error of its prediction is likely to persist. The pilot does not know the current
 that the glider is in.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,19 +25,19 @@ class Pilot:
     """Who corrects a mission at its surfacings.
 
     Attributes:
-        learned: Share of the error of a leg's mean current that is expected of the next leg; 0 for a pilot who only knows the place.
+        persistence: Share of the error of a leg's mean current that is expected in the next leg; 0 for a pilot who only uses the place.
     """
 
-    learned: float = 1.0
+    persistence: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse a share that is none."""
-        if not 0.0 <= self.learned <= 1.0:
-            raise PlanError(f"a pilot's learned share is {self.learned!r}; expected 0 to 1")
+        """Raise PlanError for a share that is not between 0 and 1."""
+        if not 0.0 <= self.persistence <= 1.0:
+            raise PlanError(f"a pilot's persistence is {self.persistence!r}; expected 0 to 1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Corrected:
+class CorrectedFlight:
     """A mission flown with corrections in K currents.
 
     Attributes:
@@ -53,112 +53,107 @@ class Corrected:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Leg:
+    """A leg of K gliders, each with its own heading and glide angle, shape (K,) [rad]."""
+
+    vehicle: Glider
     depths: Array
     drift: float
+    headings: Array
+    angles: Array
 
     @property
-    def way(self) -> float:
-        """Through all its dives and climbs [m]."""
+    def height(self) -> float:
+        """Sum of the heights of its dives and climbs [m]."""
         return float(np.sum(np.abs(np.diff(self.depths))))
 
+    @property
+    def velocity_through_water(self) -> tuple[Array, Array]:
+        """Horizontal velocity (K, 2) and vertical speed (K,) [m/s]."""
+        along, down = self.vehicle.speeds(np, self.angles)
+        return along[:, None] * np.column_stack([np.sin(self.headings), np.cos(self.headings)]), down
 
-def fly_corrected(
-    believed: Currents, currents: Currents, vehicle: Glider, start: Array, legs: Legs, targets: Array, pilot: Pilot
-) -> Corrected:
-    """Return a mission flown in some currents, each of its legs after the first aimed anew where the one before has ended.
+    def mean_current(self, displacement: Array, time: Array) -> Array:
+        """Return the mean current (K, 2) [m/s] by dead reckoning from a displacement (K, 2) [m] over ground in a time (K, 1) [s]."""
+        through, down = self.velocity_through_water
+        return np.asarray((displacement - through * (self.height / down)[:, None]) / time)
+
+    def fly(self, currents: Currents, begin: Array, method: Callable[..., list[tuple[Array, Array]]]) -> list[tuple[Array, Array]]:
+        """Return (places (K, 2) [m], times since its beginning (K, 1) [s]) after each step, integrated by a method."""
+        (through, down), heights = self.velocity_through_water, np.abs(np.diff(self.depths))
+        rate = rate_over_ground(currents, through, 0.0, np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]))
+        durations = [(height / down)[:, None] for height in heights]
+        flown = method(rate, begin, np.zeros((len(begin), 1)), self.depths, durations, heights.size)
+        if self.drift > 0.0:
+            surface = np.zeros(DRIFT_STEPS + 1)
+            drifting = rate_over_ground(currents, np.zeros(2), 0.0, surface)
+            flown += method(drifting, *flown[-1], surface, [self.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)
+        return flown
+
+
+def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predicted: Flight, legs: Legs, pilot: Pilot) -> CorrectedFlight:
+    """Return a mission flown in some currents, each leg after the first aimed again from where the one before has ended.
 
     Args:
-        believed: One flow that does not change: what the pilot knows of the current.
+        estimate: One flow that does not change: what the pilot knows of the current.
         currents: K flows that do not change: what the glider is in.
-        vehicle: What glides.
-        start: shape (2,) [m].
+        vehicle: The glider.
+        predicted: The flight of the plan: its start, and the place at which each leg is planned to end, after its drift.
         legs: As planned; the depths and drifts are flown, heading and angle of the first leg too.
-        targets: shape (L, 2) [m], where each leg is planned to end, after its drift.
         pilot: Who corrects.
     """
-    count = len(currents.latent)
-    path, depths = [(np.tile(start, (count, 1)), np.zeros((count, 1)))], [float(legs.depths[0][0])]
-    numbers, ends, off = [0], [], np.zeros((count, 2))
+    count, targets = len(currents.latent), predicted.place[0, predicted.ends]
+    path, depths = [(np.tile(predicted.place[0, 0], (count, 1)), np.zeros((count, 1)))], [float(legs.depths[0][0])]
+    numbers, ends, current_error = [0], [], np.zeros((count, 2))
     headings, angles = (np.tile(planned, (count, 1)) for planned in (legs.headings, legs.angles))
     for k, steps in enumerate(legs.depths):
-        leg, (begin, began) = _Leg(steps, float(legs.drifts[k])), path[-1]
+        leg, (begin, began) = _Leg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k]), path[-1]
         expected = np.zeros((count, 2))
         for _ in range(_AIMS if k > 0 else 1):
-            end, time = _fly(believed, vehicle, begin, leg, headings[:, k], angles[:, k], fly_midpoints)[-1]
-            expected = _carried(vehicle, leg, end - begin, time, headings[:, k], angles[:, k])
+            end, time = leg.fly(estimate, begin, fly_midpoints)[-1]
+            expected = leg.mean_current(end - begin, time)
             if k > 0:
-                headings[:, k], angles[:, k] = aim(vehicle, targets[k] - begin, expected + pilot.learned * off, leg.way, leg.drift)
-        flown = _fly(currents, vehicle, begin, leg, headings[:, k], angles[:, k], fly_steps)
-        off = _carried(vehicle, leg, flown[-1][0] - begin, flown[-1][1], headings[:, k], angles[:, k]) - expected
+                current = expected + pilot.persistence * current_error
+                heading, angle = aim(vehicle, targets[k] - begin, current, leg.height, leg.drift)
+                leg = replace(leg, headings=heading, angles=angle)
+        headings[:, k], angles[:, k] = leg.headings, leg.angles
+        flown = leg.fly(currents, begin, fly_steps)
+        current_error = leg.mean_current(flown[-1][0] - begin, flown[-1][1]) - expected
         path += [(at, began + time) for at, time in flown]
         depths += [*steps[1:], *[0.0] * (len(flown) - steps.size + 1)]
         numbers += [k] * len(flown)
         ends.append(len(path) - 1)
     places, times = (np.stack([step[i] for step in path], axis=1) for i in (0, 1))
-    return Corrected(Flight(times[..., 0], np.array(depths), places, np.array(numbers), np.array(ends)), headings, angles)
+    return CorrectedFlight(Flight(times[..., 0], np.array(depths), places, np.array(numbers), np.array(ends)), headings, angles)
 
 
-def aim(vehicle: Glider, way: Array, current: Array, depths: float, drift: float) -> tuple[Array, Array]:
-    """Return the heading and the glide angle [rad], each of shape (K,), that lead over a way in a mean current.
+def aim(vehicle: Glider, displacement: Array, current: Array, height: float, drift: float) -> tuple[Array, Array]:
+    """Return the heading and the glide angle [rad], each of shape (K,), that lead to a target in a mean current.
 
-    The steepest angle that leads there is the quickest. When none does, the glider heads there at the angle that misses it by least.
+    The steepest angle that leads there is the quickest. When none does, the glider heads there at the angle with the least miss distance.
 
     Args:
-        vehicle: What glides.
-        way: shape (K, 2), over ground [m].
+        vehicle: The glider.
+        displacement: shape (K, 2), to the target, over ground [m].
         current: shape (K, 2), mean over the leg and its drift [m/s].
-        depths: Sum of the heights of its dives and climbs [m].
-        drift: At the surface after it [s].
+        height: Sum of the heights of the leg's dives and climbs [m].
+        drift: Drift time after it [s].
     """
     angles = np.linspace(*vehicle.angles, _ANGLES)
 
     def through_water(angle: Array) -> tuple[Array, Array]:
         along, down = vehicle.speeds(np, angle)
-        lasts = depths / down
-        return way[:, None] - current[:, None] * (lasts + drift)[..., None], along * lasts
+        duration = height / down
+        return displacement[:, None] - current[:, None] * (duration + drift)[..., None], along * duration
 
     needed, reach = through_water(angles)
     short = np.linalg.norm(needed, axis=2) - reach
-    rows, leads = np.arange(len(way)), short <= 0.0
-    last = _ANGLES - 1 - np.argmax(leads[:, ::-1], axis=1)
-    best = np.where(leads.any(axis=1), last, np.argmin(short, axis=1))
+    rows, reaches = np.arange(len(displacement)), short <= 0.0
+    last = _ANGLES - 1 - np.argmax(reaches[:, ::-1], axis=1)
+    best = np.where(reaches.any(axis=1), last, np.argmin(short, axis=1))
     steeper = np.minimum(best + 1, _ANGLES - 1)
     here, there = short[rows, best], short[rows, steeper]
-    between = leads.any(axis=1) & (there > 0.0)
+    between = reaches.any(axis=1) & (there > 0.0)
     share = np.where(between, -here / np.where(between, there - here, 1.0), 0.0)
     angle = angles[best] + share * (angles[steeper] - angles[best])
     towards = through_water(angle[:, None])[0][:, 0]
     return np.arctan2(towards[:, 0], towards[:, 1]), angle
-
-
-def _through(vehicle: Glider, heading: Array, angle: Array) -> tuple[Array, Array]:
-    """Return the horizontal velocity through water (K, 2) and the vertical speed (K,) [m/s]."""
-    along, down = vehicle.speeds(np, angle)
-    return along[:, None] * np.column_stack([np.sin(heading), np.cos(heading)]), down
-
-
-def _carried(vehicle: Glider, leg: _Leg, way: Array, time: Array, heading: Array, angle: Array) -> Array:
-    """Return the mean current (K, 2) [m/s] of a leg that led over a way (K, 2) [m] in a time (K, 1) [s], by dead reckoning."""
-    through, down = _through(vehicle, heading, angle)
-    return np.asarray((way - through * (leg.way / down)[:, None]) / time)
-
-
-def _fly(
-    currents: Currents,
-    vehicle: Glider,
-    begin: Array,
-    leg: _Leg,
-    heading: Array,
-    angle: Array,
-    method: Callable[..., list[tuple[Array, Array]]],
-) -> list[tuple[Array, Array]]:
-    """Return (places, times since its beginning) after each step of a leg, each of K gliders with its own heading and angle."""
-    through, down = _through(vehicle, heading, angle)
-    heights = np.abs(np.diff(leg.depths))
-    rate = rate_over_ground(currents, through, 0.0, np.concatenate([leg.depths, 0.5 * (leg.depths[:-1] + leg.depths[1:])]))
-    flown = method(rate, begin, np.zeros((len(begin), 1)), leg.depths, [(height / down)[:, None] for height in heights], heights.size)
-    if leg.drift > 0.0:
-        surface = np.zeros(DRIFT_STEPS + 1)
-        adrift = rate_over_ground(currents, np.zeros(2), 0.0, surface)
-        flown += method(adrift, *flown[-1], surface, [leg.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)
-    return flown

@@ -33,7 +33,7 @@ class Currents:
 
     @cached_property
     def columns(self) -> Array:
-        """The latent velocities of each level and time, shape (Z T, K, 2N): only few of them count at a depth."""
+        """The latent velocities of each level and time, shape (Z T, K, 2N): only few of them have a weight at a depth."""
         return np.ascontiguousarray(self.latent.transpose(2, 0, 1))
 
     def weights(self, depths: Array) -> Array:
@@ -43,7 +43,7 @@ class Currents:
     def velocity(self, place: Array, of_levels: Array, time: float) -> Array:
         """Return the current of each flow [m/s], shape (K, 2), at its own place, shape (K, 2) [m]; one flow serves any number of places.
 
-        The kernel's matrix (``velocity_kernel``) is never made: with w = k (sy beta_u - sx beta_v), its product with the latent
+        The kernel matrix (``velocity_kernel``) is never formed: with w = k (sy beta_u - sx beta_v), its product with the latent
         velocities is (k beta_u / ly^2 - sy w, k beta_v / lx^2 + sx w), summed over the nodes.
 
         Args:
@@ -57,7 +57,7 @@ class Currents:
                 np.kron([np.interp(time, self.times, one) for one in np.eye(self.times.size)], of_levels), dtype=np.float64
             )
         latent = sum(weights[i] * self.columns[i] for i in np.flatnonzero(weights))
-        assert isinstance(latent, np.ndarray), "some level counts at every depth"
+        assert isinstance(latent, np.ndarray), "some level has a weight at every depth"
         kernel, n = self.flow.kernel, len(self.nodes)
         dx, dy = place[:, :1] - self.nodes[:, 0], place[:, 1:] - self.nodes[:, 1]
         sx, sy = dx / kernel.length_east**2, dy / kernel.length_north**2
@@ -91,7 +91,7 @@ def currents_of_samples(flows: Sequence[FlowEstimate]) -> Currents:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Legs:
-    """What a glider is told to do, leg after leg.
+    """The commands of a mission, leg after leg.
 
     Attributes:
         headings: shape (L,), clockwise from local north [rad].
@@ -108,7 +108,7 @@ class Legs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """Where the legs lead.
+    """The path of some legs.
 
     Attributes:
         time: shape (n,) [s], since the start; shape (K, n) where each flight is corrected on its own.
@@ -130,9 +130,9 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
 
     Args:
         currents: K flows.
-        vehicle: What glides.
+        vehicle: The glider.
         start: shape (2,) [m].
-        legs: What it does.
+        legs: Its commands.
         start_time: On the clock of the currents' times [s].
     """
     time, place = 0.0, np.tile(start, (len(currents.latent), 1))
@@ -155,7 +155,7 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
 
 
 def rate_over_ground(currents: Currents, through: Array, start_time: float, depths: Array) -> Callable[[Array, float, float], Array]:
-    """Return the velocity over ground as a function of places, depth and time; the depths that it will be asked for are known."""
+    """Return the velocity over ground as a function of places, depth and time, for depths that are known beforehand."""
     weights = dict(zip(depths.tolist(), currents.weights(depths), strict=True))
 
     def over_ground(at: Array, depth: float, now: float) -> Array:
@@ -164,6 +164,6 @@ def rate_over_ground(currents: Currents, through: Array, start_time: float, dept
     return over_ground
 
 
-def refined(depths: Array, factor: int) -> Array:
-    """Return the depths of a leg's steps with each step cut in so many."""
+def refine_steps(depths: Array, factor: int) -> Array:
+    """Return the depths of a leg's steps with each step divided by a factor."""
     return np.interp(np.arange((depths.size - 1) * factor + 1) / factor, np.arange(depths.size), depths)

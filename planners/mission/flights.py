@@ -1,11 +1,11 @@
-"""A mission flown in other currents than it was planned on: in a truth, or in samples of what the estimate does not know."""
+"""A mission flown in other currents than it was planned on: in a truth, or in samples of the estimate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from planners.mission.flight import Legs, currents_of_samples, fly_legs, refined
+from planners.mission.flight import Legs, currents_of_samples, fly_legs, refine_steps
 from planners.mission.leg import leg_depths, step_stops, steps_needed
 from planners.mission.task import REFINED
 from planners.mission.values import MissionPlan
@@ -24,11 +24,11 @@ class MissionFlights:
     """A mission in K currents.
 
     Attributes:
-        time: shape (n,) [s] since the start; the same in all, as the currents change where it leads and not how long it lasts.
+        time: shape (n,) [s] since the start; the same in all, as the currents change the places and not the durations.
         depth: shape (n,) [m].
         place: shape (K, n, 2) [m], east and north in the flows' local frame.
         surfacings: shape (K, L, 2), longitude and latitude [degrees] at each leg's end.
-        miss: shape (K, G), between each goal and the place when it should be met [m].
+        miss: shape (K, G), miss distance of each goal at the time when it should be met [m].
         projection: The flows' local frame.
     """
 
@@ -41,7 +41,7 @@ class MissionFlights:
 
 
 def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan) -> MissionFlights:
-    """Return where a mission's headings, glide angles and depths lead in other currents, without any correction on the way.
+    """Return the tracks of a mission's headings, glide angles and depths in other currents, without corrections on the way.
 
     Args:
         flows: Flows that do not change, on the same nodes; their projection may differ from that of the plan's flow.
@@ -62,7 +62,7 @@ def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan)
 
 
 def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINED) -> Legs:
-    """Return what a mission tells the glider, in the local frame of a flow.
+    """Return the commands of a mission in the local frame of a flow.
 
     Args:
         plan: The mission.
@@ -77,13 +77,15 @@ def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINE
     levels = step_stops(flow.levels, np.array([goal.depth for goal in plan.goals]))
     begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
     turn = grid_bearing_of_true_north(flow.grid.projection, *begins.T)
-    depths = tuple(refined(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), refinement) for leg in plan.turns)
-    drifts = np.append(np.full(len(plan.turns) - 1, plan.settings.surface_time), 0.0)
+    depths = tuple(
+        refine_steps(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), refinement) for leg in plan.yo_depths
+    )
+    drifts = np.append(np.full(len(plan.yo_depths) - 1, plan.settings.surface_time), 0.0)
     return Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), depths, drifts)
 
 
 def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
-    """Return the ellipse that holds 90 % of the surfacings of each leg, taken for normal.
+    """Return the ellipse that holds 90 % of the surfacings of each leg, assuming a normal distribution.
 
     Returns:
         Array of shape (L, 5): longitude and latitude of its centre [degrees], semi-axes [m], and the bearing of the major one, clockwise

@@ -1,7 +1,7 @@
 """A glider's leg, from one surfacing to the next: heading and glide angle held, through depths that are known beforehand.
 
-The texts of ``fly_steps`` and ``fly_midpoints`` are the same for NumPy arrays and CasADi expressions. Depth is data: a yo passes its
-depths whatever its heading and angle, which only say how long that takes.
+``fly_steps`` and ``fly_midpoints`` accept NumPy arrays and CasADi expressions. Depths are parameters: a yo passes the same depths at any
+heading and glide angle, which only determine how long that takes.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import layer_function
-from planners.glide.track import fractions_of_duration
 from planners.spline import FlowSpline
+from planners.track import fractions_of_duration
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
@@ -54,7 +54,7 @@ def fly_midpoints(
     """Return (place, time) after each step by the midpoint method: half of the work of ``fly_steps``, whose arguments it takes.
 
     Between levels the flow is linear in depth, and a step leads over a hundredth of an eddy: ten dives end within a metre or so of where
-    ``fly_steps`` ends, which is what the optimiser needs.
+    ``fly_steps`` ends, which is accurate enough for the optimiser.
     """
     path = []
     for i in range(count):
@@ -73,12 +73,12 @@ def leg_depths(depths: tuple[float, ...], levels: Array, n_steps: int) -> Array:
         levels: shape (Z,) [m]; hats bend there, and a step across a bend would lose the integrator's order.
         n_steps: Number of steps.
     """
-    way = np.abs(np.diff(depths))
-    # Steps are dealt out by the way to go, but no part has fewer than it has levels.
+    distance = np.abs(np.diff(depths))
+    # Steps go in proportion to the distance, but no part has fewer than it has levels.
     least = np.array([1 + np.sum((levels > min(a, b)) & (levels < max(a, b))) for a, b in pairwise(depths)])
     counts = least.copy()
     for _ in range(n_steps - int(least.sum())):
-        counts[np.argmax(way / counts)] += 1
+        counts[np.argmax(distance / counts)] += 1
     parts = [a + (b - a) * fractions_of_duration(a, b, levels, int(n)) for a, b, n in zip(depths[:-1], depths[1:], counts, strict=True)]
     return np.concatenate([*(part[:-1] for part in parts), [depths[-1]]])
 
@@ -89,7 +89,7 @@ def step_stops(levels: Array, goal_depths: Array) -> Array:
 
 
 def steps_needed(depths: tuple[float, ...], levels: Array, each: int) -> int:
-    """Return the number of steps of a leg: ``each`` for a dive or climb, beside one for every level crossed."""
+    """Return the number of steps of a leg: ``each`` for a dive or climb, and one for each level crossed."""
     crossed = sum(int(np.sum((levels > min(a, b)) & (levels < max(a, b)))) for a, b in pairwise(depths))
     return crossed + each * (len(depths) - 1)
 
@@ -119,11 +119,11 @@ def leg_function(
 
     Args:
         flow: Any flow on the nodes; the function takes ``stage_latent``.
-        vehicle: What glides.
+        vehicle: The glider.
         n_steps: Steps under water.
         times: As for ``flow_function``.
-        drifts: Whether there is a drift at all; without, its time has no meaning.
-        spline: Flown in instead of latent velocities, of which the function then takes none.
+        drifts: Whether there is a drift at the surface; if not, ``drift`` is ignored.
+        spline: Used instead of the latent velocities, which are then empty.
     """
     layer, n_times = layer_function(flow.nodes, flow.kernel, times), 1 if times is None else times.size
     place, time = ca.MX.sym("place", 2), ca.MX.sym("time")
@@ -146,7 +146,7 @@ def leg_function(
         return current(at, -1, now)
 
     durations = [ca.fabs(depths[i + 1] - depths[i]) / down for i in range(n_steps)]
-    # instead of the depth goes the number of its stage: two to a step
+    # stages are numbered, two to a step, and the number takes the place of the depth
     path = fly_midpoints(over_ground, place, time, [2.0 * i for i in range(n_steps + 1)], durations, n_steps)
     if drifts:
         path.append(fly_midpoints(drifting, *path[-1], [0.0] * (DRIFT_STEPS + 1), [drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)[-1])

@@ -1,194 +1,139 @@
-"""A glider's mission planned: a route from the graph, the nonlinear program from it, the path flown densely and checked."""
+"""A glider's missions planned: to goals, near a place, along a line."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
+from planners.mission.attempt import GoalSteps
 from planners.mission.program import MissionGuess
-from planners.mission.result import failed_plan, to_plan
-from planners.mission.solve import Attempt, GoalSteps, goals_met, safe_and_met, solve_legs, worth
-from planners.mission.task import MissionTask, front_of, guess_of, mission_task, out_of_reach, route_of
-from planners.mission.values import Bathymetry, MissionPlan, MissionSettings, NoGo
-from planners.route.hazards import Ring
-from planners.vehicle import Glider
+from planners.mission.reference_path import along_line, near_place
+from planners.mission.result import to_plan
+from planners.mission.search import solve_attempts
+from planners.mission.solve import solve_legs
+from planners.mission.task import MissionTask, mission_task
+from planners.mission.values import Line, MissionPlan, MissionRequest, Mooring, Weights
+from planners.route.graph import Route
+from planners.route.region import locate
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import grid_bearing_of_true_north, to_local
-from replay_kit.core.plan import Place
 
-_VEHICLE, _SETTINGS = Glider(), MissionSettings()
-# Legs more than a route suggests that are tried, beside one for each goal.
-_MORE_LEGS = 1
-# Legs with which a goal is approached that the graph finds out of reach: more of them only crawl against a current.
-_LEGS_OUT_OF_REACH = 24
-# So many times the likely number of legs is tried where fewer trespass.
-_SHORTER = 1.5, 2.0
+# The objective of a mooring is the mean squared distance [km^2]; time decides among equals, and its end does not count.
+_MOORING = Weights(time=1e-5, closest=0.0)
+# Depths over which the mean current of a dive is taken, and glide angles tried for it.
+_DEPTHS, _ANGLES = 51, 64
+_LINE = Line()
 
 
-def plan_mission(
-    flow: FlowEstimate | Sequence[FlowEstimate],
-    start: Place,
-    goals: Place | tuple[Place, ...],
-    *,
-    vehicle: Glider = _VEHICLE,
-    settings: MissionSettings = _SETTINGS,
-    no_go: tuple[NoGo, ...] = (),
-    bathymetry: Bathymetry | None = None,
-    start_time_ns: int = 0,
-    warm: MissionPlan | None = None,
-) -> MissionPlan:
+def plan_mission(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest, *, warm: MissionPlan | None = None) -> MissionPlan:
     """Return the best mission found from a start past one goal or several.
 
-    The result is a value whatever the outcome: ``status`` and ``message`` say whether the goals are reached and what prevents it.
+    The result is a value whatever the outcome: ``status`` and ``message`` say whether the goals are reached and which limit binds.
 
     Args:
         flow: The current, or its estimates for increasing times, between which it is linear.
-        start: Where it begins.
-        goals: Where it should go, in order. One at the surface is met where a leg ends; one below it by a dive that passes its depth, the
-            last one by a dive that ends there.
-        vehicle: What glides.
-        settings: How.
-        no_go: Areas that are not to be entered.
-        bathymetry: Depth of the bottom, beside the forecast's land.
-        start_time_ns: When it begins [ns, UTC].
-        warm: An earlier plan for the same goals; what is left of it is tried first, if that is no other number of legs than is asked for,
-            and when that leads there nothing else is.
+        request: Start, goals, vehicle, settings and constraints.
+        warm: An earlier plan for the same goals. The rest of it is tried first, if it has the number of legs asked for; when it is
+            feasible, nothing else is tried.
 
     Raises:
         PlanError: The start or a goal is outside of the region, on land or where the mission may not go, a depth does not fit, or
-            goals weigh nothing.
+            the miss distance has no weight.
     """
-    asked = goals if isinstance(goals, tuple) else (goals,)
-    task = mission_task(flow, (start, asked), vehicle, settings, (no_go, bathymetry), start_time_ns)
-    return plan_task(task, start, asked, start_time_ns, warm)
+    task = mission_task(flow, request)
+    return to_plan(task, solve_attempts(task, warm))
 
 
-def plan_task(task: MissionTask, start: Place, goals: tuple[Place, ...], start_time_ns: int, warm: MissionPlan | None) -> MissionPlan:
-    """Return the best plan found for a mission in its local frame; the arguments are those of ``plan_mission``."""
-    attempts = attempts_of(task, warm, start_time_ns)
-    if not attempts:
-        return failed_plan(task, start, goals, start_time_ns, "the current is not a number; check the estimate's latent velocities")
-    return to_plan(task, start, goals, start_time_ns, attempts)
+def plan_line(
+    flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest, line: Line = _LINE, *, warm: MissionPlan | None = None
+) -> MissionPlan:
+    """Return the best mission found along a line to the goal: the cross-track penalty is added to the objective.
 
+    ``statistics`` has ``farthest_m`` and ``rms_m``, the cross-track distance of the track.
 
-def attempts_of(task: MissionTask, warm: MissionPlan | None, start_time_ns: int) -> list[Attempt]:
-    """Return what came of each number of legs tried; nothing when the current is not a number.
+    Args:
+        flow: The current, or its estimates for increasing times.
+        request: As for ``plan_mission``, with one goal: the end of the line.
+        line: Its beginning, weight and width.
+        warm: An earlier plan of the same line, as for ``plan_mission``.
 
     Raises:
-        PlanError: Goals weigh nothing, so that there is none to plan for.
+        PlanError: As for ``plan_mission``; or the line has no length.
     """
-    if task.settings.weights.closest == 0.0:
+    task = mission_task(flow, request)
+    begin = locate(task.region, request.start if line.begin is None else line.begin, "the line's beginning")[:2]
+    end = task.goals[0, :2]
+    if float(np.linalg.norm(end - begin)) < 1.0:
+        raise PlanError("a line needs two places that are apart")
+    task = replace(task, reference_path=along_line(begin, end, line.weight, line.width))
+    return to_plan(task, solve_attempts(task, warm))
+
+
+def plan_mooring(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest, mooring: Mooring) -> MissionPlan:
+    """Return the mission found that stays within a radius of its goal for a duration with the least mean square distance from it.
+
+    Its status is ``reached`` when it does stay within; ``statistics`` has ``farthest_m`` and ``rms_m``. The number of legs is that
+    of the glide angle at which the glider holds its place against the mean current there, or comes nearest to it.
+
+    Args:
+        flow: The current, or its estimates for increasing times.
+        request: As for ``plan_mission``, with one goal, whose depth is ignored; so is the objective.
+        mooring: Radius and duration.
+
+    Raises:
+        PlanError: As for ``plan_mission``; or the start is not within the radius, or more legs are needed than are allowed.
+    """
+    settings, centre = request.settings, replace(request.goals[0], depth=0.0)
+    task = mission_task(flow, replace(request, goals=(centre,), settings=replace(settings, objective=_MOORING)))
+    place = task.goals[0, :2]
+    task = replace(task, reference_path=near_place(place, mooring.radius, mooring.duration, mooring.surfacings_only))
+    distance = float(np.linalg.norm(task.start[:2] - place))
+    if distance > mooring.radius:
         raise PlanError(
-            "a weight of 0 for missing a goal leaves none to plan for; give it more, or none to have it met whatever that costs"
+            f"the start is {distance:.0f} m from the mooring, outside of its radius of {mooring.radius:g} m; plan a mission there first"
         )
-    attempts = [] if warm is None else _from_earlier(task, warm, start_time_ns)
-    if any(safe_and_met(task, attempt) for attempt in attempts):
-        return attempts
-    if not np.all(np.isfinite(task.currents.latent)):
-        return []
-    attempts += _search(task, task.rings)
-    if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
-        # an area too wide to be passed under water between two surfacings has to be gone round
-        attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
-    if not any(safe_and_met(task, attempt) for attempt in attempts) and any(ring.drawn for ring in task.rings):
-        # in a strong current the graph's edges are too few to pass close by an area; the way through it may be bent clear
-        attempts += _search(task, tuple(ring for ring in task.rings if not ring.drawn), once=True)
-    return attempts
+    if not task.is_finite:
+        return to_plan(task, [])
+    current = _mean_current(task, place, mooring.duration)
+    angle = _holding_angle(task, float(np.linalg.norm(current)))
+    n_legs = settings.legs or int(np.ceil((mooring.duration + settings.surface_time) / task.leg_time(angle) - 1e-6))
+    if n_legs > settings.max_legs:
+        raise PlanError(
+            f"a mooring of {mooring.duration / 3600.0:g} h takes {n_legs} legs, but max_legs = {settings.max_legs}; allow more, or more "
+            "dives a leg"
+        )
+    attempts = []
+    for hops in (False, True):
+        guess = _mooring_guess(task, current, np.full(n_legs, angle), hops)
+        route = Route(np.vstack([task.start[:2], guess.places]), task.leg_time(angle) * np.arange(n_legs + 1.0), True)
+        attempts.append(solve_legs(task, guess, GoalSteps((n_legs,), (0,)), route))
+    return to_plan(task, attempts)
 
 
-def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> list[Attempt]:
-    """Return what came of each number of legs tried: as the route clear of rings suggests, then, unless once is enough, fewer or more."""
-    settings, front = task.settings, front_of(task, rings)
-    route, passed = route_of(task, front, settings.max_duration)
-    shallow = task.leg_time(task.vehicle.angles[0])
-    if not route.arrives and settings.legs is None:
-        route, passed = route_of(task, front, min(settings.max_duration, _LEGS_OUT_OF_REACH * shallow))
-    likely = int(np.clip(np.ceil(passed[-1] / shallow - 1e-6), len(task.goals), settings.max_legs))
-
-    brief = not route.arrives and out_of_reach(task)
-
-    def attempt(legs: tuple[int, ...], fewer: bool = False) -> Attempt:
-        guess = guess_of(task, route, front, legs[-1])
-        return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer, brief=brief)
-
-    attempts = [attempt(goal_legs_of(passed, settings.legs or likely))]
-    if settings.legs is not None or not route.arrives or once:
-        return attempts
-    for n_legs in range(likely - 1, len(task.goals) - 1, -1):
-        if not safe_and_met(task, attempts[-1]) or _best(task, attempts) is not attempts[-1]:
-            break
-        attempts.append(attempt(goal_legs_of(passed, n_legs), fewer=True))
-    last = attempts[0]
-    for _ in range(likely, min(likely + _MORE_LEGS + len(task.goals), settings.max_legs)):
-        if any(done.finding is None and goals_met(task, done) for done in attempts):
-            break
-        last = attempt(one_leg_more(last.goals.legs, last.legs.angles))
-        attempts.append(last)
-    # a path that cannot turn as the route does may with shorter legs
-    for n_legs in (round(factor * likely) for factor in _SHORTER if any(done.finding for done in attempts)):
-        if not last.goals.legs[-1] < n_legs <= settings.max_legs or any(safe_and_met(task, done) for done in attempts):
-            continue
-        attempts.append(attempt(goal_legs_of(passed, n_legs)))
-    return attempts
+def _mean_current(task: MissionTask, place: Array, duration: float) -> Array:
+    """Return the current [m/s], shape (2,), at a place in the mean over a dive's depths, halfway through a duration [s]."""
+    of_levels = task.currents.weights(np.linspace(0.0, task.settings.depth, _DEPTHS)).mean(axis=0)
+    return np.asarray(task.currents.velocity(place[None], of_levels, task.start_time + 0.5 * duration)[0])
 
 
-def _best(task: MissionTask, attempts: list[Attempt]) -> Attempt:
-    return min(attempts, key=lambda attempt: worth(task, attempt))
+def _holding_angle(task: MissionTask, current: float) -> float:
+    """Return the glide angle [rad] at which the horizontal velocity through water is nearest to a current [m/s]."""
+    angles = np.linspace(*task.vehicle.angles, _ANGLES)
+    # a drift at the surface has to be made up for under water
+    shares = np.array([1.0 - task.settings.surface_time / task.leg_time(float(angle)) for angle in angles])
+    return float(angles[np.argmin(np.abs(shares * np.asarray(task.vehicle.speeds(np, angles)[0]) - current))])
 
 
-def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:
-    """Return after which leg each goal is met, counted from 1: the nearest to when a route passes it, but each goal after a leg of its own.
-
-    Args:
-        passed: shape (G,) [s], increasing; the last is the route's end.
-        n_legs: Number of legs, at least G.
-    """
-    numbers: list[int] = []
-    for k, share in enumerate(passed / passed[-1]):
-        least, most = (numbers[-1] if numbers else 0) + 1, n_legs - (len(passed) - 1 - k)
-        numbers.append(int(np.clip(np.round(n_legs * share), least, most)))
-    return tuple(numbers)
-
-
-def goal_steps_of(task: MissionTask, passed: Array, legs: tuple[int, ...]) -> GoalSteps:
-    """Return when each goal is met.
-
-    Args:
-        task: The problem.
-        passed: shape (G,), when the goals are passed [s]; the last ends the mission.
-        legs: In which leg each is met, counted from 1.
-    """
-    within = legs[-1] * passed / passed[-1] - (np.array(legs) - 1.0)
-    return GoalSteps(legs, task.goal_steps(legs, legs[-1], within))
-
-
-def one_leg_more(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:
-    """Return after which leg each goal is met with one leg more, on the way to the goal to which the glide angles are least.
-
-    Args:
-        goal_legs: Before, counted from 1.
-        angles: shape (L,), glide angles of the legs.
-    """
-    ways = [float(np.mean(angles[begin:end])) for begin, end in pairwise((0, *goal_legs))]
-    short = int(np.argmin(ways))
-    return tuple(number + int(k >= short) for k, number in enumerate(goal_legs))
-
-
-def _from_earlier(task: MissionTask, warm: MissionPlan, start_time_ns: int) -> list[Attempt]:
-    """Return what comes of the legs of an earlier plan that are still to be flown; nothing when none are, or not as many as are asked."""
-    begun = warm.legs_flown(start_time_ns)
-    left = len(warm.headings_deg) - begun
-    goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
-    if left <= 0 or len(goal_legs) != len(task.goals) or left > task.settings.max_legs or task.settings.legs not in (None, left):
-        return []
-    begins = np.concatenate([[0.0], warm.surfacing_times])[np.array(goal_legs) + begun - 1]
-    lasts = warm.surfacing_times[np.array(goal_legs) + begun - 1] - begins
-    goals = GoalSteps(goal_legs, task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / lasts))
-    longitude, latitude = warm.surfacings[begun:].T
-    places = np.column_stack(to_local(task.region.grid.projection, longitude, latitude))
-    turn = grid_bearing_of_true_north(task.region.grid.projection, longitude, latitude)
-    headings = np.deg2rad(warm.headings_deg[begun:]) + turn
-    return [solve_legs(task, MissionGuess(places, headings, np.deg2rad(warm.glide_angles_deg[begun:])), goals, None)]
+def _mooring_guess(task: MissionTask, current: Array, angles: Array, hops: bool) -> MissionGuess:
+    """Return legs that each lead as near to the mooring as its length allows; with ``hops`` to either side of it in turn."""
+    leg_time, angle = task.leg_time(float(angles[0])), float(angles[0])
+    drift, reach = current * leg_time, float(task.vehicle.speeds(np, angle)[0]) * (leg_time - task.settings.surface_time)
+    side = np.array([0.5 * max(reach - float(np.linalg.norm(drift)), 0.0), 0.0]) * float(hops)
+    at, places, headings = task.start[:2], [], []
+    for k in range(angles.size):
+        east, north = task.goals[0, :2] + (-1.0) ** k * side - at - drift
+        headings.append(float(np.arctan2(east, north)))
+        at = at + drift + reach * np.array([np.sin(headings[-1]), np.cos(headings[-1])])
+        places.append(at)
+    return MissionGuess(np.array(places), np.array(headings), angles)

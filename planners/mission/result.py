@@ -1,41 +1,42 @@
-"""The plan that the best of several attempts makes."""
+"""The plan that the best of several attempts makes, and its outcome in words."""
 
 import numpy as np
 
-from planners.mission.check import explain
-from planners.mission.solve import Attempt, energy_of, goals_met, safe_and_met, worth
+from planners.mission.attempt import Attempt, best_of, energy_of, goals_met, is_feasible
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan, MissionStatus
+from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
-from replay_kit.core.plan import Place
+
+# A mission this close to the longest one considered is limited by it.
+_NEARLY = 0.95
 
 
-def to_plan(task: MissionTask, start: Place, goals: tuple[Place, ...], start_time_ns: int, attempts: list[Attempt]) -> MissionPlan:
-    """Return the best attempt as a plan: safe and at its goals first, then of the least cost."""
+def to_plan(task: MissionTask, attempts: list[Attempt]) -> MissionPlan:
+    """Return the best attempt as a plan: feasible ones first, then of least cost; a failed plan when there is no finite attempt."""
     finite = [attempt for attempt in attempts if np.all(np.isfinite(attempt.flight.place))]
     if not finite:
-        return failed_plan(task, start, goals, start_time_ns, "no path is finite; check the estimate's latent velocities")
-    best = min(finite, key=lambda attempt: worth(task, attempt))
-    flight, projection = best.flight, task.region.grid.projection
+        what = "no path is finite" if attempts else "the current is not a number"
+        return _failed_plan(task, f"{what}; check the estimate's latent velocities")
+    best, request, projection = best_of(task, finite), task.request, task.region.grid.projection
+    flight = best.flight
     track = np.column_stack([flight.place[0], flight.depth])
-    longitude, latitude = to_geographic(projection, *track[flight.ends, :2].T)
     begins = np.concatenate([[0], flight.ends[:-1]])
     turn = grid_bearing_of_true_north(projection, *to_geographic(projection, *track[begins, :2].T))
-    status: MissionStatus = "unsafe" if best.finding else "reached" if goals_met(task, best) else "unreachable"
+    status: MissionStatus = "unsafe" if best.violation else "reached" if goals_met(task, best) else "unreachable"
     goal_times = flight.time[best.goals.points(flight)]
-    met = [attempt for attempt in finite if safe_and_met(task, attempt)]
     return MissionPlan(
         status=status,
-        start=start,
-        goals=goals,
-        start_time_ns=start_time_ns,
+        start=request.start,
+        goals=request.goals,
+        start_time_ns=request.start_time_ns,
         vehicle=task.vehicle,
         settings=task.settings,
         headings_deg=np.mod(np.rad2deg(best.legs.headings - turn), 360.0),
         glide_angles_deg=np.rad2deg(best.legs.angles),
         pitches_deg=np.rad2deg(task.vehicle.pitch(best.legs.angles)),
-        turns=task.turns(len(best.legs.headings)),
-        surfacings=np.column_stack([longitude, latitude]),
+        yo_depths=task.yo_depths(len(best.legs.headings)),
+        surfacings=np.column_stack(to_geographic(projection, *track[flight.ends, :2].T)),
         surfacing_times=flight.time[flight.ends],
         goal_legs=best.goals.legs,
         goal_times=goal_times,
@@ -44,29 +45,96 @@ def to_plan(task: MissionTask, start: Place, goals: tuple[Place, ...], start_tim
         energy=energy_of(task, best),
         track_time=flight.time,
         track=track,
-        message=explain(task, best.flight, best.miss, best.away, best.finding, goal_times),
-        statistics={
-            "attempts": len(attempts),
-            "iterations": sum(attempt.iterations for attempt in attempts),
-            "tried": "; ".join(_tried(attempt) for attempt in attempts),
-            "longest_met_h": max((float(attempt.flight.time[-1]) / 3600.0 for attempt in met), default=float("nan")),
-            **({} if task.guide is None else {"farthest_m": best.away[0], "rms_m": best.away[1]}),
-            **({} if task.spline is None else {"spline_error": task.spline.largest_error, "spline_rms_error": task.spline.rms_error}),
-        },
+        message=_outcome(task, best, goal_times),
+        statistics=_statistics(task, attempts, finite, best),
     )
 
 
+def _statistics(task: MissionTask, attempts: list[Attempt], finite: list[Attempt], best: Attempt) -> dict[str, float | int | str]:
+    feasible = [float(attempt.flight.time[-1]) / 3600.0 for attempt in finite if is_feasible(task, attempt)]
+    statistics: dict[str, float | int | str] = {
+        "attempts": len(attempts),
+        "iterations": sum(attempt.iterations for attempt in attempts),
+        "tried": "; ".join(_tried(attempt) for attempt in attempts),
+        "longest_met_h": max(feasible, default=float("nan")),
+    }
+    if task.reference_path is not None:
+        statistics |= {"farthest_m": best.deviation[0], "rms_m": best.deviation[1]}
+    if task.spline is not None:
+        statistics |= {"spline_error": task.spline.largest_error, "spline_rms_error": task.spline.rms_error}
+    return statistics
+
+
 def _tried(attempt: Attempt) -> str:
-    safe = "" if attempt.finding is None else f", crosses {attempt.finding.what}"
+    safe = "" if attempt.violation is None else f", crosses {attempt.violation.what}"
     hours = attempt.flight.time[-1] / 3600.0
     return f"{len(attempt.legs.headings)} legs: {hours:.2f} h, {attempt.miss.max():.0f} m off{safe}, {attempt.return_status}"
 
 
-def failed_plan(task: MissionTask, start: Place, goals: tuple[Place, ...], start_time_ns: int, message: str) -> MissionPlan:
-    """Return the plan that says that no mission could be flown; it stays where it is."""
-    none = np.zeros(0)
-    miss = np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1)
-    nowhere = (np.zeros((0, 2)), none, (0,) * len(goals), np.zeros(len(goals)), miss, 0.0, 0.0, np.zeros(1), task.start[None].copy())
+def _failed_plan(task: MissionTask, message: str) -> MissionPlan:
+    """Return the plan of a mission that cannot be flown; it stays at its start."""
+    none, request = np.zeros(0), task.request
     return MissionPlan(
-        "failed", start, goals, start_time_ns, task.vehicle, task.settings, none, none, none, (), *nowhere, message, {"attempts": 0}
+        status="failed",
+        start=request.start,
+        goals=request.goals,
+        start_time_ns=request.start_time_ns,
+        vehicle=task.vehicle,
+        settings=task.settings,
+        headings_deg=none,
+        glide_angles_deg=none,
+        pitches_deg=none,
+        yo_depths=(),
+        surfacings=np.zeros((0, 2)),
+        surfacing_times=none,
+        goal_legs=(0,) * len(request.goals),
+        goal_times=np.zeros(len(request.goals)),
+        closest_approach=np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1),
+        duration=0.0,
+        energy=0.0,
+        track_time=np.zeros(1),
+        track=task.start[None].copy(),
+        message=message,
+        statistics={"attempts": 0},
     )
+
+
+def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
+    """Return the outcome of a mission in words, with the limit that binds when it does not reach its goals or violates a constraint."""
+    settings, reference, miss, flight = task.settings, task.reference_path, attempt.miss, attempt.flight
+    counts, (farthest, rms) = settings.weights.closest != 0.0, attempt.deviation
+    parts, short = list[str](), ""
+    if counts:
+        names = ["the goal"] if len(miss) == 1 else [f"goal {k + 1}" for k in range(len(miss))]
+        verbs = ["meets {} at" if distance <= settings.tolerance else "misses {} by" for distance in miss]
+        parts += [
+            f"{verb.format(name)} {distance:.1f} m after {time / 3600.0:.1f} h"
+            for verb, name, distance, time in zip(verbs, names, miss, goal_times, strict=True)
+        ]
+        short = "" if np.all(miss <= settings.tolerance) else f", outside the tolerance of {settings.tolerance:g} m"
+    if reference is not None:
+        hours = flight.time[-1] / 3600.0
+        parts.append(f"{farthest:.0f} m from {reference.name} at most, {rms:.0f} m in the root mean square, for {hours:.1f} h")
+        short += "" if farthest <= reference.limit else f", farther than {reference.limit:g} m"
+    n_legs = len(flight.ends)
+    text = f"{n_legs} leg{'s' * (n_legs != 1)}; {', '.join(parts)}"
+    if attempt.violation is not None:
+        at = attempt.violation
+        text += f"; not safe: crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} in leg {at.leg} after {at.time / 3600.0:.1f} h"
+    return f"{text}{short}; {_binding(task, attempt, n_legs)}" if short else text
+
+
+def _binding(task: MissionTask, attempt: Attempt, n_legs: int) -> str:
+    """Return the limit that binds."""
+    settings, flight = task.settings, attempt.flight
+    if settings.weights.closest:
+        return "limit: the weights, by which to come closer costs more than it gains, or what can be reached at all"
+    if settings.legs is not None and task.reference_path is None:
+        return f"limit: {settings.legs} legs at glide angles from {task.vehicle.min_angle:g} to {task.vehicle.max_angle:g} degrees"
+    if n_legs >= settings.max_legs:
+        return f"limit: max_legs = {settings.max_legs}"
+    if flight.time[-1] >= _NEARLY * settings.max_duration:
+        return f"limit: max_duration = {settings.max_duration:g} s"
+    ground = float(np.linalg.norm(flight.place[0, -1] - flight.place[0, 0])) / max(float(flight.time[-1]), 1.0)
+    through = float(task.vehicle.speeds(np, task.vehicle.angles[0])[0])
+    return f"the current or what may not be crossed keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s"

@@ -1,11 +1,13 @@
-"""What a mission is asked for and what comes of it."""
+"""The request for a mission and the plan that answers it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import inf
 from typing import Literal
 
 import numpy as np
 
+from planners.route.hazards import Bathymetry, NoGo
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -17,12 +19,12 @@ Objective = Literal["time", "energy", "closest"]
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """A mission's cost as a weighted sum.
+    """The cost of a mission as a weighted sum.
 
     Attributes:
-        time: Of an hour.
-        energy: Of a kilojoule.
-        closest: Of a kilometre by which a goal is missed; None when goals are to be met as closely as can be, whatever that costs.
+        time: Cost of an hour.
+        energy: Cost of a kilojoule.
+        closest: Cost of a kilometre of miss distance; None when each goal must be met as closely as possible, at any cost.
     """
 
     time: float = 0.0
@@ -30,14 +32,14 @@ class Weights:
     closest: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse weights that are negative or weigh nothing."""
+        """Raise PlanError for weights that are negative or all zero."""
         values = (self.time, self.energy, self.closest or 0.0)
         if not all(0.0 <= value < float("inf") for value in values) or not any(values):
             raise PlanError(f"weights of a mission are {self}; expected numbers of 0 or more, at least one of them above 0")
 
-    def cost(self, duration: float, energy: float, missed: float) -> float:
-        """Return what a mission costs: its duration [s], energy [J], and how far it misses its goals in sum [m]."""
-        return self.time * duration / 3600.0 + self.energy * energy / 1e3 + (self.closest or 0.0) * missed / 1e3
+    def cost(self, duration: float, energy: float, miss: float) -> float:
+        """Return the cost of a mission of a duration [s], an energy [J] and a sum of miss distances [m]."""
+        return self.time * duration / 3600.0 + self.energy * energy / 1e3 + (self.closest or 0.0) * miss / 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,20 +47,20 @@ class MissionSettings:
     """How a mission is flown and planned.
 
     Attributes:
-        depth: Of the dives [m].
+        depth: Depth of the dives [m].
         yos: Dives between surfacings; heading and glide angle are held between surfacings.
-        surface_time: Spent at each surfacing, adrift [s].
-        objective: ``time`` and ``energy`` are least on the way to the goals, ``closest`` only comes as close as it can; or weights of
-            all three. With a given number of dives the pump's work is given, and least energy is least time; it differs in how many
-            dives it takes.
-        tolerance: A goal met this closely is reached [m].
-        legs: Number of surfacings; None for as many as is best.
-        max_legs: Most surfacings considered.
+        surface_time: Drift time at each surfacing [s].
+        objective: ``time`` and ``energy`` are minimised on the way to the goals, ``closest`` minimises the miss distance alone; or weights
+            of all three. A given number of dives fixes the work of the pump, so that least energy is least time; the objectives differ in
+            the number of dives they choose.
+        tolerance: Largest miss distance of a goal that counts as reached [m].
+        legs: Number of legs, each of which ends at a surfacing; None for the best number.
+        max_legs: Largest number of legs considered.
         max_duration: Longest mission considered [s].
-        margin: Distance kept from where it may not go [m].
-        steps: Steps of the optimiser for each dive and climb, beside one for every level crossed.
-        spline: Coefficients a kernel length of a B-spline that the optimiser flies in, 3 or so; 0 for the flow itself. Its error is in
-            ``statistics``, and the plan is checked in the flow itself.
+        margin: Distance kept from land, areas, shallows and the edge of the region [m].
+        steps: Steps of the optimiser per dive and climb, besides one per level crossed.
+        spline: Coefficients per kernel length of a B-spline of the flow that the optimiser uses, about 3; 0 for the flow itself. Its error
+            is in ``statistics``, and the plan is checked in the flow itself.
     """
 
     depth: float = 500.0
@@ -74,7 +76,7 @@ class MissionSettings:
     spline: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse settings that no mission can have."""
+        """Raise PlanError for settings outside their range."""
         positive = {name: getattr(self, name) for name in ("depth", "yos", "tolerance", "max_legs", "max_duration", "steps")}
         for name, value in {**positive, "legs": 1 if self.legs is None else self.legs}.items():
             if not value > 0:
@@ -85,76 +87,108 @@ class MissionSettings:
 
     @property
     def weights(self) -> Weights:
-        """The objective as weights; what only comes close is quickest among equals."""
+        """The objective as weights; ``closest`` prefers the quicker of two equally close missions."""
         if isinstance(self.objective, Weights):
             return self.objective
         return Weights(energy=1.0) if self.objective == "energy" else Weights(time=1.0)
 
     @property
     def weighs_distance(self) -> bool:
-        """Whether missing a goal is weighed against time or energy."""
+        """Whether the miss distance is weighed against time or energy."""
         return self.weights.closest is not None
 
 
 @dataclass(frozen=True, slots=True)
-class NoGo:
-    """An area that is not to be entered.
+class MissionRequest:
+    """What a mission is planned for.
 
     Attributes:
-        polygon: Its corners, longitude and latitude [degrees].
-        name: What messages call it.
-        surface_only: It may be passed under water.
+        start: Where it begins.
+        goals: Where it should go, in order. A goal at the surface is met where a leg ends; one below it by a dive that passes its depth,
+            the last one by a dive that ends there.
+        vehicle: The glider.
+        settings: How it is flown and planned.
+        no_go: Areas that must not be entered.
+        bathymetry: Bottom depth, beside the forecast's land.
+        start_time_ns: When it begins [ns, UTC].
     """
 
-    polygon: tuple[tuple[float, float], ...]
-    name: str
-    surface_only: bool = False
+    start: Place
+    goals: tuple[Place, ...]
+    vehicle: Glider = field(default_factory=Glider)
+    settings: MissionSettings = field(default_factory=MissionSettings)
+    no_go: tuple[NoGo, ...] = ()
+    bathymetry: Bathymetry | None = None
+    start_time_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bathymetry:
-    """Depth of the bottom on a grid.
+@dataclass(frozen=True, slots=True)
+class Mooring:
+    """A virtual mooring: the mission stays near its goal.
 
     Attributes:
-        longitude: shape (J, I) [degrees east].
-        latitude: shape (J, I) [degrees north].
-        depth: shape (J, I) [m], positive down; land is 0 or less, NaN is not known and counts as land.
-        clearance: Kept above the bottom [m].
+        radius: Largest distance allowed [m].
+        duration: [s]; the mission lasts as long or, as legs are whole, somewhat longer.
+        surfacings_only: Whether only the surfacings must stay within the radius, and not the track between them.
     """
 
-    longitude: Array
-    latitude: Array
-    depth: Array
-    clearance: float = 20.0
+    radius: float
+    duration: float
+    surfacings_only: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise PlanError for a radius or a duration that is not above 0."""
+        if not (0.0 < self.radius < inf and 0.0 < self.duration < inf):
+            raise PlanError(f"a mooring within {self.radius!r} m for {self.duration!r} s: expected two numbers above 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line that a mission follows to its goal, straight in the flow's local frame.
+
+    Attributes:
+        begin: Where the line begins; None for the start of the mission.
+        weight: Cross-track penalty [h per h and km]: the cost of an hour at a distance of a kilometre; it grows with the squared distance.
+        width: Largest distance of the track from the line for the mission to count as ``reached`` [m].
+    """
+
+    begin: Place | None = None
+    weight: float = 10.0
+    width: float = inf
+
+    def __post_init__(self) -> None:
+        """Raise PlanError for a negative weight or a width that is not above 0."""
+        if not (0.0 <= self.weight < inf and self.width > 0.0):
+            raise PlanError(f"a line of weight {self.weight!r} and width {self.width!r} m: expected a number of 0 or more and one above 0")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionPlan:
-    """A mission: what to tell the glider at each surfacing, and where that is predicted to lead.
+    """A mission: the commands of each leg and the predicted track.
 
     Attributes:
         status: ``reached`` when every goal is met within the tolerance, ``unreachable`` when the best path found does not,
-            ``unsafe`` when the path goes where it may not, ``failed`` when there is no path.
+            ``unsafe`` when the path violates a constraint, ``failed`` when there is no path.
         start: Where it begins.
         goals: Where it should go, in order.
         start_time_ns: [ns, UTC].
-        vehicle: What glides.
-        settings: How.
+        vehicle: The glider.
+        settings: How it is flown and planned.
         headings_deg: shape (L,), through water, clockwise from true north where the leg begins.
         glide_angles_deg: shape (L,), below the horizontal in dives, above it in climbs.
         pitches_deg: shape (L,), of the hull, with the same sign.
-        turns: Depths [m] at which each leg begins, turns and ends.
+        yo_depths: Depths [m] at which each leg begins, turns and ends.
         surfacings: shape (L, 2), longitude and latitude [degrees] of each leg's end, after the drift.
         surfacing_times: shape (L,) [s] since the start.
         goal_legs: In which leg each goal is met, counted from 1: at its end, or on the way when the goal is below the surface.
-        goal_times: shape (G,) [s] since the start, when it is.
-        closest_approach: shape (G,) [m], horizontal, then.
+        goal_times: shape (G,) [s] since the start, when each goal is met.
+        closest_approach: shape (G,) [m], horizontal miss distance at that time.
         duration: [s].
         energy: [J].
         track_time: shape (n,) [s] since the start.
         track: shape (n, 3) [m], predicted local east, north, depth.
-        message: Words for a person, with what prevents it if anything does.
-        statistics: What was tried.
+        message: The outcome in words, with the constraint or limit that binds if there is one.
+        statistics: Counts and figures of the search.
     """
 
     status: MissionStatus
@@ -166,7 +200,7 @@ class MissionPlan:
     headings_deg: Array
     glide_angles_deg: Array
     pitches_deg: Array
-    turns: tuple[tuple[float, ...], ...]
+    yo_depths: tuple[tuple[float, ...], ...]
     surfacings: Array
     surfacing_times: Array
     goal_legs: tuple[int, ...]
@@ -180,9 +214,9 @@ class MissionPlan:
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
 
     def legs_flown(self, time_ns: int) -> int:
-        """Return how many legs count as flown at a time [ns, UTC]: as many as are more than half over.
+        """Return the number of legs that count as flown at a time [ns, UTC]: those that are more than half over.
 
-        A surfacing earlier than planned begins the next leg as well.
+        A surfacing earlier than planned also begins the next leg.
         """
         ends = np.concatenate([[0.0], self.surfacing_times])
         return int(np.sum(0.5 * (ends[1:] + ends[:-1]) < (time_ns - self.start_time_ns) / 1e9))

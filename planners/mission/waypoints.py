@@ -1,12 +1,13 @@
-"""A mission as waypoints: fewer places than it has surfacings, for which a glider heads by itself, and what that loses."""
+"""A mission as waypoints: fewer places than surfacings, for which a glider heads on its own, and the loss against the plan."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import shapely
 
-from planners.mission.flight import Currents, Legs, currents_of, fly_legs, refined
+from planners.mission.flight import Currents, Legs, currents_of, fly_legs, refine_steps
 from planners.mission.flights import legs_of_plan
 from planners.mission.leg import leg_depths, steps_needed
 from planners.mission.task import REFINED, time_on_clock
@@ -26,22 +27,22 @@ _SHALLOWEST = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoints:
-    """Places that a glider heads for one after the other, and how it then fares.
+    """Places that a glider heads for one after the other, and its predicted track.
 
     Attributes:
         longitude: shape (W,) [degrees east].
         latitude: shape (W,) [degrees north].
         glide_angles_deg: shape (W,), on the way to each.
         pitches_deg: shape (W,).
-        depth: Of the dives [m].
+        depth: Depth of the dives [m].
         yos: Dives between surfacings.
         radius: Within which a waypoint counts as reached [m].
         times: shape (W,) [s] since the start, when each is reached; NaN for those that are not.
-        surfacings: shape (L, 2), longitude and latitude [degrees] where it surfaces on the way.
-        off_end: How far its last surfacing is from the end of the plan [m].
-        delay: How much later that is than the end of the plan [s]; negative when earlier.
-        off_track: Farthest that a surfacing is from the plan's legs [m].
-        message: Words for a person.
+        surfacings: shape (L, 2), longitude and latitude [degrees] of each surfacing on the way.
+        off_end: Distance of the last surfacing from the end of the plan [m].
+        delay: Its delay against the end of the plan [s]; negative when earlier.
+        off_track: Largest distance of a surfacing from the plan's legs [m].
+        message: The outcome in words.
     """
 
     longitude: Array
@@ -60,23 +61,23 @@ class Waypoints:
 
 
 def waypoints_of(flow: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan, tolerance: float | None = None) -> Waypoints:
-    """Return the fewest of a plan's surfacings that tell its way, and how a glider fares that heads for them in a flow.
+    """Return the fewest of a plan's surfacings that describe its track, and the track of a glider that heads for them in a flow.
 
-    It heads for the next one from where it surfaces, held off by the mean current through its last leg, as gliders reckon it, at the
-    mean glide angle of the legs planned; where less than a leg is left it dives less deep. The radius within which a waypoint counts as
-    reached is the plan's tolerance or two, four or eight times that: whichever reaches most of them, ends within the tolerance and loses
-    least time. A goal below the surface at the end is a waypoint above it.
+    It heads for the next waypoint from where it surfaces, corrected for the mean current of its last leg by dead reckoning, at the
+    mean glide angle of the planned legs; where less than a leg is left it dives less deep. The radius within which a waypoint counts as
+    reached is the plan's tolerance or two, four or eight times that: the one that reaches most waypoints, ends within the tolerance and
+    loses least time. A goal below the surface at the end is a waypoint above it.
 
     Args:
-        flow: What it is flown in: the plan's, or another one.
+        flow: The current it is flown in: the plan's, or another one.
         plan: The mission.
-        tolerance: A surfacing that steady progress between two others passes this closely is left out [m]; None for the plan's tolerance.
+        tolerance: A surfacing this close to steady progress between two others is left out [m]; None for the plan's tolerance.
 
     Raises:
-        PlanError: The mission has no legs, or it is a mooring, which is one waypoint and not a way.
+        PlanError: The mission has no legs, or it is a mooring, which is a single waypoint.
     """
     if plan.settings.weights.closest == 0.0:
-        raise PlanError("a mooring has no waypoints on its way: give the glider the mooring's place")
+        raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
     currents = currents_of(flow)
     legs, projection = legs_of_plan(plan, currents.flow), currents.flow.grid.projection
     start = np.array(to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64)
@@ -88,7 +89,7 @@ def waypoints_of(flow: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan,
     for radius in plan.settings.tolerance * _RADII:
         times, path = _follow(currents, plan, legs, (start, ends, ends[np.array(kept) - 1]), angles, radius)
         off_end, delay = float(np.linalg.norm(path[-1][0] - ends[-1])), path[-1][1] - plan.duration
-        # the goal is to be met as the plan meets it; what is left to it would take time as well
+        # the rest of the distance to the plan's end would take time as well
         lost = int(np.isnan(times).sum()), off_end > plan.settings.tolerance, delay + off_end / along
         tried.append((lost, radius, times, path, off_end, delay))
     _, radius, times, path, off_end, delay = min(tried, key=lambda one: one[0])
@@ -103,15 +104,15 @@ def waypoints_of(flow: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan,
     longitude, latitude = plan.surfacings[np.array(kept) - 1].T
     pitches = np.rad2deg(plan.vehicle.pitch(angles))
     surfaced = np.column_stack(to_geographic(projection, *surfacings.T))
-    told = plan.settings.depth, plan.settings.yos, float(radius)
-    return Waypoints(longitude, latitude, np.rad2deg(angles), pitches, *told, times, surfaced, off_end, delay, off_track, message)
+    dives = plan.settings.depth, plan.settings.yos, float(radius)
+    return Waypoints(longitude, latitude, np.rad2deg(angles), pitches, *dives, times, surfaced, off_end, delay, off_track, message)
 
 
 def kept_surfacings(plan: MissionPlan, places: Array, tolerance: float) -> tuple[int, ...]:
     """Return the numbers of the legs, counted from 1, whose ends are waypoints: those of the goals, and what is needed between them.
 
-    Between two that are kept the one that is farthest from where steady progress would be is kept as well, until none is farther than
-    the tolerance (Ramer 1972; Douglas and Peucker 1973; here in place and time, so that changes of speed count).
+    Between two that are kept, the one farthest from steady progress is kept as well, until none is farther than the tolerance
+    (Ramer 1972; Douglas and Peucker 1973; here in place and time, so that changes of speed count).
 
     Args:
         plan: The mission.
@@ -141,21 +142,21 @@ def _follow(
     """Return when each waypoint is reached [s], and (place [m], time [s]) of the start and of each surfacing."""
     (start, ends, waypoints), settings = places, plan.settings
     clock, drift = time_on_clock(currents, plan.start_time_ns), settings.surface_time
-    current = _reckoned(plan, ends[0] - start, float(plan.surfacing_times[0]), float(legs.headings[0]), float(legs.angles[0]))
+    current = _dead_reckoned_current(plan, ends[0] - start, float(plan.surfacing_times[0]), float(legs.headings[0]), float(legs.angles[0]))
     times, path, target = np.full(len(waypoints), np.nan), [(start, 0.0)], 0
     for number in range(_LEGS_EACH * len(legs.headings) + _LEGS_MORE):
         (at, now), angle = path[-1], float(angles[target])
         heading, share = heading_for(plan, waypoints[target] - at, angle, current)
-        begin = plan.turns[0][0] if number == 0 else 0.0
-        turns = (begin, *(max(share * settings.depth, begin), 0.0) * settings.yos)
+        begin = plan.yo_depths[0][0] if number == 0 else 0.0
+        yo_depths = (begin, *(max(share * settings.depth, begin), 0.0) * settings.yos)
         levels = currents.flow.levels
-        depths = refined(leg_depths(turns, levels, steps_needed(turns, levels, settings.steps)), REFINED)
+        depths = refine_steps(leg_depths(yo_depths, levels, steps_needed(yo_depths, levels, settings.steps)), REFINED)
         leg = Legs(np.array([heading]), np.array([angle]), (depths,), np.array([drift]))
         flown = fly_legs(currents, plan.vehicle, at, leg, clock + now)
         surfaced = depths.size - 1
         arrived = bool(np.linalg.norm(flown.place[0, surfaced] - waypoints[target]) <= radius)
         last = arrived and target == len(waypoints) - 1
-        # nobody waits for the last drift to end
+        # the last drift does not count
         point = surfaced if last else -1
         path.append((flown.place[0, point], now + float(flown.time[point])))
         if arrived:
@@ -163,39 +164,39 @@ def _follow(
             target += 1
         if last:
             break
-        current = _reckoned(plan, path[-1][0] - at, path[-1][1] - now, heading, angle)
+        current = _dead_reckoned_current(plan, path[-1][0] - at, path[-1][1] - now, heading, angle)
     return times, path
 
 
-def _reckoned(plan: MissionPlan, way: Array, lasts: float, heading: float, angle: float) -> Array:
-    """Return the mean current [m/s] that a glider makes of a leg: its way over ground [m] in some seconds less that through water."""
-    along = float(plan.vehicle.speeds(np, angle)[0]) * max(lasts - plan.settings.surface_time, 0.0)
-    return np.asarray((way - along * np.array([np.sin(heading), np.cos(heading)])) / lasts)
+def _dead_reckoned_current(plan: MissionPlan, displacement: Array, duration: float, heading: float, angle: float) -> Array:
+    """Return the mean current [m/s] of a leg by dead reckoning: its displacement over ground [m] less that through water, over time [s]."""
+    along = float(plan.vehicle.speeds(np, angle)[0]) * max(duration - plan.settings.surface_time, 0.0)
+    return np.asarray((displacement - along * np.array([np.sin(heading), np.cos(heading)])) / duration)
 
 
-def heading_for(plan: MissionPlan, way: Array, angle: float, current: Array) -> tuple[float, float]:
-    """Return the heading [rad] that leads along a way, shape (2,) [m], and the share of a full dive's depth after which it is gone.
+def heading_for(plan: MissionPlan, displacement: Array, angle: float, current: Array) -> tuple[float, float]:
+    """Return the heading [rad] to a waypoint and the share of a full dive's depth that is needed to reach it.
 
     Args:
-        plan: What glides, and how deep.
-        way: To the waypoint.
+        plan: The glider, and the depth of its dives.
+        displacement: shape (2,), to the waypoint [m].
         angle: Glide angle [rad].
-        current: In the mean over a leg [m/s].
+        current: Mean over a leg [m/s].
     """
     settings, (along, down) = plan.settings, plan.vehicle.speeds(np, angle)
-    under, distance = 2.0 * settings.yos * settings.depth / float(down), float(np.linalg.norm(way))
-    ahead = way / distance
+    under, distance = 2.0 * settings.yos * settings.depth / float(down), float(np.linalg.norm(displacement))
+    ahead = displacement / distance
     off = np.array([-ahead[1], ahead[0]])
     heading, share = 0.0, 1.0
     # on the way the drift at the surface counts as well; the last dive is to surface at the waypoint
-    for lasts in (under + settings.surface_time, under):
-        speed = float(along) * under / lasts
-        # of the way through water as much across as the current carries, the rest ahead
+    for duration in (under + settings.surface_time, under):
+        speed = float(along) * under / duration
+        # of the speed through water as much across as the current sets, the rest ahead
         across = float(np.clip(-(current @ off), -speed, speed))
         through = float(np.sqrt(speed**2 - across**2))
         made_good = float(current @ ahead) + through
         heading = float(np.arctan2(*(across * off + through * ahead)))
-        share = distance / (made_good * lasts) if made_good > 0.0 else 1.0
+        share = distance / (made_good * duration) if made_good > 0.0 else 1.0
         if share >= 1.0:
             break
     return heading, float(np.clip(share, _SHALLOWEST, 1.0))
@@ -203,6 +204,4 @@ def heading_for(plan: MissionPlan, way: Array, angle: float, current: Array) -> 
 
 def _distance_to_legs(points: Array, corners: Array) -> Array:
     """Return the distance [m] of points, shape (n, 2), from the nearest of the straight lines between corners, shape (m, 2) [m]."""
-    edges, away = np.diff(corners, axis=0), points[:, None] - corners[:-1]
-    share = np.clip(np.sum(away * edges, axis=2) / np.maximum(np.sum(edges**2, axis=1), 1e-12), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(away - share[..., None] * edges, axis=2).min(axis=1))
+    return np.asarray(shapely.distance(shapely.LineString(corners), shapely.points(points)))

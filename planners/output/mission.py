@@ -1,7 +1,5 @@
 """A mission for people and other programs: legs as a table, as GeoJSON, as JSON."""
 
-import csv
-import io
 import json
 from itertools import pairwise
 from typing import Any
@@ -9,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from planners.mission.values import MissionPlan
+from planners.output.formats import collection_text, csv_text, feature, position
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local, unwrap_longitude
+from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Plan, PlanStatus
 
 
 def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, float]]:
-    """Return what the glider is told at the beginning of each leg and where it ends, one row a leg.
+    """Return the commands at the beginning of each leg and the place of its end, one row per leg.
 
     Args:
         plan: The mission.
@@ -31,8 +30,8 @@ def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, floa
             "heading_deg": float(heading),
             "glide_angle_deg": float(plan.glide_angles_deg[k]),
             "pitch_deg": float(plan.pitches_deg[k]),
-            "depth_m": float(max(plan.turns[k])),
-            "dives": sum(bool(depth > before) for before, depth in pairwise(plan.turns[k])),
+            "depth_m": float(max(plan.yo_depths[k])),
+            "dives": sum(bool(depth > before) for before, depth in pairwise(plan.yo_depths[k])),
             "surfacing_s": float(plan.surfacing_times[k]),
             "longitude": float(plan.surfacings[k, 0]),
             "latitude": float(plan.surfacings[k, 1]),
@@ -62,11 +61,7 @@ def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
 def to_csv(plan: MissionPlan, ellipses: Array | None) -> str:
     """Return the legs as CSV with a line of names; without legs only that there are none."""
     rows = legs_table(plan, ellipses)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]) if rows else ["leg"], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: round(value, 7) for name, value in row.items()} for row in rows)
-    return text.getvalue()
+    return csv_text([{name: round(value, 7) for name, value in row.items()} for row in rows], "leg")
 
 
 def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
@@ -92,27 +87,23 @@ def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None
         ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
     """
 
-    def position(longitude: float, latitude: float) -> list[float]:
-        # continuous across the antimeridian, or a map draws the line around the world
-        return [round(float(unwrap_longitude(longitude, plan.start.longitude)), 7), round(latitude, 7)]
-
-    def feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
-        return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+    def at(longitude: float, latitude: float) -> list[float]:
+        return position(longitude, latitude, plan.start.longitude)
 
     features = []
     if len(plan.track) > 1:
         line = zip(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]), strict=True)
         properties = {"name": "track", "status": plan.status, "message": plan.message, "duration_s": plan.duration, "energy_j": plan.energy}
-        features.append(feature("LineString", [position(float(lon), float(lat)) for lon, lat in line], properties))
-    features.append(feature("Point", position(plan.start.longitude, plan.start.latitude), {"name": "start"}))
+        features.append(feature("LineString", [at(float(lon), float(lat)) for lon, lat in line], properties))
+    features.append(feature("Point", at(plan.start.longitude, plan.start.latitude), {"name": "start"}))
     for k, (goal, met) in enumerate(zip(plan.goals, goals_table(plan), strict=True)):
-        features.append(feature("Point", position(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", **met}))
+        features.append(feature("Point", at(goal.longitude, goal.latitude), {"name": f"goal {k + 1}", **met}))
     for row in legs_table(plan, ellipses):
-        features.append(feature("Point", position(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']}", **row}))
+        features.append(feature("Point", at(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']}", **row}))
     for k, ellipse in enumerate([] if ellipses is None else ellipses):
-        around = [position(float(lon), float(lat)) for lon, lat in ellipse_outline(ellipse, projection)]
+        around = [at(float(lon), float(lat)) for lon, lat in ellipse_outline(ellipse, projection)]
         features.append(feature("Polygon", [around], {"name": f"90 % of surfacings {k + 1}"}))
-    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+    return collection_text(features)
 
 
 def ellipse_outline(ellipse: Array, projection: Projection) -> Array:

@@ -1,7 +1,5 @@
 """Waypoints for people, other programs and gliders: CSV, GeoJSON, JSON, a Slocum's list of waypoints, a Seaglider's file of targets."""
 
-import csv
-import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -10,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from planners.mission.waypoints import Waypoints
+from planners.output.formats import collection_text, csv_text, feature, position
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import unwrap_longitude
 
 
 def waypoint_text(waypoints: Waypoints, path: Path) -> str:
@@ -65,11 +63,7 @@ def waypoint_json(waypoints: Waypoints) -> dict[str, Any]:
 
 
 def _csv(waypoints: Waypoints) -> str:
-    rows, text = waypoint_rows(waypoints), io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text(waypoint_rows(waypoints), "waypoint")
 
 
 def _json(waypoints: Waypoints) -> str:
@@ -78,19 +72,13 @@ def _json(waypoints: Waypoints) -> str:
 
 def _geojson(waypoints: Waypoints) -> str:
     """Return the waypoints as points, and where the glider surfaces on the way as one feature of many points."""
-
-    def feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
-        return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
-
-    def position(longitude: float, latitude: float) -> list[float]:
-        return [round(float(unwrap_longitude(longitude, float(waypoints.longitude[0]))), 7), round(float(latitude), 7)]
-
+    near = float(waypoints.longitude[0])
     about = {name: value for name, value in waypoint_json(waypoints).items() if name != "waypoints"}
-    features = [feature("MultiPoint", [position(*at) for at in waypoints.surfacings], {"name": "surfacings on the way", **about})]
+    features = [feature("MultiPoint", [position(x, y, near) for x, y in waypoints.surfacings], {"name": "surfacings on the way", **about})]
     for k, row in enumerate(waypoint_rows(waypoints)):
-        at = position(float(waypoints.longitude[k]), float(waypoints.latitude[k]))
+        at = position(float(waypoints.longitude[k]), float(waypoints.latitude[k]), near)
         features.append(feature("Point", at, {"name": f"waypoint {k + 1}", **row}))
-    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
+    return collection_text(features) + "\n"
 
 
 def _slocum(waypoints: Waypoints) -> str:

@@ -1,6 +1,6 @@
 """A vehicle that moves freely, with a bounded speed through water: the quickest or most frugal path between two points.
 
-The path is a chain of pieces of equal duration, each of constant velocity through water. One that crosses what it may not is solved again
+The path is a chain of pieces of equal duration, each of constant velocity through water. One that violates a constraint is solved again
 within half-planes, as missions are.
 """
 
@@ -11,23 +11,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.glide.seed import tabulate
-from planners.glide.track import fly_glide
-from planners.mission.program import HOUR
-from planners.mission.values import NoGo
-from planners.path.program import Auv, AuvProblem, AuvSettings, solve_path
-from planners.route.front import build_front
-from planners.route.hazards import Ring, no_go_ring, region_rings, trespassed
+from planners.path.program import Auv, AuvProblem, AuvSettings, PathSolution, solve_path
+from planners.route.graph import build_route_graph
+from planners.route.hazards import NoGo, Ring, densified, first_violation, hazard_rings
 from planners.route.region import Region, locate, region_of
+from planners.route.table import tabulate
+from planners.solver import HOUR
+from planners.track import fly_glide
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place
 
 AuvStatus = Literal["reached", "unreachable", "unsafe"]
-# Steps of the dense flight for each of the optimiser's, and spacing of its check [m].
-_REFINED, _SPACING = 2, 10.0
-# Rounds of half-planes laid anew for the path found, which have to lower the cost by this share.
+# Steps of the dense flight for each of the optimiser's.
+_REFINED = 2
+# Rounds in which half-planes are placed anew around the path found, each of which must lower the cost by this share.
 _ROUNDS, _PROGRESS = 6, 1e-3
 
 
@@ -36,7 +35,7 @@ class AuvPlan:
     """A free path.
 
     Attributes:
-        status: ``reached`` when it ends at the goal within the tolerance, ``unsafe`` when it goes where it may not.
+        status: ``reached`` when it ends at the goal within the tolerance, ``unsafe`` when it violates a constraint.
         start: Where it begins.
         goal: Where it should end.
         velocity_through_water: shape (n_pieces, 3) [m/s], local east, north, down.
@@ -45,7 +44,7 @@ class AuvPlan:
         closest_approach: Of its end to the goal [m].
         track_time: shape (n,) [s] since the start.
         track: shape (n, 3) [m], local east, north, depth.
-        message: Words for a person.
+        message: The outcome in words.
         statistics: What the solver did.
     """
 
@@ -74,9 +73,9 @@ def plan_path(
         flow: The current, held constant in time.
         start: Where it begins.
         goal: Where it should end.
-        vehicle: What moves.
-        settings: How.
-        no_go: Areas that are not to be entered.
+        vehicle: The vehicle.
+        settings: How the path is planned.
+        no_go: Areas that must not be entered.
 
     Raises:
         PlanError: The start or the goal is outside of the region or on land, or the flow is not a number.
@@ -85,12 +84,13 @@ def plan_path(
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
     if not np.all(np.isfinite(flow.latent)):
         raise PlanError("the current is not a number; check the estimate's latent velocities")
-    areas = tuple(no_go_ring(flow.grid.projection, area.polygon, area.name) for area in no_go)
-    rings = region_rings(region, max(begin[2], end[2])) + areas
+    # a free path has no surfacings: every area counts at all depths
+    areas = tuple(replace(area, surface_only=False) for area in no_go)
+    rings = hazard_rings(region, max(begin[2], end[2]), areas)
     problem = AuvProblem(flow, region, rings, vehicle, settings, begin, end)
 
     def made(guess: Array, free: bool, held: tuple[Array, float] | None = None) -> AuvPlan:
-        return _to_plan(problem, start, goal, *solve_path(problem, guess, free, held))
+        return _to_plan(problem, start, goal, solve_path(problem, guess, free, held))
 
     plans, route = [], _route(problem)
     for guess in (route, np.linspace(begin, end, 100)):
@@ -102,17 +102,17 @@ def plan_path(
         # the route is clear; the depths are those found without it, and the deeper they are the more is land
         depths = np.interp(np.linspace(0.0, 1.0, len(route)), np.linspace(0.0, 1.0, len(plans[0].track)), plans[0].track[:, 2])
         route = np.column_stack([route[:, :2], depths])
-        problem = replace(problem, rings=region_rings(region, float(depths.max())) + areas)
-        plans += _kept_clear(settings, route, lambda along, margin: made(along, False, (along, margin)))
-    return min(plans, key=lambda plan: _worth(settings, plan))
+        problem = replace(problem, rings=hazard_rings(region, float(depths.max()), areas))
+        plans += _solve_within_half_planes(settings, route, lambda along, margin: made(along, False, (along, margin)))
+    return min(plans, key=lambda plan: _ranking_key(settings, plan))
 
 
-def _worth(settings: AuvSettings, plan: AuvPlan) -> tuple[bool, bool, float]:
+def _ranking_key(settings: AuvSettings, plan: AuvPlan) -> tuple[bool, bool, float]:
     return plan.closest_approach > settings.tolerance, plan.status == "unsafe", getattr(plan, _COST[settings.objective])
 
 
-def _kept_clear(settings: AuvSettings, route: Array, made: Callable[[Array, float], AuvPlan]) -> list[AuvPlan]:
-    """Return the paths found within half-planes, laid along a route and anew along each path found until that gains nothing more.
+def _solve_within_half_planes(settings: AuvSettings, route: Array, made: Callable[[Array, float], AuvPlan]) -> list[AuvPlan]:
+    """Return the paths found within half-planes, placed along a route and anew along each path found until there is no more gain.
 
     Half-planes hold the ends of steps; where a step between two cuts a corner the margin is doubled.
     """
@@ -140,26 +140,26 @@ def _route(problem: AuvProblem) -> Array:
     def wet(points: Array) -> NDArray[np.bool_]:
         return problem.region.wet(np.column_stack([points, np.full(len(points), deepest)]))
 
-    route = build_front(table, shares, problem.rings, wet, problem.vehicle.speed).route(begin[:2], end[:2], problem.settings.max_duration)
+    route = build_route_graph(table, shares, problem.rings, wet, problem.vehicle.speed).route(
+        begin[:2], end[:2], problem.settings.max_duration
+    )
     times = np.linspace(0.0, route.times[-1], 100)
     return np.column_stack([route.at(times), np.linspace(begin[2], end[2], 100)])
 
 
-def _to_plan(
-    problem: AuvProblem, start: Place, goal: Place, through: Array, duration: float, iterations: int, return_status: str
-) -> AuvPlan:
-    settings, vehicle = problem.settings, problem.vehicle
+def _to_plan(problem: AuvProblem, start: Place, goal: Place, solution: PathSolution) -> AuvPlan:
+    settings, vehicle, through, duration = problem.settings, problem.vehicle, solution.velocity, solution.duration
     time, track = _fly(problem.flow, settings, problem.begin, through, duration)
     what = _crossed(problem.region, problem.rings, track)
-    missed = float(np.linalg.norm(track[-1] - problem.end))
-    met = missed <= settings.tolerance
-    message = f"ends {missed:.1f} m from the goal after {duration / HOUR:.2f} h" + ("" if what is None else f"; not safe: crosses {what}")
+    miss = float(np.linalg.norm(track[-1] - problem.end))
+    met = miss <= settings.tolerance
+    message = f"ends {miss:.1f} m from the goal after {duration / HOUR:.2f} h" + ("" if what is None else f"; not safe: crosses {what}")
     if not met:
         message += f"; outside the tolerance of {settings.tolerance:g} m: the current or max_duration keeps it from there"
     status: AuvStatus = "unsafe" if what is not None else "reached" if met else "unreachable"
     energy = float(np.mean(vehicle.hotel + vehicle.drag * np.linalg.norm(through, axis=1) ** 3)) * duration
-    statistics: dict[str, float | int | str] = {"iterations": iterations, "return_status": return_status}
-    return AuvPlan(status, start, goal, through, duration, energy, missed, time, track, message, statistics)
+    statistics: dict[str, float | int | str] = {"iterations": solution.iterations, "return_status": solution.return_status}
+    return AuvPlan(status, start, goal, through, duration, energy, miss, time, track, message, statistics)
 
 
 def _fly(flow: FlowEstimate, settings: AuvSettings, begin: Array, through: Array, duration: float) -> tuple[Array, Array]:
@@ -174,11 +174,9 @@ def _fly(flow: FlowEstimate, settings: AuvSettings, begin: Array, through: Array
 
 
 def _crossed(region: Region, rings: tuple[Ring, ...], track: Array) -> str | None:
-    """Return what a track crosses that it may not, by points no farther apart than ten metres; None when it crosses nothing."""
-    pieces = np.maximum(np.ceil(np.linalg.norm(np.diff(track, axis=0), axis=1) / _SPACING).astype(int), 1)
-    number = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(pieces))])
-    dense = np.column_stack([np.interp(number, np.arange(len(track)), track[:, i]) for i in range(3)])
-    ring = trespassed(rings[:1] + tuple(ring for ring in rings[1:] if ring.name != "land"), dense[:, :2], surfacing=True)
+    """Return the hazard that a track crosses first, at points no farther apart than ten metres; None when it crosses none."""
+    dense = densified(track)[1]
+    ring = first_violation(rings[:1] + tuple(ring for ring in rings[1:] if ring.name != "land"), dense[:, :2], surfacing=True)
     if ring is not None:
         return ring[0]
     return None if region.wet(dense).all() else "land"

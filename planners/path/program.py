@@ -3,7 +3,6 @@
 Unknown are these velocities, the duration and where each piece ends. Places are in kilometres and times in hours.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,17 +10,15 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import graph_key
-from planners.glide.transcription import path_function
-from planners.mission.program import HOUR, KM
-from planners.route.hazards import Ring, beyond, half_planes
+from planners.route.hazards import Ring, half_planes, plane_violations
 from planners.route.region import Region
-from planners.solver import OPTIONS
+from planners.solver import HOUR, KM, OPTIONS, Recent
+from planners.track import path_function
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
-# Hours that a kilometre missed costs.
+# Hours that a kilometre of miss distance, or beyond a half-plane, costs.
 _PENALTY = 50.0
-_MOST_PROGRAMS = 4
 # Half-planes for each step's end.
 _PLANES = 3
 # With free depths the best one is often that of a level, where hats bend and no gradient vanishes: that search ends after so many steps.
@@ -68,7 +65,7 @@ class AuvSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AuvProblem:
-    """One path asked for, in the local frame."""
+    """One planning problem in the local frame."""
 
     flow: FlowEstimate
     region: Region
@@ -79,24 +76,41 @@ class AuvProblem:
     end: Array
 
 
-_programs: OrderedDict[Any, tuple[Any, Array]] = OrderedDict()
+@dataclass(frozen=True, slots=True, eq=False)
+class PathSolution:
+    """The optimum that IPOPT finds.
+
+    Attributes:
+        velocity: shape (n_pieces, 3) [m/s], through water.
+        duration: [s].
+        iterations: IPOPT's.
+        return_status: IPOPT's.
+    """
+
+    velocity: Array
+    duration: float
+    iterations: int
+    return_status: str
 
 
-def solve_path(problem: AuvProblem, guess: Array, free: bool, held: tuple[Array, float] | None) -> tuple[Array, float, int, str]:
-    """Return (velocities through water, duration [s], iterations, return status) of the optimum found from a guessed track.
+_programs = Recent[tuple[Any, Array]](4)
+
+
+def solve_path(problem: AuvProblem, guess: Array, free: bool, held: tuple[Array, float] | None) -> PathSolution:
+    """Return the optimum found from a guessed track.
 
     Args:
         problem: What is asked.
         guess: shape (n, 3) [m], points at equal times.
         free: Whether the depths may differ from the guess's.
-        held: A track, shape (n, 3) [m], for whose points, at equal times, half-planes are laid that keep the path clear, and their
-            margin [m]; None without.
+        held: A track, shape (n, 3) [m], whose points at equal times get half-planes that keep the path clear, and their margin [m];
+            None without half-planes.
     """
     settings, vehicle, n = problem.settings, problem.vehicle, problem.settings.pieces
     solver, equal = _program(problem.flow, settings, free, held is not None)
     ends = _at_equal_times(guess, n)
-    way = float(np.sum(np.linalg.norm(np.diff(guess, axis=0), axis=1)))
-    duration = min(max(way / vehicle.speed, 60.0), settings.max_duration)
+    length = float(np.sum(np.linalg.norm(np.diff(guess, axis=0), axis=1)))
+    duration = min(max(length / vehicle.speed, 60.0), settings.max_duration)
     ground = np.diff(np.vstack([problem.begin, ends]), axis=0) / (duration / n)
     through = ground - np.column_stack([problem.flow.velocity(*ends.T), np.zeros(n)])
     through *= np.minimum(1.0, 0.95 * vehicle.speed / np.maximum(np.linalg.norm(through, axis=1), 1e-9))[:, None]
@@ -119,8 +133,8 @@ def solve_path(problem: AuvProblem, guess: Array, free: bool, held: tuple[Array,
     most = np.concatenate([equal, np.full(n, vehicle.speed**2), within])
     answer = solver(x0=first, p=parameters, lbx=sides[0], ubx=sides[1], lbg=least, ubg=most)
     statistics, found = solver.stats(), np.asarray(answer["x"]).ravel()
-    lasts = float(np.exp(found[6 * n])) * HOUR
-    return found[: 6 * n].reshape(n, 6)[:, 3:], lasts, int(statistics["iter_count"]), str(statistics["return_status"])
+    pieces, seconds = found[: 6 * n].reshape(n, 6), float(np.exp(found[6 * n])) * HOUR
+    return PathSolution(pieces[:, 3:], seconds, int(statistics["iter_count"]), str(statistics["return_status"]))
 
 
 def _at_equal_times(track: Array, n: int) -> Array:
@@ -129,14 +143,10 @@ def _at_equal_times(track: Array, n: int) -> Array:
 
 
 def _program(flow: FlowEstimate, settings: AuvSettings, free: bool, held: bool) -> tuple[Any, Array]:
-    """Return the solver of a flow's nodes, held to half-planes or not, and the zeros that its equations are to meet."""
+    """Return the solver of a flow's nodes, with half-planes or without, and the values of its equality constraints."""
+    options = {**OPTIONS, "ipopt.max_iter": _FREE_STEPS} if free else OPTIONS
     key = (*graph_key(flow), settings.pieces, settings.steps, free, held)
-    if key not in _programs:
-        options = {**OPTIONS, "ipopt.max_iter": _FREE_STEPS} if free else OPTIONS
-        _programs[key] = _build(flow, settings.pieces, settings.steps, _PLANES if held else 0, options)
-        if len(_programs) > _MOST_PROGRAMS:
-            _programs.popitem(last=False)
-    return _programs[key]
+    return _programs.get(key, lambda: _build(flow, settings.pieces, settings.steps, _PLANES if held else 0, options))
 
 
 def _build(flow: FlowEstimate, n: int, steps: int, n_planes: int, options: dict[str, Any]) -> tuple[Any, Array]:
@@ -147,21 +157,21 @@ def _build(flow: FlowEstimate, n: int, steps: int, n_planes: int, options: dict[
         ca.MX.sym("latent", *flow.latent.shape),
     )
     pieces, log_duration, slacks = [ca.MX.sym("piece", 6) for _ in range(n)], ca.MX.sym("log_duration"), ca.MX.sym("slacks", 6)
-    planes, trespass = [ca.MX.sym("planes", 3, n_planes * steps) for _ in range(n)], ca.MX.sym("trespass", int(n_planes > 0))
+    planes, plane_slack = [ca.MX.sym("planes", 3, n_planes * steps) for _ in range(n)], ca.MX.sym("plane_slack", int(n_planes > 0))
     duration, path = ca.exp(log_duration), path_function(flow, steps)
     at, meet, within = begin, [], []
     for k, piece in enumerate(pieces):
         places = path(at, piece[3:], ca.repmat(duration * HOUR / (n * steps), steps, 1), latent)
         meet.append(places[:, -1] / KM - piece[:3])
         if n_planes:
-            within.append(beyond(places[:2, -steps:] / KM, planes[k], n_planes) - trespass)
+            within.append(plane_violations(places[:2, -steps:] / KM, planes[k], n_planes) - plane_slack)
         at = piece[:3] * KM
     meet.append(pieces[-1][:3] - end / KM - (slacks[:3] - slacks[3:]))
     power = weights[0] + weights[1] * sum((ca.sumsqr(piece[3:]) + 1e-8) ** 1.5 for piece in pieces) / n
     program: dict[str, Any] = {
-        "x": ca.veccat(*pieces, log_duration, slacks, trespass),
+        "x": ca.veccat(*pieces, log_duration, slacks, plane_slack),
         "p": ca.veccat(begin, end, weights, *planes, latent),
-        "f": power * duration + _PENALTY * (ca.sum1(slacks) + ca.sum1(trespass)),
+        "f": power * duration + _PENALTY * (ca.sum1(slacks) + ca.sum1(plane_slack)),
         "g": ca.vertcat(*meet, *(ca.sumsqr(piece[3:]) for piece in pieces), *within),
     }
     return ca.nlpsol("auv", "ipopt", program, options), np.zeros(3 * n + 3)

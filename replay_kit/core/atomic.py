@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that are written completely or not at all."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -11,11 +11,11 @@ from replay_kit.core.errors import ConfigError
 
 @contextmanager
 def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iterator[BinaryIO]:
-    """Give a binary file named ``PATH.part`` that takes its name when the block ends; an error or interrupt leaves the part.
+    """Yield a binary file named ``PATH.part`` that is renamed to PATH when the block ends; an error or interrupt leaves the part.
 
     Args:
         path: The final name; a file of that name is replaced.
-        check: Called with the part once it is whole on the disk; its error keeps it from taking its name.
+        check: Called with the complete part on the disk; if it raises, the part is not renamed.
 
     Raises:
         ConfigError: The file cannot be created or written.

@@ -1,6 +1,6 @@
 """The one tree of errors that replay-kit raises for bad input.
 
-Every message says what was expected, what came, where it came from and what to do about it. ``exit_code`` is what the
+Every message states what was expected, what was found, where, and what to do about it. ``exit_code`` is what the
 command line returns for the error; 3 means that an input is unusable, 2 that an option or the configuration is wrong.
 """
 

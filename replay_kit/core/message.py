@@ -1,6 +1,7 @@
-"""A log's messages, and what a reader says of the log as a whole."""
+"""A log's messages, and a reader's report on the log as a whole."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -11,7 +12,7 @@ class Message(NamedTuple):
     Attributes:
         time_ns: The time that orders the replay [ns, UTC], by the clock the reader was asked for.
         topic: Channel name; for MAVLink ``mavlink/{system}/{component}/{NAME}``.
-        schema: Schema name as the file gives it (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the
+        schema: Schema name as in the file (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the
             message's name.
         payload: Plain mapping of field names to numbers, strings, bytes, lists and mappings, whatever the encoding was.
         input: Position of the log among the run's inputs.
@@ -28,14 +29,14 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """What a damaged log no longer holds.
+    """Part of a damaged log that is lost.
 
     Attributes:
-        what: Words for a person: where the damage is and what was done.
+        what: For a person: where the damage is and what was done.
         offset: Byte offset in the file at which whole records end.
         bytes: Number of bytes that could not be used.
-        messages: Number of messages in them; None when nothing in the file says.
-        first_ns: Earliest time that they may have [ns, UTC]; None when nothing in the file says.
+        messages: Number of messages in them; None when the file does not state it.
+        first_ns: Earliest time that they may have [ns, UTC]; None when the file does not state it.
         last_ns: Latest.
     """
 
@@ -49,17 +50,17 @@ class Loss:
 
 @dataclass(frozen=True, slots=True)
 class LogReport:
-    """What a reader met in one log, complete once its messages were read to the end.
+    """What a reader found in one log, complete once its messages were read to the end.
 
     Attributes:
         path: The log.
         format: ``mcap``, ``tlog``, ``dataflash``, ``seaglider``, ``pd0`` or ``ad2cp``.
-        read: Messages met, by topic, decoded or not.
+        read: Messages found, by topic, decoded or not.
         undecodable: Topic to (count, reason) for what no decoder could read.
-        losses: Damage met; empty for a sound file.
+        losses: Damage found; empty for a sound file.
         without_stamp: Messages ordered by their log time although the clock is ``header``, because they carry no stamp.
-        unchecked: What no checksum covers, so that damage in it would pass unseen: kind to count.
-        notes: What a user should know of its clocks, in words.
+        unchecked: What no checksum covers, so that damage to it cannot be detected: kind to count.
+        notes: What a user should know about its clocks.
     """
 
     path: str
@@ -72,8 +73,8 @@ class LogReport:
     notes: tuple[str, ...] = ()
 
 
-class LogReader(Protocol):
-    """A log opened for one pass of reading."""
+class LogReader(AbstractContextManager["LogReader"], Protocol):
+    """A log opened for reading, a context whose end closes the passes that were not finished."""
 
     path: str
     format: str
@@ -83,5 +84,5 @@ class LogReader(Protocol):
         ...
 
     def report(self) -> LogReport:
-        """Return what was met so far."""
+        """Return what was found so far."""
         ...

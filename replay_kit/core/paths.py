@@ -1,4 +1,4 @@
-"""Whether outputs may be written where they are asked for, without harm to an input."""
+"""Names of input and output files: whether each output may be written, checked before any work begins."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -9,24 +9,23 @@ from replay_kit.core.errors import ConfigError
 def check_paths(
     inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool, may_exist: Iterable[Path | None] = ()
 ) -> None:
-    """Raise ConfigError when an output cannot or may not be written; nothing is read, so this comes before all work.
+    """Raise ConfigError when an output cannot or may not be written; the contents of no file are read.
 
     Args:
-        inputs: Files and stores (folders) that are read; None and names that do not exist are none.
-        outputs: Files that will be written, each as ``NAME.part`` first; None and ``-``, standard output, are none.
+        inputs: Files and stores (folders) to read; None and names that do not exist are ignored.
+        outputs: Files to write, each first as ``NAME.part``; None and ``-``, standard output, are ignored.
         overwrite: Whether an existing output is replaced; an input never is.
-        may_exist: Outputs that a run goes on with when they exist.
+        may_exist: Outputs that may exist because a run continues from them.
     """
     kept = [path for path in may_exist if path is not None]
     read = [path for path in inputs if path is not None]
     wanted = [path for path in outputs if path is not None and str(path) != "-"] + kept
     for position, path in enumerate(wanted):
-        part = path.with_name(path.name + ".part") if path.name else path
-        if any(_touches(name, source) for name in (path, part) for source in read):
+        names = (path, _part(path)) if path.name else (path,)
+        if any(_touches(name, source) for name in names for source in read):
             raise ConfigError(f"{path}: is an input of this run; an input is never overwritten: choose another name")
-        if any(_same(name, other) for name in (path, part) for other in wanted[:position]) or any(
-            _same(path, other.with_name(other.name + ".part")) for other in wanted[:position]
-        ):
+        earlier = wanted[:position]
+        if any(_same(name, other) for name in names for other in earlier) or any(_same(path, _part(other)) for other in earlier):
             raise ConfigError(f"{path}: two outputs have this name; choose another for one of them")
         if path.is_dir():
             raise ConfigError(f"{path}: is a folder; give the name of a file")
@@ -44,6 +43,11 @@ def is_stream(path: Path) -> bool:
 def truth_path(spec: str | None) -> Path | None:
     """Return the file of a truth given as ``PATH`` or ``PATH#MEMBER``."""
     return None if spec is None else Path(spec.partition("#")[0])
+
+
+def _part(path: Path) -> Path:
+    """Return the name of an output while it is written."""
+    return path.with_name(path.name + ".part")
 
 
 def _same(path: Path, other: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -182,14 +183,14 @@ class ReducedBasisEstimator:
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the current estimate that a state stands for; its covariance is computed when first asked for."""
-        return self.flow_of(state.mean, state.posterior.covariance, state.time_ns)
+        return self.flow_of(state.mean, cache(state.posterior.covariance), state.time_ns)
 
-    def flow_of(self, mean: Array, covariance: Array | Callable[[], Array], time_ns: int | None) -> FlowEstimate:
+    def flow_of(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
         """Return the current estimate of weights.
 
         Args:
             mean: shape (Z r,).
-            covariance: shape (Z r, Z r), or what computes it.
+            covariance: shape (Z r, Z r), or what computes that of some levels, None for all.
             time_ns: Of the last observation used [ns, UTC]; None for the forecast's.
         """
         latent = self.basis.offset + self.basis.modes @ mean.reshape(self.basis.grid.levels.size, -1).T

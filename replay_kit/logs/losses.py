@@ -1,6 +1,7 @@
-"""What a damaged log lost, as a sentence and as JSON."""
+"""What a reader reports of a log, damage above all, as lines for a person and as JSON."""
 
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from replay_kit.core.message import LogReport, Loss
 def loss_words(loss: Loss) -> str:
     """Return what was lost in bytes, messages and time."""
     messages = "an unknown number of messages" if loss.messages is None else f"{loss.messages} messages"
-    span = "" if loss.first_ns is None or loss.last_ns is None else f" of {_iso(loss.first_ns)} to {_iso(loss.last_ns)}"
+    span = "" if loss.first_ns is None or loss.last_ns is None else f" of {iso_time(loss.first_ns)} to {iso_time(loss.last_ns)}"
     return f"{loss.what} ({loss.bytes} bytes, from byte {loss.offset}; {messages}{span if loss.messages != 0 else ''})"
 
 
@@ -21,17 +22,37 @@ def loss_json(loss: Loss) -> dict[str, Any]:
         "offset": loss.offset,
         "bytes": loss.bytes,
         "messages": loss.messages,
-        "first": None if loss.first_ns is None else _iso(loss.first_ns),
-        "last": None if loss.last_ns is None else _iso(loss.last_ns),
+        "first": None if loss.first_ns is None else iso_time(loss.first_ns),
+        "last": None if loss.last_ns is None else iso_time(loss.last_ns),
     }
 
 
+def loss_lines(report: LogReport) -> Iterator[str]:
+    """Yield a line for each loss of a log."""
+    return (f"LOST: {report.path}: {loss_words(loss)}" for loss in report.losses)
+
+
+def note_lines(report: LogReport) -> Iterator[str]:
+    """Yield a line for each note on a log's clocks."""
+    return (f"Note: {report.path}: {note}" for note in report.notes)
+
+
+def undecodable_lines(undecodable: Mapping[str, tuple[int, str]]) -> Iterator[str]:
+    """Yield a line for each topic with messages that no decoder could read; as in ``LogReport.undecodable``."""
+    return (f"Cannot be decoded: {count} x {topic}: {reason}" for topic, (count, reason) in undecodable.items())
+
+
+def undecodable_json(undecodable: Mapping[str, tuple[int, str]]) -> dict[str, Any]:
+    """Return the messages that no decoder could read for JSON, by topic."""
+    return {topic: {"count": count, "reason": reason} for topic, (count, reason) in undecodable.items()}
+
+
 def unchecked_words(report: LogReport) -> str:
-    """Return what no checksum of a log covers, where damage would pass unseen; empty when all is covered."""
+    """Return what no checksum of a log covers, where damage cannot be detected; empty when all is covered."""
     return ", ".join(f"{kind} ({count})" for kind, count in report.unchecked.items())
 
 
-def _iso(time_ns: int) -> str:
-    # a damaged stamp may be anything
+def iso_time(time_ns: int, unit: Literal["s", "ms"] = "ms") -> str:
+    """Return a time as ISO 8601 UTC; one outside 0 to 2**63 - 1 ns, as a damaged stamp may be, is given as the nearest inside."""
     clipped = min(max(time_ns, 0), 2**63 - 1)
-    return f"{np.datetime_as_string(np.datetime64(clipped, 'ns'), unit='ms')}Z"
+    return f"{np.datetime_as_string(np.datetime64(clipped, 'ns'), unit=unit)}Z"

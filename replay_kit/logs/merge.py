@@ -3,102 +3,85 @@
 import heapq
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
-#: Last part of the topics, and words in them, whose messages say how things are and come once, when a recording begins.
-_ONCE_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})
-_ONCE_WORDS = ("config", "parameter")
+from replay_kit.core.message import Message
+from replay_kit.logs.raw import RawMessage
+
+#: Last part of latched topics, and words in it: their messages come once, when a recording begins, and hold from then on.
+_LATCHED_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})
+_LATCHED_WORDS = ("config", "parameter")
 
 
-class _Dated(Protocol):
-    """What can be merged: a decoded message, or one as it stands in its file."""
-
-    @property
-    def time_ns(self) -> int: ...
-    @property
-    def topic(self) -> str: ...
-    @property
-    def input(self) -> int: ...
-    @property
-    def position(self) -> int: ...
+_T = TypeVar("_T", bound=Message | RawMessage)
+_Read = TypeVar("_Read", bound=Message | RawMessage, covariant=True)
 
 
-_T = TypeVar("_T", bound=_Dated)
-_Given = TypeVar("_Given", bound=_Dated, covariant=True)
-
-
-class Source(Protocol[_Given]):
+class Source(Protocol[_Read]):
     """A log opened for reading."""
 
-    def messages(self) -> Iterator[_Given]:
+    def messages(self) -> Iterator[_Read]:
         """Yield the messages in the file's order."""
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Merge(Generic[_T]):
     """Several logs as one stream, ordered by (time, input, position).
 
-    Each log is put in order on its own: a message is held back until its log has shown one that is newer by more than the
-    window. What still comes too late, older than a message of the same log that was already given, is left out and counted.
+    Each log is sorted on its own: a message is held back until one comes that is newer by more than the window. A late message,
+    older than one of the same log that was already yielded, is left out and counted. Each iteration reads the logs anew.
+
+    Attributes:
+        readers: The logs; each has an ``input`` of its own in its messages.
+        reorder_window_s: How long a message is held back [s, in the logs' time].
+        start_ns: Earlier messages are left out [ns, UTC], save those of latched topics, ``is_latched``; None for no limit.
+        end_ns: Later messages are left out [ns, UTC]; the logs are still read to their end, so that reports are complete.
+        keep_late: Yield late messages as they come, out of order: for copies, which must lose nothing.
     """
 
-    def __init__(
-        self,
-        readers: Sequence[Source[_T]],
-        reorder_window_s: float,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        keep_late: bool = False,
-    ) -> None:
-        """Remember what to merge; nothing is read before the iteration.
-
-        Args:
-            readers: The logs; each has an ``input`` of its own in its messages.
-            reorder_window_s: How long a message is held back [s, in the logs' time].
-            start_ns: Earlier messages are not given [ns, UTC], but those that come once are, ``said_once``; None for no limit.
-            end_ns: Later messages are not given [ns, UTC]; the logs are still read to their end, so that reports are complete.
-            keep_late: Give what comes too late as soon as it comes, out of order: for copies, which must lose nothing.
-        """
-        self._readers = tuple(readers)
-        self._window_ns = round(reorder_window_s * 1e9)
-        self._start_ns = start_ns
-        self._end_ns = end_ns
-        self._keep_late = keep_late
-        self._late: Counter[str] = Counter()
+    readers: Sequence[Source[_T]]
+    reorder_window_s: float
+    start_ns: int | None = None
+    end_ns: int | None = None
+    keep_late: bool = False
+    _late: Counter[str] = field(default_factory=Counter, init=False, repr=False)
 
     @property
     def late(self) -> Mapping[str, int]:
-        """Messages left out because they came too late, by topic; complete once the iteration is."""
+        """Late messages left out, by topic; complete once the iteration is."""
         return dict(self._late)
 
     def __iter__(self) -> Iterator[_T]:
         """Yield the messages from ``start_ns`` to ``end_ns``, both included; each iteration reads the logs anew."""
-        self._late = Counter()
-        ordered = [self._ordered(reader) for reader in self._readers]
+        self._late.clear()
+        ordered = [self._ordered(reader) for reader in self.readers]
         merged = ordered[0] if len(ordered) == 1 else heapq.merge(*ordered, key=_order)
-        yield from merged if self._start_ns is None and self._end_ns is None else filter(self._wanted, merged)
+        yield from merged if self.start_ns is None and self.end_ns is None else filter(self._wanted, merged)
 
     def _wanted(self, message: _T) -> bool:
-        if self._end_ns is not None and message.time_ns > self._end_ns:
+        if self.end_ns is not None and message.time_ns > self.end_ns:
             return False
-        return self._start_ns is None or message.time_ns >= self._start_ns or said_once(message.topic)
+        return self.start_ns is None or message.time_ns >= self.start_ns or is_latched(message.topic)
 
     def _ordered(self, reader: Source[_T]) -> Iterator[_T]:
         """Yield one log's messages in order; late ones within the wanted time are counted."""
+        window_ns = round(self.reorder_window_s * 1e9)
         held: list[tuple[int, int, _T]] = []
-        newest = given = -(2**63)
+        newest = yielded = -(2**63)
         for message in reader.messages():
             time_ns = message.time_ns
-            if time_ns < given:
-                if self._keep_late:
+            if time_ns < yielded:
+                if self.keep_late:
                     yield message
                 elif self._wanted(message):
                     self._late[message.topic] += 1
                 continue
             heapq.heappush(held, (time_ns, message.position, message))
             newest = max(newest, time_ns)
-            while newest - held[0][0] > self._window_ns:
-                given, _, oldest = heapq.heappop(held)
+            while newest - held[0][0] > window_ns:
+                yielded, _, oldest = heapq.heappop(held)
                 yield oldest
         while held:
             yield heapq.heappop(held)[2]
@@ -116,17 +99,17 @@ def merge(
     Args:
         readers: The logs, each with an input number of its own.
         reorder_window_s: How long a message is held back to let older ones pass [s].
-        start_ns: First time given [ns, UTC]; None for no limit.
-        end_ns: Last time given [ns, UTC]; None for no limit.
-        keep_late: Whether what comes too late is given out of order instead of left out.
+        start_ns: First time yielded [ns, UTC]; None for no limit.
+        end_ns: Last time yielded [ns, UTC]; None for no limit.
+        keep_late: Whether late messages are yielded out of order instead of left out.
     """
     return Merge(readers, reorder_window_s, start_ns, end_ns, keep_late)
 
 
-def said_once(topic: str) -> bool:
-    """Return whether a topic tells how things are (static transforms, parameters, configuration), which stays true later on."""
+def is_latched(topic: str) -> bool:
+    """Return whether a topic is latched: its messages (static transforms, parameters, configuration) stay valid from then on."""
     last = topic.rsplit("/", 1)[-1]
-    return last in _ONCE_TOPICS or any(word in last.lower() for word in _ONCE_WORDS)
+    return last in _LATCHED_TOPICS or any(word in last.lower() for word in _LATCHED_WORDS)
 
 
 def _order(message: _T) -> tuple[int, int, int]:

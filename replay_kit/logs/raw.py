@@ -1,6 +1,7 @@
-"""Messages as they stand in a file, undecoded, for whoever copies them."""
+"""Messages as they are in a file, undecoded, for copies."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 #: Encoding of channels that hold the frames of a telemetry log as they were: no schema, log time is the entry's stamp.
 MAVLINK_FRAMES = "mavlink"
@@ -8,7 +9,7 @@ MAVLINK_FRAMES = "mavlink"
 
 @dataclass(frozen=True, slots=True)
 class RawChannel:
-    """What an MCAP file says of a channel.
+    """A channel as an MCAP file declares it.
 
     Attributes:
         number: Tells it from others of the same topic in its file.
@@ -25,18 +26,17 @@ class RawChannel:
     schema: tuple[str, str, bytes] | None
 
 
-@dataclass(slots=True)
-class RawMessage:
-    """A message, its bytes untouched.
+class RawMessage(NamedTuple):
+    """A message, its bytes untouched; a tuple for the same reason as ``Message``.
 
     Attributes:
         time_ns: The time that orders it, by the clock asked for [ns].
         input: Position of the log among the run's inputs.
         position: Ordinal in that log.
         channel: Where it was sent.
-        sequence: As the file gives it.
-        log_ns: As the file gives it.
-        publish_ns: As the file gives it.
+        sequence: As in the file.
+        log_ns: As in the file.
+        publish_ns: As in the file.
         data: The payload.
     """
 

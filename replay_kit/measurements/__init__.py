@@ -3,7 +3,7 @@
 from replay_kit.measurements.events import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.measurements.interpret import MAVLINK_NAMES, finish, initial_state, interpret, observations
 from replay_kit.measurements.mapping.suggest import suggestions
-from replay_kit.measurements.state import MeasurementState
+from replay_kit.measurements.steps.state import MeasurementState
 
 __all__ = [
     "MAVLINK_NAMES",

@@ -1,4 +1,4 @@
-"""What the measurement step says of each message."""
+"""The events of the measurement step: positions, measurements, and whether each message was used."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class Used:
 
     Attributes:
         topic: Its topic.
-        checks: What the quality tests said of the ping that it completed.
+        checks: Results of the quality tests of the ping that it completed.
     """
 
     topic: str

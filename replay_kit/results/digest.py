@@ -1,4 +1,4 @@
-"""What a result's messages amount to: a repeated run can be compared with it on its way."""
+"""Digests of a result's messages, with which a repeated run is compared as it goes."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ DIGEST_NAME = "replay_kit.digest"
 
 @dataclass(frozen=True, slots=True)
 class Digest:
-    """What a result's messages amount to up to some place.
+    """The digest of a result's messages up to some place.
 
     Attributes:
         time_ns: When in the log [ns, UTC].

@@ -1,7 +1,7 @@
-"""What a result was given so far, on the disk: from it an interrupted run's result is written again, byte for byte.
+"""The journal of a result: from it the result of an interrupted run is written again, byte for byte.
 
-The library that writes results cannot be stopped and started again within a file. It writes the same bytes when it is told the same
-in the same order; the journal is what it was told. An entry is the lengths and CRC-32 of its head (JSON) and its data, then both.
+The library that writes results cannot continue an unfinished file, but the same calls in the same order give the same bytes; the journal
+records these calls. An entry is the lengths and CRC-32 of its head (JSON) and its data, then both.
 """
 
 import os
@@ -23,10 +23,10 @@ class Journal:
     """An append-only file of heads and data."""
 
     def __init__(self, path: Path, length: int = 0) -> None:
-        """Open the file and forget what follows its first bytes, which a run that was stopped had not confirmed.
+        """Open the file and cut off what follows its first bytes, which the interrupted run had not confirmed.
 
         Args:
-            path: The file; it is made when it does not exist.
+            path: The file; it is created when it does not exist.
             length: Bytes kept.
 
         Raises:

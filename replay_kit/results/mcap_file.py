@@ -1,6 +1,6 @@
-"""The file of a result: messages, attachments and metadata as they come, under a temporary name until it is whole.
+"""The file of a result: messages, attachments and metadata as they come, under a temporary name until it is complete.
 
-Everything that it is told goes into a journal too, if there is one, from which it can be made again byte for byte.
+Everything written is also appended to a journal, if there is one, from which the file can be written again byte for byte.
 """
 
 import hashlib
@@ -11,7 +11,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from mcap.writer import CompressionType, Writer
 
@@ -26,19 +27,21 @@ from replay_kit.results.readback import check_written
 #: Name, encoding and definition of a schema.
 Definition = tuple[str, str, bytes]
 
-#: The input number of the channels that are ours.
+#: Input number of the result's own channels.
 _OURS = -1
-#: Topics that are the result's own, and what others of its own begin with: an input's messages on such a topic go below ``/input``.
+#: Topics of the result itself, and the beginnings of others.
 _OWN_TOPICS = ("/tf", "/vehicle/fix", "/log")
 _OWN_FOLDERS = ("/flow/", "/plan/")
 
 
 class ResultFile:
-    """An MCAP file that gets its name when it was read back.
+    """An MCAP file that gets its name after it was read back; a context manager that completes the file when its block ends well.
+
+    After an exception or an interrupt the file stays as ``OUT.mcap.part``, closed and readable up to there.
 
     Attributes:
         path: Its name.
-        part: Its name until it is whole.
+        part: Its name until it is complete.
         last_time_ns: Latest time of a message [ns, UTC].
     """
 
@@ -48,7 +51,7 @@ class ResultFile:
         Args:
             path: The result file.
             overwrite: Replace an existing result.
-            journal: Is told everything that the file is.
+            journal: Records everything that is written.
 
         Raises:
             ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
@@ -73,7 +76,18 @@ class ResultFile:
         self._journal = journal
         self._open = True
 
-    def write(self, topic: str, schema: Callable[[], Definition], data: bytes, time_ns: int) -> None:
+    def __enter__(self) -> Self:
+        """Return the file."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Complete the file, or leave it as ``.part`` when the block raised."""
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+    def write_message(self, topic: str, schema: Callable[[], Definition], data: bytes, time_ns: int) -> None:
         """Write a message.
 
         Args:
@@ -88,9 +102,9 @@ class ResultFile:
             if number is None:
                 name, encoding, definition = schema()
                 number = self._channels[topic] = self._out.number(_OURS, RawChannel(0, topic, "protobuf", (), (name, encoding, definition)))
-                self._tell({"kind": "schema", "topic": topic, "name": name, "encoding": encoding}, definition)
+                self._record({"kind": "schema", "topic": topic, "name": name, "encoding": encoding}, definition)
             self._writer.add_message(number, time_ns, data, time_ns, self._counts[topic])
-        self._tell({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
+        self._record({"kind": "message", "topic": topic, "time_ns": time_ns}, data)
         self._digest.update(f"{topic}\0{time_ns}\0{len(data)}\0".encode() + data)
         self._counts[topic] += 1
         self.last_time_ns = max(self.last_time_ns, time_ns)
@@ -99,47 +113,47 @@ class ResultFile:
         """Write an attachment."""
         with self._storing(f"attach {name}"):
             self._writer.add_attachment(create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data)
-        self._tell({"kind": "attachment", "time_ns": time_ns, "name": name, "media_type": media_type}, data)
+        self._record({"kind": "attachment", "time_ns": time_ns, "name": name, "media_type": media_type}, data)
         self._attachments += 1
 
-    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+    def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         with self._storing(f"write the metadata {name}"):
             self._writer.add_metadata(name, dict(values))
-        self._tell({"kind": "metadata", "name": name, "values": dict(values)}, b"")
+        self._record({"kind": "metadata", "name": name, "values": dict(values)}, b"")
 
     def copy(self, source: Iterator[RawMessage]) -> None:
-        """Write an input's messages as they are; those on a topic of the result's own go to ``/input`` and their topic.
+        """Write an input's messages unchanged; ``/input`` is put before a topic that is also one of the result's own.
 
         Args:
             source: The messages of all logs.
         """
-        self._tell({"kind": "copies"}, b"")
+        self._record({"kind": "copies"}, b"")
         renamed: dict[RawChannel, RawChannel] = {}
         with self._storing("copy the inputs"):
             for message in source:
-                channel = renamed.get(message.channel) or renamed.setdefault(message.channel, _beside_ours(message.channel))
+                channel = renamed.get(message.channel) or renamed.setdefault(message.channel, _renamed(message.channel))
                 number = self._out.number(message.input, channel)
                 self._writer.add_message(number, message.log_ns, message.data, message.publish_ns, message.sequence)
                 self._counts[channel.topic] += 1
 
-    def checkpoint(self) -> None:
-        """Put everything written so far on the disk as whole chunks, from which ``convert`` has it back after a power cut."""
+    def flush(self) -> None:
+        """Put everything written so far on the disk as whole chunks, from which ``convert`` recovers it after a power cut."""
         with self._storing("write"):
             self._writer.flush()  # type: ignore[no-untyped-call]
             os.fsync(self._file.fileno())
-        self._tell({"kind": "checkpoint"}, b"")
+        self._record({"kind": "checkpoint"}, b"")
 
-    def digest(self, time_ns: int) -> Digest:
-        """Return what the messages so far amount to."""
+    def current_digest(self, time_ns: int) -> Digest:
+        """Return the digest of the messages so far."""
         return Digest(time_ns, self._counts.total(), self._digest.hexdigest())
 
-    def write_again(self, entries: Iterable[tuple[dict[str, Any], bytes]], copy_again: Callable[[], None]) -> None:
-        """Write what an interrupted run had written.
+    def write_entries(self, entries: Iterable[tuple[dict[str, Any], bytes]], copy_inputs: Callable[[], None]) -> None:
+        """Write what is recorded in a journal.
 
         Args:
-            entries: Of its journal; they are not told to this file's.
-            copy_again: Copies the inputs, which no journal repeats.
+            entries: Of the journal; they are not recorded again.
+            copy_inputs: Copies the inputs, which the journal does not hold.
         """
         journal, self._journal = self._journal, None
         schemas: dict[str, Definition] = {}
@@ -147,23 +161,23 @@ class ResultFile:
             if head["kind"] == "schema":
                 schemas[head["topic"]] = (head["name"], head["encoding"], data)
             elif head["kind"] == "message":
-                self.write(head["topic"], partial(schemas.__getitem__, head["topic"]), data, head["time_ns"])
+                self.write_message(head["topic"], partial(schemas.__getitem__, head["topic"]), data, head["time_ns"])
             elif head["kind"] == "attachment":
                 self.attach(head["time_ns"], head["name"], head["media_type"], data)
             elif head["kind"] == "copies":
-                copy_again()
+                copy_inputs()
             elif head["kind"] == "checkpoint":
-                self.checkpoint()
+                self.flush()
             else:
-                self.metadata(head["name"], head["values"])
+                self.write_metadata(head["name"], head["values"])
         self._journal = journal
 
     def close(self) -> None:
         """Complete the file, read it back and give it its name; a second call does nothing.
 
         Raises:
-            ReplayKitError: The file could not be written whole; it stays as ``.part``.
-            ConfigError: A result appeared under the name meanwhile and may not be replaced; ours stays as ``.part``.
+            ReplayKitError: The file could not be written completely; it stays as ``.part``.
+            ConfigError: Meanwhile a file of this name appeared, which may not be replaced; the result stays as ``.part``.
         """
         if not self._open:
             return
@@ -198,7 +212,7 @@ class ResultFile:
             with suppress(OSError):
                 self._file.close()
 
-    def _tell(self, head: dict[str, Any], data: bytes) -> None:
+    def _record(self, head: dict[str, Any], data: bytes) -> None:
         if self._journal is not None:
             self._journal.append(head, data)
 
@@ -218,8 +232,8 @@ class ResultFile:
             raise ConfigError(f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere")
 
 
-def _beside_ours(channel: RawChannel) -> RawChannel:
-    """Return an input's channel under a name that is none of the result's."""
+def _renamed(channel: RawChannel) -> RawChannel:
+    """Return an input's channel, with ``/input`` before a topic that is also one of the result's own."""
     if channel.topic not in _OWN_TOPICS and not channel.topic.startswith(_OWN_FOLDERS):
         return channel
     return replace(channel, topic=f"/input{channel.topic}")

@@ -1,4 +1,4 @@
-"""The estimate inside a result MCAP, for whoever plans or reports on it later."""
+"""The last estimate in a result MCAP, read back for planning and analysis."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def read_estimate(path: Path) -> FlowEstimate:
     except OSError as error:
         raise ForecastError(f"{path}: cannot read the result: {error.strerror}") from error
     except (McapError, ValueError) as error:
-        raise ForecastError(f"{path}: not a whole MCAP: {error!r}") from error
+        raise ForecastError(f"{path}: not a complete MCAP: {error!r}") from error
     if not attachments:
         raise ForecastError(f"{path}: carries no {ESTIMATE_NAME}; expected a result of replay-kit replay")
     return load_bytes(attachments[-1], f"{path}#{ESTIMATE_NAME}")

@@ -1,12 +1,11 @@
-"""The result MCAP: everything a run found, in stock Foxglove messages where one exists.
+"""The result MCAP: all results of a run, in stock Foxglove messages where one exists.
 
-The file is written as ``OUT.mcap.part`` and gets its name only when it is whole on the disk and was read back. Times in it
+The file is written as ``OUT.mcap.part`` and gets its name only when it is complete on the disk and was read back. Times in it
 are those of the events, never of the writing, so that the same run gives the same bytes.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 import foxglove
@@ -19,7 +18,6 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
-from replay_kit.logs.raw import RawMessage
 from replay_kit.results import messages
 from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.journal import Journal
@@ -39,11 +37,8 @@ class _Encodable(Protocol):
     def get_schema() -> foxglove.Schema: ...
 
 
-class ResultWriter:
-    """Writes one result MCAP; a context manager that publishes the file when its block ends well.
-
-    After an exception or an interrupt the file stays as ``OUT.mcap.part``, closed and readable up to there.
-    """
+class ResultWriter(ResultFile):
+    """Writes the values of a run to one result MCAP."""
 
     def __init__(
         self, path: Path, overwrite: bool = False, on_digest: Callable[[Digest], None] | None = None, journal: Journal | None = None
@@ -54,39 +49,18 @@ class ResultWriter:
             path: The result file.
             overwrite: Replace an existing result.
             on_digest: Called with each digest written.
-            journal: Is told everything that the file is.
+            journal: Records everything that is written.
 
         Raises:
             ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
         """
-        self._file = ResultFile(path, overwrite, journal)
+        super().__init__(path, overwrite, journal)
         self._accepted = 0
         self._arrow_scale: float | None = None
         self._on_digest = on_digest
 
-    @property
-    def path(self) -> Path:
-        """The result file."""
-        return self._file.path
-
-    @property
-    def part(self) -> Path:
-        """The file's name until it is whole."""
-        return self._file.part
-
-    def __enter__(self) -> "ResultWriter":
-        """Return the writer."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Publish the file, or leave it as ``.part`` when the block raised."""
-        if kind is None:
-            self.close()
-        else:
-            self.abandon()
-
     def start(self, projection: Projection, time_ns: int, metadata: Mapping[str, Mapping[str, str]], config_toml: str) -> None:
-        """Write what holds for the whole run: the frame, the metadata records and the configuration.
+        """Write what applies to the whole run: the frame, the metadata records and the configuration.
 
         Args:
             projection: The local frame, which the messages call ``map``.
@@ -95,23 +69,23 @@ class ResultWriter:
             config_toml: The configuration, attached as ``config.toml``.
         """
         self._log("/tf", messages.frame_transform(time_ns), time_ns)
-        self._file.metadata("contract", {"version": str(CONTRACT_VERSION), "replay_kit": __version__})
+        self.write_metadata("contract", {"version": str(CONTRACT_VERSION), "replay_kit": __version__})
         frame = {
             "projection": "azimuthal equidistant, WGS84",
             "longitude": repr(float(projection.longitude)),
             "latitude": repr(float(projection.latitude)),
         }
-        self._file.metadata("frame map", frame)
+        self.write_metadata("frame map", frame)
         for name, values in metadata.items():
-            self._file.metadata(name, values)
-        self._file.attach(time_ns, CONFIG_NAME, "application/toml", config_toml.encode())
+            self.write_metadata(name, values)
+        self.attach(time_ns, CONFIG_NAME, "application/toml", config_toml.encode())
 
     def fix(self, state: VehicleState) -> None:
         """Write a position to ``/vehicle/fix``."""
         self._log("/vehicle/fix", messages.location_fix(state), state.time_ns)
 
     def innovation(self, value: Innovation) -> None:
-        """Write what an observation said against the prediction to ``/flow/innovation``."""
+        """Write the innovation of an observation to ``/flow/innovation``."""
         self._log_own("/flow/innovation", "Innovation", messages.innovation(value), value.time_ns)
         self._accepted += bool(value.accepted)
 
@@ -129,7 +103,7 @@ class ResultWriter:
     def grids(self, time_ns: int, flow: FlowEstimate, depths: Sequence[float]) -> None:
         """Write depth slices to ``/flow/grid/{depth}m`` and ``/flow/arrows/{depth}m``.
 
-        The first flow that moves sets the length of arrows for the whole file, so that later ones compare.
+        The first flow that moves sets the scale of the arrows of the whole file, so that later ones can be compared.
 
         Args:
             time_ns: [ns, UTC].
@@ -141,7 +115,7 @@ class ResultWriter:
         for value in slices:
             self._log(f"/flow/grid/{value.depth:g}m", grid_message(time_ns, value), time_ns)
             self._log(f"/flow/arrows/{value.depth:g}m", arrows_message(time_ns, value, self._arrow_scale or 0.0), time_ns)
-        self._file.checkpoint()
+        self.flush()
 
     def plan(self, plan: Plan, projection: Projection) -> None:
         """Write a plan to ``/plan/path``, ``/plan/geojson`` and ``/plan/controls``.
@@ -156,7 +130,7 @@ class ResultWriter:
         self._log_own("/plan/controls", "Plan", messages.plan_controls(plan), time_ns)
 
     def outcome(self, outcome: Outcome) -> None:
-        """Write a plan's next surfacing beside the vehicle's to ``/plan/outcome``."""
+        """Write a predicted surfacing with the actual one to ``/plan/outcome``."""
         self._log_own("/plan/outcome", "PlanOutcome", messages.plan_outcome(outcome), outcome.time_ns)
 
     def log(self, time_ns: int, level: messages.Level, text: str) -> None:
@@ -164,37 +138,29 @@ class ResultWriter:
         self._log("/log", messages.log_message(time_ns, level, text), time_ns)
 
     def digest(self, time_ns: int) -> None:
-        """Write what the messages so far amount to as a metadata record, so that a repeated run can be compared on its way."""
-        value = self._file.digest(time_ns)
-        self._file.metadata(DIGEST_NAME, {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256})
+        """Write the digest of the messages so far as a metadata record, with which ``verify`` compares a repeated run as it goes."""
+        value = self.current_digest(time_ns)
+        self.write_metadata(DIGEST_NAME, {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256})
         if self._on_digest is not None:
             self._on_digest(value)
 
     @property
-    def memory(self) -> tuple[int, float | None]:
-        """What the writer knows beside the file: accepted innovations, and the length of arrows."""
+    def state(self) -> tuple[int, float | None]:
+        """What the writer remembers beside the file: the number of accepted innovations, and the arrow scale."""
         return self._accepted, self._arrow_scale
 
-    def write_again(
-        self, entries: Iterable[tuple[dict[str, Any], bytes]], memory: tuple[int, float | None], copy_again: Callable[[], None]
+    def replay_journal(
+        self, entries: Iterable[tuple[dict[str, Any], bytes]], state: tuple[int, float | None], copy_inputs: Callable[[], None]
     ) -> None:
         """Write what an interrupted run had written.
 
         Args:
-            entries: Of its journal; they are not told to this writer's.
-            memory: Its ``memory``.
-            copy_again: Copies the inputs, which no journal repeats.
+            entries: Of its journal; they are not recorded again.
+            state: Its ``state``.
+            copy_inputs: Copies the inputs, which the journal does not hold.
         """
-        self._file.write_again(entries, copy_again)
-        self._accepted, self._arrow_scale = memory
-
-    def copy(self, source: Iterator[RawMessage]) -> None:
-        """Write an input's messages as they are; those on a topic of the result's own go to ``/input`` and their topic.
-
-        Args:
-            source: The messages of all logs.
-        """
-        self._file.copy(source)
+        self.write_entries(entries, copy_inputs)
+        self._accepted, self._arrow_scale = state
 
     def finish(self, flow: FlowEstimate) -> None:
         """Attach the last estimate without loss, with its covariance, as ``estimate.nc``; then close.
@@ -202,32 +168,15 @@ class ResultWriter:
         Raises:
             ReplayKitError: As for ``close``.
         """
-        time_ns = self._file.last_time_ns if flow.time_ns is None else flow.time_ns
-        self._file.attach(time_ns, ESTIMATE_NAME, "application/netcdf", save_bytes(flow))
+        time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
+        self.attach(time_ns, ESTIMATE_NAME, "application/netcdf", save_bytes(flow))
         self.close()
 
-    def close(self) -> None:
-        """Complete the file, read it back and give it its name; a second call does nothing.
-
-        Raises:
-            ReplayKitError: The file could not be written whole; it stays as ``.part``.
-            ConfigError: A result appeared under the name meanwhile and may not be replaced; ours stays as ``.part``.
-        """
-        self._file.close()
-
-    def abandon(self) -> None:
-        """Stop: what was written so far stays as ``.part``; on a closed result this does nothing."""
-        self._file.abandon()
-
-    def discard(self) -> None:
-        """Stop and leave nothing; on a closed result this does nothing."""
-        self._file.discard()
-
     def _log(self, topic: str, message: _Encodable, time_ns: int) -> None:
-        self._file.write(topic, lambda: _definition(message.get_schema()), message.encode(), time_ns)
+        self.write_message(topic, lambda: _definition(message.get_schema()), message.encode(), time_ns)
 
     def _log_own(self, topic: str, name: str, data: bytes, time_ns: int) -> None:
-        self._file.write(topic, lambda: (f"replay_kit.{name}", *_OWN_SCHEMA), data, time_ns)
+        self.write_message(topic, lambda: (f"replay_kit.{name}", *_OWN_SCHEMA), data, time_ns)
 
 
 def _definition(schema: foxglove.Schema) -> tuple[str, str, bytes]:

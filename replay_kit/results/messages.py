@@ -6,6 +6,7 @@ Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any, Literal
 
 import foxglove.messages as fox
@@ -16,7 +17,7 @@ from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
-from replay_kit.core.plan import Place, Plan
+from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
 from replay_kit.results.schemas import encode
 
@@ -33,6 +34,9 @@ _LEVELS = {
     "error": fox.LogLevel.Error,
 }
 _SECOND = 1_000_000_000
+# attributes that the messages have under the same names
+_OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic gate signal_dof prior_inflation"
+_OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time"
 
 
 def stamp(time_ns: int) -> fox.Timestamp:
@@ -81,35 +85,26 @@ def location_fix(state: VehicleState) -> fox.LocationFix:
 
 
 def log_message(time_ns: int, level: Level, text: str) -> fox.Log:
-    """Return a log line."""
+    """Return an event for ``/log``."""
     return fox.Log(timestamp=stamp(time_ns), level=_LEVELS[level], message=text, name="replay-kit")
 
 
 def innovation(value: Innovation) -> bytes:
     """Return ``replay_kit.Innovation``."""
+    source = value.source
     values: dict[str, Any] = {
         "timestamp": _time(value.time_ns),
-        "source_input": value.source.input,
-        "source_topic": value.source.topic,
-        "source_position": value.source.position,
-        "source_time": _time(value.source.time_ns),
-        "dive": value.dive,
-        "depth": value.depth,
-        "nis": value.nis,
-        "dof": value.dof,
+        "source_input": source.input,
+        "source_topic": source.topic,
+        "source_position": source.position,
+        "source_time": _time(source.time_ns),
         "accepted": bool(value.accepted),
-        "error_inflation": value.error_inflation,
         "flags": value.flags.tolist(),
         "reasons": value.reasons.tolist(),
-        "decision": value.decision,
-        "gate_statistic": value.gate_statistic,
-        "gate": value.gate,
-        "signal_dof": value.signal_dof,
-        "prior_inflation": value.prior_inflation,
     }
     for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
         values[f"{name}_east"], values[f"{name}_north"] = getattr(value, name).T
-    return encode("Innovation", values)
+    return encode("Innovation", values | _attributes(value, _OF_INNOVATION))
 
 
 def flow_estimate(time_ns: int, weights: Array, levels: Array, n_observations: int) -> bytes:
@@ -133,22 +128,14 @@ def plan_controls(plan: Plan) -> bytes:
         "Plan",
         {
             "timestamp": _time(plan.start_time_ns),
-            "status": plan.status,
-            "message": plan.message,
-            "start": _place(plan.start),
-            "goal": _place(plan.goal),
-            "heading_deg": plan.heading_deg,
-            "glide_angle_deg": plan.glide_angle_deg,
-            "speed": plan.speed,
-            "velocity_through_water": plan.velocity_through_water,
-            "duration": plan.duration,
-            "closest_approach": plan.closest_approach,
-            "track_time": plan.track_time,
+            "start": asdict(plan.start),
+            "goal": asdict(plan.goal),
             "track_east": track_east,
             "track_north": track_north,
             "track_depth": track_depth,
             "statistics": [{"name": name, "value": str(value)} for name, value in sorted(plan.statistics.items())],
-        },
+        }
+        | _attributes(plan, _OF_PLAN),
     )
 
 
@@ -243,5 +230,6 @@ def _time(time_ns: int) -> dict[str, int]:
     return {"seconds": time.sec, "nanos": time.nsec}
 
 
-def _place(place: Place) -> dict[str, float]:
-    return {"longitude": place.longitude, "latitude": place.latitude, "depth": place.depth}
+def _attributes(value: Innovation | Plan, names: str) -> dict[str, Any]:
+    """Return attributes that a message has under the same names."""
+    return {name: getattr(value, name) for name in names.split()}

@@ -1,4 +1,4 @@
-"""The check that a result file is whole, made before it gets its name."""
+"""The check that a result file is complete, made before it gets its name."""
 
 from collections import Counter
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Plans, and what became of the surfacings they said would be next, in words and as JSON."""
+"""Plans and their predictions of surfacings, as sentences and as JSON."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -25,7 +25,7 @@ def plan_json(plan: Plan) -> dict[str, Any]:
     }
 
 
-def plan_in_words(plan: Plan) -> str:
+def plan_sentence(plan: Plan) -> str:
     """Return a plan as a sentence."""
     if plan.status == "failed":
         return f"failed: {plan.message}"
@@ -56,17 +56,17 @@ def _outcome_json(outcome: Outcome) -> dict[str, Any]:
 
 
 def _figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    told = [outcome.inside for outcome in outcomes if outcome.inside is not None]
+    inside = [outcome.inside for outcome in outcomes if outcome.inside is not None]
     return {
         "count": len(outcomes),
         "distance_median_m": float(np.median([outcome.distance for outcome in outcomes])),
         "late_median_s": float(np.median([outcome.late for outcome in outcomes])),
-        "inside_ellipse": float(np.mean(told)) if told else None,
+        "inside_ellipse": float(np.mean(inside)) if inside else None,
     }
 
 
-def outcomes_in_words(outcomes: Sequence[Outcome]) -> str:
-    """Return how far some surfacings, one at least, were from where the plan before said, as a sentence."""
+def outcomes_sentence(outcomes: Sequence[Outcome]) -> str:
+    """Return the errors of the predictions of some surfacings, one at least, as a sentence."""
     figures = _figures(outcomes)
     share = figures["inside_ellipse"]
     return (

@@ -1,6 +1,1 @@
-"""Experiments: the estimator against its baselines on twins of a known truth."""
-
-from replay_kit.studies.accuracy import METHODS, AccuracyJob, AccuracyResult, AccuracyRow, run_accuracy
-from replay_kit.studies.accuracy_text import to_json
-
-__all__ = ["METHODS", "AccuracyJob", "AccuracyResult", "AccuracyRow", "run_accuracy", "to_json"]
+"""Studies of the estimator and the planners on simulated data with a known truth, and on the dives of real logs."""

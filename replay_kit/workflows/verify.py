@@ -20,7 +20,8 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.results import Difference, Digest, Recorded, first_difference, read_recorded
-from replay_kit.workflows.replay.job import Planner, ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.planner import Planner
 from replay_kit.workflows.replay.provenance import file_hash
 from replay_kit.workflows.replay.replay import replay
 

@@ -19,7 +19,7 @@ from replay_kit.logs.dataflash.formats import HEAD
 from replay_kit.logs.dataflash.reader import DataflashReader
 from replay_kit.logs.dataflash.records import read_records
 from replay_kit.logs.mavlink.frames import read_frames
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.shared.statistics import ReadStatistics
 from replay_kit.measurements import MAVLINK_NAMES
 from tests.benchmarks.estimator import Row, row
 from tests.benchmarks.measure import alone, peak_mb, seconds
@@ -32,7 +32,7 @@ START_US = 1_700_000_000_000_000
 def repeated_tlog(data: bytes, copies: int) -> bytes:
     """A telemetry log many times over, each copy stamped a second after the end of the one before."""
     places, stamps = [], []
-    for frames in read_frames(BytesIO(data), Tally()):
+    for frames in read_frames(BytesIO(data), ReadStatistics()):
         places.append(frames.start + frames.offset)
         stamps.append(frames.stamp_us)
     place, stamp = np.concatenate(places), np.concatenate(stamps)
@@ -46,7 +46,7 @@ def repeated_tlog(data: bytes, copies: int) -> bytes:
 def repeated_dataflash(data: bytes, copies: int) -> bytes:
     """A DataFlash log many times over, each copy stamped a second after the end of the one before."""
     stamps = []
-    for records in read_records(BytesIO(data), Tally()):
+    for records in read_records(BytesIO(data), ReadStatistics()):
         for form, which in records.decodable():
             if "TimeUS" in form.columns:
                 values = records.structured(form, which)["TimeUS"]

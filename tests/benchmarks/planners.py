@@ -14,9 +14,8 @@ import numpy as np
 
 from planners import Auv, AuvSettings, GlideSettings, plan, plan_path
 from planners.flow import field_function
-from planners.glide.kinematics import rk4_step
-from planners.glide.track import fly_glide, fractions_of_duration
 from planners.route.region import region_of
+from planners.track import fly_glide, fractions_of_duration, rk4_step
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
@@ -30,7 +29,7 @@ from tests.benchmarks.planners_masked import masked_row
 from tests.benchmarks.planners_search import closest_by_search, tabulated
 from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place
-from tests.reference.front import front_time
+from tests.reference.route_graph import graph_time
 from tests.reference.zermelo import time_in_jet, time_in_solid_rotation, time_in_uniform_current
 
 Row = dict[str, Any]
@@ -224,10 +223,10 @@ def front_row(tiny: bool, count: int = 20) -> Row:
         asked = place(flow, *begin, depth), place(flow, *end, depth)
         spent, found = seconds(lambda: plan_path(flow, *asked, vehicle=Auv(speed=speed), settings=settings))  # noqa: B023
         took.append(spent)
-        spent, front = seconds(lambda: front_time(flow, depth, begin, end, speed, 20 if tiny else 120, 3 if tiny else 6))  # noqa: B023
+        spent, graph = seconds(lambda: graph_time(flow, depth, begin, end, speed, 20 if tiny else 120, 3 if tiny else 6))  # noqa: B023
         theirs.append(spent)
         # nothing holds a free path inside the region: one that leaves it says so, and is counted instead
-        later.append(found.duration / front - 1.0 if found.status == "reached" else np.nan if found.status == "unsafe" else np.inf)
+        later.append(found.duration / graph - 1.0 if found.status == "reached" else np.nan if found.status == "unsafe" else np.inf)
     name = f"quickest path of {speed} m/s at {depth:g} m, {len(later)} pairs: 1 % asked"
     error = {"past_share": float(np.nanmax(later))}
     more = {"median_share": float(np.nanmedian(later)), "left_the_region": int(np.isnan(later).sum())}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from planners import MissionPlan, MissionSettings, NoGo, plan_mission
+from planners import MissionPlan, MissionRequest, MissionSettings, NoGo, plan_mission
 from planners.route.hazards import no_go_ring
 from planners.route.region import region_of
 from replay_kit.core.arrays import Array
@@ -33,9 +33,9 @@ def masked_row(count: int) -> Row:
         beside = [begin if rng.random() < 0.5 else end for _ in range(rng.integers(0, 3))]
         areas = tuple(_area(flow, at + rng.normal(0.0, 2.5e3, 2), rng, f"area {k}") for k, at in enumerate(beside))
         settings = MissionSettings(depth=float(rng.choice([80.0, 200.0, 390.0])), yos=int(rng.integers(1, 4)), surface_time=600.0)
-        ask = place(flow, *begin, 0.0), place(flow, *end, 0.0)
+        request = MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas)
         try:
-            spent, plan = seconds(lambda: plan_mission(flow, *ask, settings=settings, no_go=areas))  # noqa: B023
+            spent, plan = seconds(lambda: plan_mission(flow, request))  # noqa: B023
         except PlanError:
             statuses["refused"] += 1
             continue
@@ -60,7 +60,7 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
 def crosses(flow: FlowEstimate, plan: MissionPlan, areas: tuple[NoGo, ...]) -> bool:
     """Return whether a plan's track is anywhere on land, outside of the region or in an area that may not be entered under water."""
     track = _dense(plan.track)
-    rings = [no_go_ring(flow.grid.projection, area.polygon, area.name) for area in areas if not area.surface_only]
+    rings = [no_go_ring(flow.grid.projection, area) for area in areas if not area.surface_only]
     return not region_of(flow.grid).allowed(track).all() or any(bool(ring.inside(track[:, :2]).any()) for ring in rings)
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from planners import Glider
 from planners.flow import field_function
 from planners.mission.leg import leg_depths, leg_function, stage_latent, steps_needed
-from planners.mission.program import HOUR, KM, MissionData, MissionGuess, MissionShape, _programs, solve_mission
-from planners.solver import OPTIONS
+from planners.mission.program import MissionData, MissionGuess, MissionShape, _programs, solve_mission
+from planners.solver import HOUR, KM, OPTIONS
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.benchmarks.estimator import row
@@ -110,8 +110,8 @@ def _row(
 def draw_case(flow: FlowEstimate, rng: np.random.Generator) -> Case:
     """Return a mission whose goal ten dives of random headings and angles reach."""
     deepest = min(500.0, 0.95 * float(flow.levels[-1]))
-    turns = (0.0, deepest, 0.0)
-    depths = leg_depths(turns, flow.levels, steps_needed(turns, flow.levels, 1))
+    yo_depths = (0.0, deepest, 0.0)
+    depths = leg_depths(yo_depths, flow.levels, steps_needed(yo_depths, flow.levels, 1))
     latent = stage_latent(flow.latent, flow.levels, flow.depth_functions, depths)
     leg = leg_function(flow, _VEHICLE, depths.size - 1, None, False)
     half = 0.5 * np.array([flow.grid.east.max(), flow.grid.north.max()])
@@ -136,8 +136,8 @@ def solve_here(case: Case) -> Solved:
     planes = np.zeros((N, shape.n_places, 0, 3))
     data = MissionData(case.start, 0.0, case.goal[None], (case.depths,), np.zeros(N), planes, 1.0, 0.0, 50.0, case.flow.latent)
 
-    def solve(guess: MissionGuess, nearly_optimal: bool) -> Any:
-        return solve_mission(case.flow, _VEHICLE, shape, data, guess, None, nearly_optimal=nearly_optimal)
+    def solve(guess: MissionGuess, warm_start: bool) -> Any:
+        return solve_mission(case.flow, _VEHICLE, shape, data, guess, None, warm_start=warm_start)
 
     answer = solve(MissionGuess(case.places, np.full(N, case.heading), np.full(N, _FIRST)), False)
     return Solved(answer.objective, np.rad2deg(answer.guess.headings), lambda: solve(answer.guess, True))

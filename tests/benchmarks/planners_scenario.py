@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from planners import Glider, MissionPlan, MissionSettings, NoGo, Pilot, fly_scenarios, plan_mission, plan_scenarios
+from planners import Glider, MissionPlan, MissionRequest, MissionSettings, NoGo, Pilot, fly_scenarios, plan_mission, plan_scenarios
 from planners.mission.flight import Legs, currents_of, fly_legs
 from planners.mission.leg import leg_depths, steps_needed
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.plan import Place
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble
-from replay_kit.studies.pings import random_observations
-from replay_kit.studies.truths import leave_out
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.profiles import random_observations
+from replay_kit.studies.twins.truths import leave_out
 from tests.benchmarks.estimator import row
 from tests.planners.flow_samples import eddying_flow, place
 
@@ -34,18 +33,19 @@ _WIDE, _OVER = 6e3, 200.0
 
 
 def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool) -> list[Row]:
-    """Return what came of missions in estimates of each member: time of a plan, share that trespasses, and what corrections are worth."""
+    """Return the rows of missions in estimates of each member: time of a plan, share of violations, and the gain of corrections."""
     found: dict[str, list[float]] = {"took": [], "unsafe": [], "unsafe_without": [], "miss": [], "corrected": [], "flown": []}
     for member in members:
         flow = _estimate(data, member)
         drawn, fresh = flow.sample(SAMPLES, 1), flow.sample(40 if tiny else FRESH, 2)
         for seed in range(missions):
-            settings, ask = _mission(flow, np.random.default_rng(seed), 4 if tiny else DIVES)
-            free = plan_mission(flow, *ask, settings=settings)
+            request = _mission(flow, np.random.default_rng(seed), 4 if tiny else DIVES)
+            free = plan_mission(flow, request)
             area = _downstream(flow, free)
-            without = plan_mission(flow, *ask, settings=settings, no_go=(area,))
+            past = replace(request, no_go=(area,))
+            without = plan_mission(flow, past)
             began = time.perf_counter()
-            kept, _ = plan_scenarios(flow, drawn, *ask, allowed=ALLOWED, settings=settings, no_go=(area,))
+            kept, _ = plan_scenarios(flow, drawn, past, allowed=ALLOWED)
             found["took"].append(time.perf_counter() - began)
             held, plain = (fly_scenarios(flow, fresh, one, no_go=(area,)) for one in (kept, without))
             began = time.perf_counter()
@@ -98,12 +98,12 @@ def _estimate(data: Path | None, member: int) -> FlowEstimate:
     return estimator.flow(state)
 
 
-def _mission(flow: FlowEstimate, rng: np.random.Generator, dives: int) -> tuple[MissionSettings, tuple[Place, Place]]:
-    """Return settings, and a start and a goal that dives of random headings and angles lead to in the estimate."""
+def _mission(flow: FlowEstimate, rng: np.random.Generator, dives: int) -> MissionRequest:
+    """Return a request with a goal that dives of random headings and angles lead to in the estimate."""
     deepest = min(500.0, 0.95 * float(flow.levels[-1]))
     settings = MissionSettings(depth=deepest, surface_time=600.0, legs=dives)
-    turns = (0.0, deepest, 0.0)
-    depths = leg_depths(turns, flow.levels, steps_needed(turns, flow.levels, 1))
+    yo_depths = (0.0, deepest, 0.0)
+    depths = leg_depths(yo_depths, flow.levels, steps_needed(yo_depths, flow.levels, 1))
     half = 0.5 * np.array([flow.grid.east.max(), flow.grid.north.max()])
     drifts = np.append(np.full(dives - 1, 600.0), 0.0)
     while True:
@@ -112,7 +112,7 @@ def _mission(flow: FlowEstimate, rng: np.random.Generator, dives: int) -> tuple[
         angles = np.deg2rad(rng.uniform(16.0, 25.0, dives))
         path = fly_legs(currents_of(flow), Glider(), start, Legs(headings, angles, (depths,) * dives, drifts)).place[0]
         if np.all(np.abs(path) < 1.6 * half):
-            return settings, (place(flow, *start, 0.0), place(flow, *path[-1], 0.0))
+            return MissionRequest(place(flow, *start, 0.0), (place(flow, *path[-1], 0.0),), settings=settings)
 
 
 def _downstream(flow: FlowEstimate, plan: MissionPlan) -> NoGo:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from planners.glide.track import fly_glide, fractions_of_duration
 from planners.route.region import Region
+from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 

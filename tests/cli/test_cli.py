@@ -215,6 +215,6 @@ def test_the_box_of_a_track_across_the_antimeridian_is_narrow(tmp_path):
     ]
     write_mcap_log(tmp_path / "log.mcap", messages)
     found = inspect_log(tmp_path / "log.mcap", RunConfig())
-    assert found.positions == 3
-    np.testing.assert_allclose(found.box, (179.25, -20.5, 180.25, -19.5), rtol=0, atol=1e-12)
-    assert found.depths is None
+    assert found.content.positions == 3
+    np.testing.assert_allclose(found.content.box, (179.25, -20.5, 180.25, -19.5), rtol=0, atol=1e-12)
+    assert found.content.depths is None

@@ -1,7 +1,5 @@
 """Depth axes in every unit that has a meaning, and those that hold no depth."""
 
-from pathlib import Path
-
 import gsw
 import numpy as np
 import pytest
@@ -15,8 +13,8 @@ from replay_kit.forecast import read_ensemble, read_series, read_truth
 from replay_kit.forecast.reader import open_forecast
 from tests import synthetic
 from tests.forecast.test_reader import PLAIN, write
+from tests.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"
 
 

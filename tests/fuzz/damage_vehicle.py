@@ -16,8 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.core.message import LogReport
 from replay_kit.logs.dataflash.reader import DataflashReader
 from replay_kit.logs.dataflash.records import read_records
-from replay_kit.logs.mavlink.reader import TlogReader, entries
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.mavlink.reader import TlogReader
+from replay_kit.logs.shared.statistics import ReadStatistics
 from tests.fuzz.damage import ROOT, places
 
 #: Start, end, and the frame without its stamp, or the record.
@@ -132,7 +132,7 @@ def read_frames(path: Path) -> tuple[list[bytes], LogReport]:
     reader = TlogReader(path)
     decoded = sum(1 for _ in reader.messages())
     report = reader.report()
-    said = [frame for _, frame in entries(path)]
+    said = [frame.data for frame in reader.frames()]
     known = [frame for frame in said if _message_id(frame) in dialect.mavlink_map]
     assert decoded == len(known)
     assert sum(count for count, _ in report.undecodable.values()) == len(said) - len(known)
@@ -149,7 +149,7 @@ def read_dataflash(path: Path) -> tuple[list[bytes], LogReport]:
     list(reader.messages())
     said = []
     with path.open("rb") as file:
-        for part in read_records(file, Tally()):
+        for part in read_records(file, ReadStatistics()):
             lengths = [part.formats[kind].length for kind in part.type.tolist()]
             said += [bytes(part.data[at : at + length]) for at, length in zip(part.start.tolist(), lengths, strict=True)]
     return said, reader.report()

@@ -9,7 +9,7 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements import Skipped, Used, initial_state, interpret, observations
-from tests.measurements.messages import CONFIG, SECOND, fix, mavlink_frames, only, ping, position_int, run
+from tests.measurements.samples import CONFIG, SECOND, fix, mavlink_frames, only, ping, position_int, run
 
 
 def test_a_ping_becomes_a_profile_at_the_interpolated_position():
@@ -177,10 +177,10 @@ def test_pressure_gives_depth():
     assert state.depth == pytest.approx(99.2, abs=0.2)
 
 
-def test_before_any_position_a_pressure_is_taken_at_the_equator():
+def test_before_any_position_a_pressure_is_taken_at_45_degrees():
     pressure = Message(0, "/p", "sensor_msgs/msg/FluidPressure", {"fluid_pressure": 101_325.0 + 1e7}, 0, 0)
     (state,) = only(VehicleState, run([pressure, fix(1)]))
-    assert state.depth == pytest.approx(-gsw.z_from_p(1000.0, 0.0), abs=1e-4)
+    assert state.depth == pytest.approx(-gsw.z_from_p(1000.0, 45.0), abs=1e-4)
 
 
 def test_observations_is_the_same_loop_for_scripts():

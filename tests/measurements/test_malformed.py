@@ -11,7 +11,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState
 from replay_kit.measurements import MAVLINK_NAMES, Skipped, Used, observations
 from tests.measurements.foreign import NUCLEUS, ds_adcp, imc, pose
-from tests.measurements.messages import fix, mavlink_frames, only, ping, position_int, run
+from tests.measurements.samples import fix, mavlink_frames, only, ping, position_int, run
 
 STATED = MeasurementConfig(reference="earth")
 ODD = [None, True, -1, 0, 3.5, 10**400, 1e308, math.nan, "", "words", b"\xff", [], [None], ["a"], [[]], {}, {"a": 1}, [{}], [[1, 2], 3]]

@@ -14,8 +14,7 @@ from tests.mutations.draw import Mutant, drawn, mutants
 from tests.mutations.run import SLACK, SLOWER, Verdict, copied, judged, warm
 from tests.mutations.store import THREADS, recordings
 from tests.mutations.targets import targets
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.places import ROOT
 
 
 def main() -> int:

@@ -10,8 +10,7 @@ from tests.mutations.covering import Recording, covering, within_budget
 from tests.mutations.draw import Mutant, drawn, mutants
 from tests.mutations.sites import apply, sites
 from tests.mutations.targets import is_target, targets
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.places import ROOT
 
 
 def changed(source):
@@ -127,7 +126,7 @@ def test_the_survivor_of_a_small_project_is_named(tmp_path):
     )
     shutil.copytree(ROOT / "tests" / "mutations", tmp_path / "tests" / "mutations", ignore=shutil.ignore_patterns("__pycache__", "test_*"))
     subprocess.run(["git", "init", "--quiet"], cwd=tmp_path, check=True)
-    command = [sys.executable, "-m", "tests.mutations", "--seed", "1", "--json", "found.json"]
+    command = [sys.executable, "-m", "tests.mutations", "--seed", "1", "--workers", "2", "--json", "found.json"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "planners/toy.py:2: comparison: passes 1 tests\n  - return value > 0\n  + return value >= 0\n" in done.stdout

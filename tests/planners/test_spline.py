@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from planners import MissionSettings, plan_mission
+from planners import MissionRequest, MissionSettings, plan_mission
 from planners.spline import spline_of
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import eddying_flow, place, random_points, uniform_flow
@@ -40,9 +40,9 @@ def test_its_derivatives_are_those_of_differences_and_vanish_outside():
 
 def test_a_mission_planned_in_it_is_the_mission_planned_in_the_flow():
     flow = eddying_flow(6)
-    ask = (flow, place(flow, -6e3, -6e3, 0.0), place(flow, 2e3, 2e3, 0.0))
+    request = MissionRequest(place(flow, -6e3, -6e3, 0.0), (place(flow, 2e3, 2e3, 0.0),))
     settings = MissionSettings(depth=300.0, surface_time=600.0, legs=8)
-    exact, splined = (plan_mission(*ask, settings=replace(settings, spline=points)) for points in (0, 3))
+    exact, splined = (plan_mission(flow, replace(request, settings=replace(settings, spline=points))) for points in (0, 3))
     assert splined.status == "reached"
     # an error of the current carries so far, and to make up for it takes so long at the horizontal speed that there is at least
     carried = splined.statistics["spline_error"] * exact.duration
@@ -51,4 +51,4 @@ def test_a_mission_planned_in_it_is_the_mission_planned_in_the_flow():
     assert 0.0 < splined.statistics["spline_rms_error"] < splined.statistics["spline_error"] < 1e-3
     changing = (replace(uniform_flow(0.0, 0.0), time_ns=0), replace(uniform_flow(0.1, 0.0), time_ns=10**14))
     with pytest.raises(PlanError, match="one estimate"):
-        plan_mission(changing, *ask[1:], settings=replace(settings, spline=3))
+        plan_mission(changing, replace(request, settings=replace(settings, spline=3)))

@@ -9,7 +9,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
 
-def fly_leg_slowly(flow: FlowEstimate, start: Array, heading: float, angle: float, speed: float, turns: tuple[float, ...]) -> Array:
+def fly_leg_slowly(flow: FlowEstimate, start: Array, heading: float, angle: float, speed: float, yo_depths: tuple[float, ...]) -> Array:
     """Return where a leg ends, shape (2,) [m].
 
     Args:
@@ -22,7 +22,7 @@ def fly_leg_slowly(flow: FlowEstimate, start: Array, heading: float, angle: floa
     """
     through = speed * np.cos(angle) * np.array([np.sin(heading), np.cos(heading)])
     place = start
-    for depth, next_depth in pairwise(turns):
+    for depth, next_depth in pairwise(yo_depths):
         down = np.sign(next_depth - depth) * speed * np.sin(angle)
 
         def rate(time: float, at: Array, depth: float = depth, down: float = down) -> Array:

@@ -166,5 +166,5 @@ def test_estimate_of_other_files_is_refused(state: VehicleState, tmp_path: Path)
     with pytest.raises(ForecastError, match=r"carries no estimate\.nc"):
         read_estimate(path)
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(ForecastError, match="not a whole MCAP"):
+    with pytest.raises(ForecastError, match="not a complete MCAP"):
         read_estimate(path)

@@ -13,7 +13,7 @@ from replay_kit.config.run import RunConfig, load_config
 from replay_kit.forecast import read_truth
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.convert import convert
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.places import DATA
 
@@ -27,7 +27,7 @@ def test_each_dive_is_predicted_better_from_the_dives_before_than_by_the_ensembl
     summary, _ = replay(ReplayJob((log,), DATA / "qg" / "climatology.nc"), config)
     assert [row.dive for row in summary.by_dive] == [100, 101, 102, 103, 104]
     for row in summary.by_dive[1:]:
-        assert row.rms_predicted < row.rms_prior
+        assert row.rms_innovation_predicted < row.rms_innovation_prior
 
 
 def test_fifty_pings_tell_the_north_atlantic_truth(tmp_path):

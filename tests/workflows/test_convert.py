@@ -12,7 +12,7 @@ from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.logs import merge, open_log
-from replay_kit.logs.mavlink.reader import entries
+from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import observations
 from replay_kit.studies.twins import make_twin
@@ -128,7 +128,7 @@ def test_bad_inputs_are_refused_before_anything_is_written(tmp_path: Path, logs:
 
 
 def _stamps(path: Path) -> list[int]:
-    return [stamp for stamp, _ in entries(path)]
+    return [frame.time_ns // 1000 for frame in TlogReader(path).frames()]
 
 
 @pytest.mark.parametrize("by_way_of_mcap", [False, True])

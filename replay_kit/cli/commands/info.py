@@ -56,7 +56,7 @@ def info(
     if check is not None:
         print_import_check(check, console)
     if suggest is not None:
-        write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.not_known.items()}))
+        write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
     answer = {"logs": [info_json(log) for log in found]}
     write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
     return 4 if any(log.report.losses for log in found) else 0

@@ -134,10 +134,10 @@ def plan(
 
     from replay_kit.workflows.planning.mission import make_mission
     from replay_kit.workflows.planning.outputs import print_mission, write_mission
-    from replay_kit.workflows.planning.request import MissionKind, MissionRequest
+    from replay_kit.workflows.planning.request import MissionKind, PlanJob
 
     kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
-    request = MissionRequest(
+    job = PlanJob(
         flows,
         start,
         goals,
@@ -149,8 +149,8 @@ def plan(
         waypoints=outputs.waypoints is not None,
         waypoint_tolerance=outputs.waypoint_tolerance,
     )
-    request.check()
-    planned = make_mission(request, config.planner)
+    job.check()
+    planned = make_mission(job, config.planner)
     print_mission(planned, console_beside(*streams))
     _write(planned, outputs)
     if outputs.out is not None:
@@ -161,7 +161,7 @@ def plan(
             "surfacings_only": aim.surfacings_only,
             "line_weight": kind.cross_track_weight,
         }
-        write_mission(outputs.out, outputs.overwrite, planned, request, {**asked, **more}, config)
+        write_mission(outputs.out, outputs.overwrite, planned, job, {**asked, **more}, config)
     return 0
 
 

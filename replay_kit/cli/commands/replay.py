@@ -66,8 +66,8 @@ def replay(
     # what takes long to load, after what is quickly refused
     from replay_kit.results.summary import print_summary, to_json
     from replay_kit.workflows.planning import planner_of
-    from replay_kit.workflows.replay.dry_run import print_rehearsal, rehearsal_json, rehearse
-    from replay_kit.workflows.replay.job import ReplayJob, check_outputs
+    from replay_kit.workflows.replay import dry_run as dry
+    from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
     from replay_kit.workflows.replay.replay import replay as replay_logs
 
     job = ReplayJob(
@@ -86,9 +86,9 @@ def replay(
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     console = console_beside(outputs.json_file)
     if dry_run:
-        rehearsal = rehearse(job, config)
-        print_rehearsal(rehearsal, console)
-        write_json(outputs.json_file, rehearsal_json(rehearsal))
+        result = dry.dry_run(job, config)
+        dry.print_dry_run(result, console)
+        write_json(outputs.json_file, dry.dry_run_json(result))
         return 0
     with part_named(outputs.out), progress("replaying") as advance:
         summary, _ = replay_logs(job, config, planner_of(config.planner), advance)

@@ -89,9 +89,14 @@ class Etkf(Estimator[TransformState]):
 
     def flow(self, state: TransformState) -> FlowEstimate:
         """Return the current estimate that a state stands for."""
-        factor = self.anomalies.T @ state.transform
+        factor = (self.anomalies.T @ state.transform).reshape(self.reduced.basis.grid.levels.size, -1, len(state.transform))
+
+        def covariance(levels: tuple[int, ...] | None) -> Array:
+            rows = factor[slice(None) if levels is None else list(levels)].reshape(-1, factor.shape[2])
+            return np.asarray(rows @ rows.T)
+
         mean = self.reduced.prior.mean + self.anomalies.T @ state.mean
-        return self.reduced.flow_of(mean, lambda: factor @ factor.T, state.time_ns)
+        return self.reduced.flow_of(mean, covariance, state.time_ns)
 
     def columns(self) -> FlowColumns:
         """Return the anomalies as flows: what the estimate can differ from the ensemble's mean by."""

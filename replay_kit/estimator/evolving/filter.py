@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,8 +242,10 @@ class EvolvingEstimator:
         """Return the current estimate that a state stands for, at its time; its covariance is computed when first asked for."""
         basis, sea, at = self.model.basis, self.model.sea, self._time(state)
 
-        def covariance() -> Array:
-            loading = sea.loading(at).reshape(sea.size, -1)
+        @cache
+        def covariance(levels: tuple[int, ...] | None) -> Array:
+            chosen = slice(None) if levels is None else list(levels)
+            loading = sea.loading(at)[:, chosen].reshape(sea.size, -1)
             return np.asarray(loading.T @ state.cov[: sea.size, : sea.size] @ loading)
 
         latent = basis.offset + basis.modes @ self.weights(state).reshape(basis.grid.levels.size, -1).T

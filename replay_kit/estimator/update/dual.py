@@ -189,16 +189,17 @@ class Dual:
         """Return what errors of one unit would have added to the mean, shape (b, Z, r)."""
         return self.prior_answers + self.prior.times(self._back(self.forward[:, 1:]))
 
-    def covariance(self) -> Array:
-        """Return the covariance of the weights, shape (Z r, Z r)."""
-        cov = self.prior.dense()
-        add_gram(cov, self.whitened_cross(), -1.0)
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of the weights of some levels, None for all, shape (L r, L r)."""
+        cov = self.prior.dense(levels)
+        add_gram(cov, self.whitened_cross(levels), -1.0)
         return cov
 
-    def whitened_cross(self) -> Array:
-        """Return L^-1 H P0, shape (K, Z r)."""
-        spread = self.prior.times_modes(self.places)  # (Z, 2 n, Z, r)
-        return self.log.solve(self.n, self._rows_of(spread.transpose(1, 0, 2, 3).reshape(2 * self.n, self.n_levels, self.prior.mean.size)))
+    def whitened_cross(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the columns of L^-1 H P0 of some levels, None for all, shape (K, L r)."""
+        spread = self.prior.times_modes(self.places, levels)  # (Z, 2 n, L, r)
+        width = spread.shape[2] * spread.shape[3]
+        return self.log.solve(self.n, self._rows_of(spread.transpose(1, 0, 2, 3).reshape(2 * self.n, self.n_levels, width)))
 
     def design(self, inside: Array) -> Array:
         """Return H with the modes expressed in directions, shape (K, Z s).

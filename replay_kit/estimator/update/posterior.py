@@ -52,8 +52,8 @@ class Posterior(Protocol):
         """Return what errors of one unit would have added to the mean, shape (b, Z, r)."""
         ...
 
-    def covariance(self) -> Array:
-        """Return the covariance as one matrix, shape (Z r, Z r)."""
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of the weights of some levels as one matrix, shape (L r, L r); None for all levels."""
         ...
 
     def ahead(self, profiles: Sequence[ProfileRows]) -> "list[Ahead]":

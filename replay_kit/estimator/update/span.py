@@ -112,10 +112,10 @@ class Span:
         """Return what errors of one unit would have added to the mean, shape (b, Z, r)."""
         return self.prior_answers + self.prior.times(self._sources(slice(1, None)))
 
-    def covariance(self) -> Array:
-        """Return the covariance of the weights, shape (Z r, Z r)."""
-        cov = self.prior.dense()
-        across = self.prior.times_modes(self.taken / self.mode_std).reshape(-1, len(cov))
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of the weights of some levels, None for all, shape (L r, L r)."""
+        cov = self.prior.dense(levels)
+        across = self.prior.times_modes(self.taken / self.mode_std, levels).reshape(-1, len(cov))
         add_symmetric(cov, across, -(self._without_room() @ across))
         return cov
 

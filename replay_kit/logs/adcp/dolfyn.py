@@ -1,4 +1,4 @@
-"""Raw ADCP files through MHKiT's dolfyn reader, kept apart: it prints, logs, warns and writes an index beside its input."""
+"""Raw ADCP files through MHKiT's dolfyn reader, isolated: it prints, logs, warns and writes an index file next to its input."""
 
 import contextlib
 import io
@@ -22,7 +22,7 @@ def read_datasets(path: Path, data: bytes, records: Sequence[Record]) -> list[An
     Args:
         path: The file, for messages.
         data: Its bytes.
-        records: The records to hand on.
+        records: The records to decode.
 
     Raises:
         LogError: MHKiT is not installed, there is nothing to read, or it cannot read this.
@@ -71,7 +71,7 @@ def _of_use(records: Sequence[Record]) -> list[Record]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what is printed, logged and warned of away from the user: what it means is counted by the reader."""
+    """Suppress output, log records and warnings: the reader counts what they are about."""
     # without a handler of its own the root logger would be configured for the whole program by the first warning
     handler, disabled = logging.NullHandler(), logging.root.manager.disable
     logging.root.addHandler(handler)

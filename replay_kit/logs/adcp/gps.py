@@ -1,4 +1,4 @@
-"""What a vessel's GPS says in a raw ADCP file: the clock's offset, the magnetic declination."""
+"""What a vessel's GPS determines in a raw ADCP file: the clock's offset and the magnetic declination."""
 
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -16,8 +16,8 @@ def clock_offset_ns(gps_ns: NDArray[np.int64], instrument_ns: NDArray[np.int64],
     Args:
         gps_ns: shape (n,), GPS time of each fix.
         instrument_ns: shape (n,), the instrument's clock when it was recorded.
-        dated: Whether the GPS time has a date of its own; where it took the instrument's, the offset is known but for whole
-            days and the one within half a day is meant.
+        dated: Whether the GPS time has a date of its own; where it has the instrument's, the offset is known up to whole days and
+            the one within half a day is returned.
     """
     difference = gps_ns - instrument_ns
     if not dated:
@@ -28,7 +28,7 @@ def clock_offset_ns(gps_ns: NDArray[np.int64], instrument_ns: NDArray[np.int64],
 def declination_deg(time_ns: int, longitude: float, latitude: float) -> float | None:
     """Return the magnetic declination [degrees, positive east] by the World Magnetic Model of the time; None before 2010.
 
-    Places are rounded to a tenth of a degree and times to a tenth of a year, over which it changes by less than a compass knows.
+    Places are rounded to a tenth of a degree and times to a tenth of a year, over which it changes by less than a compass resolves.
     """
     year = datetime.fromtimestamp(time_ns // _NS, UTC)
     return _declination(round(year.year + (year.timetuple().tm_yday - 1) / 366.0, 1), round(longitude, 1), round(latitude, 1))

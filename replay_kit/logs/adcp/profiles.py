@@ -1,6 +1,6 @@
-"""What a dataset of MHKiT says, in our words and units: plain arrays, ping after ping.
+"""Profiles from a dataset of MHKiT, in the names and units of ``replay_kit.AdcpPing``: plain arrays, ping after ping.
 
-Nothing is rotated here: velocities stay in the file's own coordinates, with what is needed to turn them.
+Nothing is rotated here: velocities stay in the file's own coordinates, with the attitude and geometry that rotate them.
 """
 
 import json
@@ -93,7 +93,7 @@ def _geometry(dataset: Any, tag: str) -> dict[str, Any]:
 
 
 def _teledyne(dataset: Any, tag: str) -> dict[str, Any]:
-    """Return what Teledyne's fixed leader says: EX (transformations), EB (declination), the head's geometry."""
+    """Return the settings in Teledyne's fixed leader: EX (transformations), EB (declination), the head's geometry."""
     del tag
     attributes = dataset.attrs
     turned = attributes["coord_sys"] in ("ship", "earth")
@@ -110,7 +110,7 @@ def _teledyne(dataset: Any, tag: str) -> dict[str, Any]:
 
 
 def _nortek(dataset: Any, tag: str) -> dict[str, Any]:
-    """Return what Nortek's configuration says; DECL is added to the heading by the instrument."""
+    """Return the settings in Nortek's configuration; DECL is added to the heading by the instrument."""
     configuration = json.loads(dataset.attrs["filehead_config"])
     declination = float(configuration.get("USER", {}).get("DECL", 0.0))
     earth = dataset.attrs["coord_sys"] == "earth"
@@ -155,7 +155,7 @@ def _echoes(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
 
 
 def _depths(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
-    """Return the pressure where there is a sensor, and the transducer's depth where it was only typed in."""
+    """Return the pressure where there is a sensor, and the transducer's depth where the operator entered it."""
     n = dataset[f"time{tag}"].size
     sensor = not teledyne or dataset.attrs["sensors_avail"][2] == "1"
     pressure = _by_ping(dataset, f"pressure{tag}") if sensor and f"pressure{tag}" in dataset else np.full(n, np.nan)

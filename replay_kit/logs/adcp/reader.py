@@ -1,10 +1,12 @@
-"""Raw Teledyne (PD0, VMDAS, WinRiver) and Nortek (AD2CP) files as the messages that other logs hold.
+"""Raw Teledyne (PD0, VMDAS, WinRiver) and Nortek (AD2CP) files as messages of the kinds that other logs hold.
 
 The records are found and checked here, decoded by MHKiT. Velocities stay in the file's own coordinates, relative to the platform,
-with attitude, beam geometry, bottom track and the vessel's velocity by GPS beside them: ``measurements`` turns them.
+with attitude, beam geometry, bottom track and the vessel's velocity by GPS in the same message: ``measurements`` rotates them.
 """
 
+from collections import Counter
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -12,54 +14,37 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import Message
 from replay_kit.core.vessel import Track, vessel_velocity
 from replay_kit.logs.adcp.dolfyn import read_datasets
 from replay_kit.logs.adcp.gps import clock_offset_ns, declination_deg
 from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
-from replay_kit.logs.adcp.records import PD0_MAGIC, scan
-from replay_kit.logs.payloads import FIX, PING, location_fix, number, numbers, stamp
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.adcp.records import PD0_MAGIC, lose_between, scan
+from replay_kit.logs.reader import Entry, LogFile
+from replay_kit.logs.shared.payloads import FIX, PING, location_fix, number, numbers, stamp
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 _NS = 1_000_000_000
 _TOPICS = {"": "/adcp", "_avg": "/adcp/average"}
 _BURST_PING, _AVERAGE_PING, _BOTTOM_TRACK = 0x15, 0x16, 0x17
 
-# (time [ns], topic, schema, payload)
-_Entry = tuple[int, str, str, dict[str, Any]]
 
+class RawAdcpReader(LogFile):
+    """A raw ADCP file, read whole. An instrument has one clock, set right by GPS where the file has fixes."""
 
-class RawAdcpReader:
-    """A raw ADCP file, read whole.
-
-    Attributes:
-        path: The file.
-        format: ``pd0`` or ``ad2cp``.
-    """
-
-    path: str
-    format: str
-
-    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None) -> None:
-        """Read the file.
-
-        Args:
-            path: The file.
-            input: Position of the log among the run's inputs.
-            config: Taken for the sake of one signature; an instrument has one clock, set right by GPS where there is one.
+    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+        """Read the file; arguments as of ``LogFile``.
 
         Raises:
             LogError: The file cannot be read, has no sound ensemble, or MHKiT is not installed or cannot read it.
         """
-        del config
-        self.path, self._input = str(path), input
-        try:
-            data = Path(path).read_bytes()
-        except OSError as error:
-            raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+        super().__init__(path, input, config, wanted)
+        with self._opened() as file:
+            data = file.read()
         self.format = "pd0" if data[:2] == PD0_MAGIC else "ad2cp"
-        records, self._gaps = scan(data)
-        datasets = read_datasets(Path(path), data, records)
+        self._size = len(data)
+        self._records = scan(data)
+        datasets = read_datasets(path, data, self._records)
         try:
             self._track, self._offset_ns, self._bad_fixes = _track(datasets[0])
             self._profiles = {tag: raw_profiles(ds, tag) for ds in datasets for tag in _TOPICS if f"vel{tag}" in ds}
@@ -67,13 +52,6 @@ class RawAdcpReader:
             raise LogError(f"{path}: not a setting of an instrument that is understood: {type(error).__name__}: {error}") from error
         if not self._profiles:
             raise LogError(f"{path}: it has no profile of velocities; give a file of a current profiler")
-        kinds = np.array([record.kind for record in records])
-        pings = {"": 0 if self.format == "pd0" else _BURST_PING, "_avg": _AVERAGE_PING}
-        self._left_out = {
-            _TOPICS[tag]: max(int((kinds == pings[tag]).sum() - profiles.known.sum()), 0) for tag, profiles in self._profiles.items()
-        }
-        self._unused_bottom = 0 if self.format == "pd0" else int((kinds == _BOTTOM_TRACK).sum())
-        self._tally = Tally()
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in order of time.
@@ -81,37 +59,24 @@ class RawAdcpReader:
         ``/vehicle/fix``: the vessel's GPS. ``/adcp``: velocities relative to the platform; ``/adcp/average``: those of a Nortek's
         averaging mode, where it has both.
         """
-        self._tally = tally = Tally()
-        for gap in self._gaps:
-            tally.lose(gap.what, gap.start, gap.size)
-        entries = [*self._fixes(), *(entry for tag, profiles in self._profiles.items() for entry in self._pings(_TOPICS[tag], profiles))]
-        for topic, count in self._left_out.items():
-            self._skip(topic, "ping that MHKiT leaves out or gives no time", count)
-        self._skip("/vehicle/fix", "GPS fix that is none (quality 0, or 0 N 0 E)", self._bad_fixes)
-        self._skip("/adcp/bottom_track", "bottom track of AD2CP files is not read", self._unused_bottom)
-        # stable: at one time a position comes before what was measured there
-        entries.sort(key=lambda entry: entry[0])
-        for position, (time_ns, topic, schema, payload) in enumerate(entries):
-            tally.read[topic] += 1
-            yield Message(time_ns, topic, schema, payload, self._input, position)
+        self.statistics = ReadStatistics()
+        lose_between(self.statistics, self._records, self._size)
+        kinds = Counter(record.kind for record in self._records)
+        pings = {"": 0 if self.format == "pd0" else _BURST_PING, "_avg": _AVERAGE_PING}
+        for tag, profiles in self._profiles.items():
+            missing = max(kinds[pings[tag]] - int(profiles.known.sum()), 0)
+            self._skip(_TOPICS[tag], "ping that MHKiT leaves out or gives no time", missing)
+        self._skip("/vehicle/fix", "not a GPS fix (quality 0, or 0 N 0 E)", self._bad_fixes)
+        self._skip("/adcp/bottom_track", "bottom track of AD2CP files is not read", 0 if self.format == "pd0" else kinds[_BOTTOM_TRACK])
+        # at one time a position comes before the velocities measured there
+        yield from self._by_time(chain(self._fixes(), *(self._pings(_TOPICS[tag], profiles) for tag, profiles in self._profiles.items())))
 
-    def report(self) -> LogReport:
-        """Return what was met so far."""
-        return self._tally.report(self.path, self.format)
-
-    def _skip(self, topic: str, reason: str, count: int) -> None:
-        self._tally.read[topic] += count
-        for _ in range(count):
-            self._tally.undecodable(topic, reason)
-        if not self._tally.read[topic]:
-            del self._tally.read[topic]
-
-    def _fixes(self) -> Iterator[_Entry]:
+    def _fixes(self) -> Iterator[Entry]:
         track = self._track
         for time_ns, longitude, latitude in zip(track.time_ns.tolist(), track.longitude.tolist(), track.latitude.tolist(), strict=True):
             yield time_ns, "/vehicle/fix", FIX, location_fix(time_ns, longitude, latitude, 0.0, False, float("nan"))
 
-    def _pings(self, topic: str, profiles: RawProfiles) -> Iterator[_Entry]:
+    def _pings(self, topic: str, profiles: RawProfiles) -> Iterator[Entry]:
         known = np.flatnonzero(profiles.known)
         time_ns = profiles.time_ns + (self._offset_ns or 0)
         vessel, vessel_std = vessel_velocity(time_ns, self._track)
@@ -132,7 +97,7 @@ class RawAdcpReader:
             yield time, topic, PING, payload | self._declination(time, payload)
 
     def _declination(self, time_ns: int, payload: dict[str, Any]) -> dict[str, Any]:
-        """Return the declination at the ping's place, for a heading that is magnetic and says no more."""
+        """Return the declination at the ping's place, for a magnetic heading without a stated declination."""
         if payload["declination_applied"] or not self._track.time_ns.size:
             return {}
         near = min(int(np.searchsorted(self._track.time_ns, time_ns)), self._track.time_ns.size - 1)

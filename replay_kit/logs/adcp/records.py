@@ -1,17 +1,20 @@
 """Where the sound records of a raw ADCP file are: Teledyne PD0 ensembles and Nortek AD2CP records, found by their checksums.
 
-What reads the records' content trusts it, so that only records which pass their checksums are handed on; the rest is counted.
+The library that decodes the records does not check them: only records that pass their checksums are given to it, other bytes are counted.
 
 Sources: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", PD0 header and checksum; Nortek, "Integrators Guide,
 AD2CP" (N3015-007), common header and checksum.
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from replay_kit.logs.shared.record_chain import lose_gaps
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 Bytes = NDArray[np.uint8]
 
@@ -38,42 +41,28 @@ class Record:
     kind: int
 
 
-@dataclass(frozen=True, slots=True)
-class Gap:
-    """Bytes that are no sound record.
-
-    Attributes:
-        start: Offset of the first.
-        size: Number of bytes.
-        what: Words for a person.
-    """
-
-    start: int
-    size: int
-    what: str
-
-
-def is_raw_adcp(head: bytes) -> bool:
-    """Return whether a file that begins with these bytes is a raw Teledyne or Nortek ADCP file."""
-    return head.startswith((PD0_MAGIC, *AD2CP_MAGICS))
-
-
-def scan(data: bytes) -> tuple[tuple[Record, ...], tuple[Gap, ...]]:
-    """Return the sound records of a file, and what lies between them.
+def scan(data: bytes) -> tuple[Record, ...]:
+    """Return the sound records of a file.
 
     Args:
         data: The whole file, which begins with one of the magics.
     """
-    values = np.frombuffer(data, np.uint8)
     find = _pd0 if data[:2] == PD0_MAGIC else _ad2cp
-    records = tuple(find(data, values))
-    edges = [0, *(edge for record in records for edge in (record.start, record.end)), len(data)]
-    gaps = [(start, end) for start, end in zip(edges[::2], edges[1::2], strict=True) if end > start]
-    return records, tuple(Gap(start, end - start, _words(end == len(data))) for start, end in gaps)
+    return tuple(find(data, np.frombuffer(data, np.uint8)))
 
 
-def _words(last: bool) -> str:
-    return "at the end: a cut record or bad bytes, skipped" if last else "bad bytes between two sound records, skipped"
+def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: int) -> None:
+    """Record the bytes of a file that are in none of its sound records as losses.
+
+    Args:
+        statistics: Where the losses are recorded.
+        records: From ``scan``.
+        size: Size of the file [bytes].
+    """
+    start, end = np.array([(record.start, record.end) for record in records], dtype=np.int64).reshape(-1, 2).T
+    last = lose_gaps(statistics, "bad bytes between two sound records, skipped", 0, start, end)
+    if last < size:
+        statistics.lose("at the end: a cut record or bad bytes, skipped", last, size - last)
 
 
 def _pd0(data: bytes, values: Bytes) -> Iterator[Record]:
@@ -91,7 +80,7 @@ def _pd0_end(data: bytes, values: Bytes, start: int) -> int | None:
         return None
     size, _, n_types, first = struct.unpack_from("<HBBH", data, start + 2)
     check = start + size
-    # the checksum is dear: look first whether the header's own numbers fit together
+    # the checksum takes long: first check whether the header's own numbers fit together
     if n_types == 0 or first != 6 + 2 * n_types or size < first + 2 or check + 2 > len(data):
         return None
     if struct.unpack_from("<H", data, start + first)[0] not in _FIXED_LEADERS:
@@ -111,7 +100,7 @@ def _ad2cp(data: bytes, values: Bytes) -> Iterator[Record]:
         body, end = start + header_size, start + header_size + size
         if _nortek_checksum(values[start : body - 2]) != header_check or end > len(data):
             continue
-        # a header that is sound says where the next record begins, even when the content is not
+        # a sound header states where the next record begins, even when the content is damaged
         position = end
         if _nortek_checksum(values[body:end]) == data_check:
             yield Record(start, end, kind)

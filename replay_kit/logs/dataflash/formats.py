@@ -1,7 +1,7 @@
-"""What a DataFlash log says of its own records: FMT, UNIT, MULT and FMTU.
+"""Declarations of records in a DataFlash log: FMT, UNIT, MULT and FMTU.
 
-The letters are those of ArduPilot's ``libraries/AP_Logger/README.md``. Some carry a factor, which is applied; the multipliers of FMTU are
-not, they only name the unit that the values are in.
+The letters are those of ArduPilot's ``libraries/AP_Logger/README.md``. Some imply a factor, which is applied; the multipliers of FMTU are
+not applied, they only name the unit of the values.
 """
 
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ _DTYPES: Mapping[str, str | tuple[str, int]] = {
     "q": "<i8",
     "Q": "<u8",
 }
-#: What the value is divided by: more exact than multiplying by a hundredth.
+#: Divisors of stored values: more exact than multiplying by a hundredth.
 _DIVISORS: Mapping[str, float] = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 _PREFIXES: Mapping[float, str] = {0.0: "", 1.0: "", 1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "µ", 1e-9: "n"}
 _FMT_BODY = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
@@ -63,7 +63,7 @@ class Format:
 
     @property
     def known(self) -> bool:
-        """Whether the letters are known, and agree with the columns and the length: otherwise the records can only be stepped over."""
+        """Whether the letters are known, and agree with the columns and the length: otherwise the records can only be skipped."""
         fits = len(self.letters) == len(self.columns) == len(set(self.columns)) and set(self.letters) <= _DTYPES.keys()
         return fits and self.length == HEAD + self.dtype.itemsize
 
@@ -114,14 +114,14 @@ def scaled(records: NDArray[Any], form: Format) -> dict[str, NDArray[Any]]:
 
 
 def unit_names(form: Format, unit_ids: str, multiplier_ids: str, labels: Mapping[str, str], factors: Mapping[str, float]) -> dict[str, str]:
-    """Return the unit of each column's values as they are given; empty where the log names none.
+    """Return the unit of each column's values as read; empty where the log names none.
 
     Args:
         form: The kind of record.
         unit_ids: FMTU's letter of each column's unit.
         multiplier_ids: FMTU's letter of each column's multiplier.
-        labels: UNIT's letters and what they stand for.
-        factors: MULT's letters and what they stand for.
+        labels: UNIT's letter to unit.
+        factors: MULT's letter to factor.
     """
     found = {}
     for place, (name, letter) in enumerate(zip(form.columns, form.letters, strict=True)):

@@ -2,20 +2,18 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
-from replay_kit.logs.clock import ClockFit, fit_clock, gps_to_utc, leap_seconds, without_spikes
+from replay_kit.core.message import Message
 from replay_kit.logs.dataflash.formats import scaled, unit_names
 from replay_kit.logs.dataflash.records import Records, read_records
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.reader import LogFile
+from replay_kit.logs.shared.clock import ClockFit, fit_clock, gps_to_utc, leap_seconds, spikes_note, without_spikes
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: A stamp of more [microseconds], three years after the start, is damage.
 _MAX_BOOT_US = 10**14
@@ -27,35 +25,14 @@ _PREFIX = "dataflash"
 Columns = dict[str, NDArray[Any]]
 
 
-class DataflashReader:
-    """A DataFlash log opened for reading; each call reads it anew, in blocks.
+class DataflashReader(LogFile):
+    """A DataFlash log opened for reading, in blocks. It has one clock.
 
     Times are UTC when the log has GPS time, fitted to the vehicle's clock over the whole log; otherwise they count from the vehicle's
-    start, and the report says so.
-
-    Attributes:
-        path: The log.
-        format: ``dataflash``.
+    start, which the report notes.
     """
 
-    path: str
-    format: str = "dataflash"
-
-    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
-        """Remember what to read; the file is opened when it is read.
-
-        Args:
-            path: The log.
-            input: Position of the log among the run's inputs.
-            config: Taken for the sake of one signature; a DataFlash log has one clock.
-            wanted: Schemas (``dataflash.GPS``) to decode; others are counted only. None decodes all.
-        """
-        del config
-        self.path = str(path)
-        self._input = input
-        self._wanted = wanted
-        self._tally = Tally()
-        self._notes: tuple[str, ...] = ()
+    format = "dataflash"
 
     def messages(self) -> Iterator[Message]:
         """Yield the wanted records in the order in which the file holds them.
@@ -66,25 +43,19 @@ class DataflashReader:
         Raises:
             LogError: The file cannot be read.
         """
-        self._notes = ()
-        clock, stamp_us, notes = self._clock()
+        self.statistics = ReadStatistics()
+        clock, stamp_us, notes = self._fit_clock()
         stamps = _Stamps(stamp_us)
-        self._tally = Tally()
         position = 0
-        for records in self._read(self._tally):
+        for records in self._read(self.statistics):
             payloads = self._payloads(records)
             boot_us = stamps.of(records)
             times = boot_us * 1000 if clock is None else clock.utc(boot_us * 1000)
             for at, (time_ns, payload) in enumerate(zip(times.tolist(), payloads, strict=True), position):
                 if payload is not None:
-                    name = payload[0]
-                    yield Message(time_ns, f"{_PREFIX}/{name}", f"{_PREFIX}.{name}", payload[1], self._input, at)
+                    yield Message(time_ns, *payload, self.input, at)
             position += records.start.size
-            self._notes = (*notes, *stamps.notes())
-
-    def report(self) -> LogReport:
-        """Return what was met so far."""
-        return replace(self._tally.report(self.path, self.format), notes=self._notes)
+            self.statistics.notes = (*notes, *stamps.notes())
 
     def columns(self, name: str) -> Columns:
         """Return all records of one kind as columns, each of shape (n,) or, for arrays, (n, 32), with the letters' factors applied.
@@ -104,7 +75,7 @@ class DataflashReader:
             names: Kinds to read; None reads all.
         """
         parts: dict[str, list[Columns]] = defaultdict(list)
-        for records in self._read(Tally()):
+        for records in self._read(ReadStatistics()):
             for form, places in records.decodable():
                 if names is None or form.name in names:
                     parts[form.name].append(scaled(records.structured(form, places), form))
@@ -115,7 +86,7 @@ class DataflashReader:
 
     def units(self, name: str) -> dict[str, str]:
         """Return the unit of each column of a kind of record, as the log names it; empty where it names none."""
-        forms = {form.name: form for records in self._read(Tally()) for form in records.formats.values()}
+        forms = {form.name: form for records in self._read(ReadStatistics()) for form in records.formats.values()}
         if name not in forms or not forms[name].known:
             return {}
         of_log = self.tables(frozenset({"UNIT", "MULT", "FMTU"}))
@@ -125,33 +96,30 @@ class DataflashReader:
         number = forms[name].type
         return unit_names(forms[name], unit_ids.get(number, ""), factor_ids.get(number, ""), labels, factors)
 
-    def _payloads(self, records: Records) -> list[tuple[str, dict[str, Any]] | None]:
-        """Return (kind, fields) of each record, None of those that are not wanted, and count all."""
-        payloads: list[tuple[str, dict[str, Any]] | None] = [None] * records.start.size
+    def _payloads(self, records: Records) -> list[tuple[str, str, dict[str, Any]] | None]:
+        """Return (topic, schema, fields) of each record, None of those that are not wanted, and count all."""
+        payloads: list[tuple[str, str, dict[str, Any]] | None] = [None] * records.start.size
         for form, places in records.kinds():
-            topic = f"{_PREFIX}/{form.name}"
-            self._tally.read[topic] += places.size
+            topic, schema = self._topic(f"{_PREFIX}/{form.name}"), f"{_PREFIX}.{form.name}"
+            self.statistics.read[topic] += places.size
             if not form.known:
                 why = f"its format {form.letters} of {form.length} bytes does not fit the columns {','.join(form.columns)}"
-                self._tally.undecodable(topic, why, places.size)
-            elif self._wanted is None or f"{_PREFIX}.{form.name}" in self._wanted:
+                self.statistics.undecodable(topic, why, places.size)
+            elif self._wanted is None or schema in self._wanted:
                 columns = [values.tolist() for values in scaled(records.structured(form, places), form).values()]
                 rows = zip(*columns, strict=True) if columns else [()] * places.size
                 for place, row in zip(places.tolist(), rows, strict=True):
-                    payloads[place] = form.name, dict(zip(form.columns, row, strict=True))
+                    payloads[place] = topic, schema, dict(zip(form.columns, row, strict=True))
         return payloads
 
-    def _read(self, tally: Tally) -> Iterator[Records]:
-        try:
-            with open(self.path, "rb") as file:
-                yield from read_records(file, tally)
-        except OSError as error:
-            raise LogError(f"{self.path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+    def _read(self, statistics: ReadStatistics) -> Iterator[Records]:
+        with self._opened() as file:
+            yield from read_records(file, statistics)
 
-    def _clock(self) -> tuple[ClockFit | None, int, tuple[str, ...]]:
-        """Return the clock fitted to the GPS time of the whole log, the log's first stamp [microseconds], and what to say of both."""
+    def _fit_clock(self) -> tuple[ClockFit | None, int, tuple[str, ...]]:
+        """Return the clock fitted to the GPS time of the whole log, the log's first stamp [microseconds], and notes on both."""
         boot, utc, first_us = [], [], None
-        for records in self._read(Tally()):
+        for records in self._read(ReadStatistics()):
             for form, places in records.decodable():
                 if form.name == "GPS" and all(key in form.columns and form.dtype[key].kind in "iu" for key in _GPS_TIME):
                     gps = records.structured(form, places)
@@ -170,10 +138,10 @@ class DataflashReader:
 
 
 class _Stamps:
-    """Times since the vehicle's start of records that follow one another, and what is odd about them."""
+    """Times since the vehicle's start of consecutive records, with counts of implausible stamps; mutable, as blocks are streamed."""
 
     def __init__(self, first_us: int) -> None:
-        """Begin with the stamp of what comes before the first that has one [microseconds]."""
+        """Begin with the stamp for records before the first that has one [microseconds]."""
         self._last = first_us
         self._backward = 0
         self._most_us = 0
@@ -197,11 +165,12 @@ class _Stamps:
 
     def notes(self) -> tuple[str, ...]:
         """Return what a user should know."""
-        backward = f"{self._backward} stamps go back, by {self._most_us / 1000:.3f} ms at most"
-        impossible = f"{self._impossible} records with an impossible stamp have the time of the record before"
-        spikes = f"{self._spikes} stamps far from those before and after were replaced by the one after"
-        counts = (self._backward, self._impossible, self._spikes)
-        return tuple(note for note, count in zip((backward, impossible, spikes), counts, strict=True) if count)
+        notes = (
+            (self._backward, f"{self._backward} stamps go back, by {self._most_us / 1000:.3f} ms at most"),
+            (self._impossible, f"{self._impossible} records with an impossible stamp have the time of the record before"),
+            (self._spikes, spikes_note(self._spikes)),
+        )
+        return tuple(note for count, note in notes if count)
 
 
 def _stated(records: Records) -> tuple[NDArray[np.int64], int]:
@@ -219,5 +188,5 @@ def _stated(records: Records) -> tuple[NDArray[np.int64], int]:
 
 
 def _pairs(table: Columns | None, key: str, value: str) -> Iterator[tuple[Any, Any]]:
-    """Yield what two columns of a table hold; nothing when the log has no such table."""
+    """Yield the rows of two columns of a table; nothing when the log has no such table."""
     return zip(table[key].tolist(), table[value].tolist(), strict=True) if table else iter(())

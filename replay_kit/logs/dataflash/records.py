@@ -1,7 +1,7 @@
 """Records of a DataFlash log, found a block at a time.
 
-A record is the bytes a3 95, its type, and what the FMT record of that type says. There is no checksum: after bad bytes a record counts only
-when another begins where it ends, or the log does.
+A record is the bytes a3 95, its type, and the fields that the FMT record of that type declares. There is no checksum: after bad bytes a
+record counts only when another one begins, or the log ends, where it ends.
 """
 
 from collections.abc import Iterator
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from replay_kit.logs.chain import Indices, chain
 from replay_kit.logs.dataflash.formats import FMT, FMT_TYPE, HEAD, Format, read_format
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 MAGIC = b"\xa3\x95"
 BLOCK = 1 << 20
@@ -40,7 +40,7 @@ class Records:
     formats: dict[int, Format]
 
     def kinds(self) -> Iterator[tuple[Format, Indices]]:
-        """Yield each kind that is met, with the places among the records where it is."""
+        """Yield each kind that occurs, with its indices among the records."""
         if not self.type.size:
             return
         order = np.argsort(self.type, kind="stable")
@@ -49,7 +49,7 @@ class Records:
             yield self.formats[number], places
 
     def decodable(self) -> Iterator[tuple[Format, Indices]]:
-        """Yield those kinds whose declaration is understood."""
+        """Yield the kinds whose declaration is understood."""
         return (kind for kind in self.kinds() if kind[0].known)
 
     def structured(self, form: Format, places: Indices) -> NDArray[Any]:
@@ -67,8 +67,8 @@ def is_dataflash(head: bytes) -> bool:
     return len(_pieces(view, view.size, {})[-1][2]) > 0
 
 
-def read_records(file: BinaryIO, tally: Tally) -> Iterator[Records]:
-    """Yield the records block after block; what is between them, and a cut last one, are losses."""
+def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records]:
+    """Yield the records block after block; bytes between them, and a cut last record, are losses."""
     formats: dict[int, Format] = {FMT_TYPE: FMT}
     data, offset, sound_end, at_end = b"", 0, 0, False
     while not at_end:
@@ -81,19 +81,18 @@ def read_records(file: BinaryIO, tally: Tally) -> Iterator[Records]:
         for first, last, known in _pieces(view, searched, formats):
             formats = known
             start, end = _records(view, max(first, used), last, formats, at_end, max(sound_end - offset, 0))
-            ends = np.concatenate([[sound_end - offset], end])
-            for gap in np.flatnonzero(start > ends[:-1]).tolist():
-                tally.lose("bad bytes, or records of an unknown type, skipped", int(ends[gap]) + offset, int(start[gap] - ends[gap]))
-            sound_end, used = int(ends[-1]) + offset, max(used, int(ends[-1]))
+            gap = "bad bytes, or records of an unknown type, skipped"
+            sound_end = lose_gaps(statistics, gap, sound_end, start + offset, end + offset)
+            used = max(used, sound_end - offset)
             yield Records(view, offset, start, view[start + 2], formats)
         used = max(used, searched)
         data, offset = data[used:], offset + used
     if offset > sound_end:
-        tally.lose("at the end: a cut record or bad bytes, skipped", sound_end, offset - sound_end)
+        statistics.lose("at the end: a cut record or bad bytes, skipped", sound_end, offset - sound_end)
 
 
 def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) -> list[tuple[int, int, dict[int, Format]]]:
-    """Return (first, last byte, formats) of the parts of a block: a new part begins where a type is declared anew and otherwise."""
+    """Return (first, last byte, formats) of the parts of a block: a new part begins where a type is declared again and differently."""
     formats = dict(formats)
     pieces, first = [], 0
     for at in _magic(view, 0, min(searched, view.size - FMT.length + 1)).tolist():
@@ -101,7 +100,7 @@ def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) 
         if form is None or form.type == FMT_TYPE or formats.get(form.type) == form:
             continue
         if form.type in formats:
-            # what lies before goes by the earlier declaration
+            # records before this one are of the earlier declaration
             pieces.append((first, at, formats))
             formats, first = dict(formats), at
         formats[form.type] = form
@@ -132,13 +131,13 @@ def _records(
     inside = np.flatnonzero(end < view.size)
     after = end[inside]
     followed[inside] = (view[after] == MAGIC[0]) & ((after + 1 == view.size) | (view[np.minimum(after + 1, view.size - 1)] == MAGIC[1]))
-    # what nothing follows counts when it follows something itself and no sound record begins in it: then the next one is damaged, not it
+    # a record that no other follows counts when it follows one itself and no sound record begins in it: then the next one is damaged
     alone, sound = np.flatnonzero(~followed), start[followed]
     holds = np.searchsorted(sound, end[alone]) > np.searchsorted(sound, start[alone])
     followed[alone] = (np.isin(start[alone], end) | (start[alone] == sound_end)) & ~holds
     start, end = start[followed], end[followed]
-    met = chain(start, end)
-    return start[met], end[met]
+    kept = chain(start, end)
+    return start[kept], end[kept]
 
 
 def _magic(view: NDArray[np.uint8], first: int, last: int) -> Indices:

@@ -1,13 +1,15 @@
-"""MAVLink messages that a BlueOS recording holds as JSON, made what a telemetry log gives.
+"""MAVLink messages that a BlueOS recording holds as JSON, converted to the payloads of a telemetry log.
 
 On ``mavlink/{system}/{component}/{NAME}`` a message is ``{"header": {...}, "message": {"type": NAME, ...}}``; enums come as
-``{"type": "MAV_..."}`` or as their name, flags as ``{"bits": n}`` or as names joined by ``|``. The schemas are guessed by the
-recorder from each topic's first message and say nothing. Source: bluerobotics/blueos-recorder, bluerobotics/mavlink-server.
+``{"type": "MAV_..."}`` or as their name, flags as ``{"bits": n}`` or as names joined by ``|``. The recorder guesses the
+schemas from each topic's first message; they are not used. Source: bluerobotics/blueos-recorder, bluerobotics/mavlink-server.
 """
 
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, reduce
+from operator import or_
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -26,33 +28,29 @@ def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]]
     """
     if match := _TOPIC.fullmatch(topic):
         name = match[1]
-        fields = _Fields.of(name)
+        fields = _fields().get(name) or _Fields(frozenset(), {})
         return name, lambda data: _payload(decode_json(data), fields)
     if _PART.fullmatch(topic):
         return "", _field
     return None
 
 
+@dataclass(frozen=True, slots=True)
 class _Fields:
-    """What the dialect says of one message's fields; nothing for a message that it does not know."""
+    """The dialect's definition of one message's fields: those that are text, and the enum of others; empty for an unknown message."""
 
-    def __init__(self, message: Any) -> None:
-        self.texts: frozenset[str] = frozenset()
-        self.enums: Mapping[str, str] = {}
-        if message is not None:
-            kinds = zip(message.fieldnames, message.fieldtypes, strict=True)
-            self.texts = frozenset(name for name, kind in kinds if kind == "char")
-            self.enums = message.fieldenums_by_name
-
-    @staticmethod
-    @cache
-    def of(name: str) -> "_Fields":
-        return _Fields(_messages().get(name))
+    texts: frozenset[str]
+    enums: Mapping[str, str]
 
 
 @cache
-def _messages() -> dict[str, Any]:
-    return {message.msgname: message for message in dialect.mavlink_map.values()}
+def _fields() -> dict[str, _Fields]:
+    """Return the fields of each message of the dialect, by its name."""
+    found = {}
+    for message in dialect.mavlink_map.values():
+        kinds = zip(message.fieldnames, message.fieldtypes, strict=True)
+        found[message.msgname] = _Fields(frozenset(name for name, kind in kinds if kind == "char"), message.fieldenums_by_name)
+    return found
 
 
 @cache
@@ -67,7 +65,7 @@ def _payload(value: dict[str, Any], fields: _Fields) -> dict[str, Any]:
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):
         return value
     plain = {name: _value(name, item, fields) for name, item in message.items() if name != "type"}
-    # the recorder's library renames the field that its own word for the message's name would hide
+    # the recorder's library renames the field ``type``, which is its key for the message's name
     if "mavtype" in plain:
         plain["type"] = plain.pop("mavtype")
     return plain
@@ -88,17 +86,11 @@ def _value(name: str, value: Any, fields: _Fields) -> Any:
 
 
 def _number_of(words: Any) -> Any:
-    """Return the number that an enum's name stands for, or names joined by ``|``; the words themselves where one is unknown."""
+    """Return the number that an enum's name stands for, or names joined by ``|``; the names themselves where one is unknown."""
     if not isinstance(words, str):
         return words
     values = [_enum_values().get(word.strip()) for word in words.split("|")]
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
-        return words
-    number = 0
-    for value in known:
-        number |= value
-    return number
+    return words if None in values else reduce(or_, values)
 
 
 def _text(value: Any) -> Any:

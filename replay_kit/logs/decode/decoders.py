@@ -1,7 +1,7 @@
 """Payload bytes of an MCAP channel to plain dicts, one decoder a channel.
 
-Whatever the encoding was, a payload comes out as a dict of numbers, strings, bytes, lists and dicts under the names that the
-schema gives. Protobuf and ROS 1 times become ``{"sec", "nsec"}``; ROS 2 times keep their own ``{"sec", "nanosec"}``.
+A payload of any encoding becomes a dict of numbers, strings, bytes, lists and dicts under the schema's names. Protobuf and ROS 1
+times become ``{"sec", "nsec"}``; ROS 2 times keep their own ``{"sec", "nanosec"}``.
 """
 
 import contextlib

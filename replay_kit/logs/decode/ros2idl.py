@@ -1,7 +1,7 @@
 """ROS 2 schemas in IDL, rewritten as the ``ros2msg`` definitions that the decoder package understands.
 
-Both describe the same bytes; only the text differs. Read are modules, structs, enums, typedefs, sequences, bounded strings and
-arrays: what ROS generates. Annotations, constants and includes say nothing about the bytes and are passed over.
+Both describe the same bytes; only the text differs. The parser reads what ROS generates: modules, structs, enums, typedefs,
+sequences, bounded strings and arrays. It skips annotations, constants and includes, which do not change the bytes.
 """
 
 import re
@@ -32,10 +32,12 @@ def ros2msg_from_idl(name: str, text: str) -> str:
         text: One or more IDL files, one after the other.
 
     Raises:
-        ValueError: The text is no IDL, or holds what ROS does not generate, or does not hold the type.
+        ValueError: The text is no IDL, holds constructs that ROS does not generate, is nested too deeply, or lacks the type.
     """
-    parser = _Parser(text)
-    structs = parser.definitions()
+    try:
+        structs = _Parser(text).definitions()
+    except RecursionError as error:
+        raise ValueError("the IDL is nested too deeply") from error
     if name not in structs:
         raise ValueError(f"the IDL does not define {name}; it defines {', '.join(structs) or 'nothing'}")
     parts = [structs.pop(name)]
@@ -86,7 +88,7 @@ class _Parser:
             raise ValueError(f"{word!r} is not understood in IDL")
 
     def _braces(self) -> Iterator[None]:
-        """Let the caller read what is between braces, item by item."""
+        """Yield once for each item between braces, which the caller reads."""
         self._expect("{")
         while self._peek() != "}":
             yield

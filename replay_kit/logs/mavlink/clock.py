@@ -1,4 +1,4 @@
-"""What the SYSTEM_TIME messages of a telemetry log say of its clocks: each sender's time since its start, and UTC where it has it.
+"""The clocks of a telemetry log by its SYSTEM_TIME messages: each sender's time since its start, and UTC where it has it.
 
 The recorder's stamps order a replay unless ``header`` is asked for. Here they are compared with UTC, and the senders' clocks are fitted.
 """
@@ -10,8 +10,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.logs.clock import ClockFit, fit_clock
 from replay_kit.logs.mavlink.frames import Frames
+from replay_kit.logs.shared.clock import ClockFit, fit_clock
 
 MESSAGE_ID = dialect.MAVLINK_MSG_ID_SYSTEM_TIME
 #: UTC [microseconds] before the year 2000 is a clock that was never set.
@@ -44,7 +44,7 @@ class StartClock:
 
 
 class SystemTimes:
-    """Collects the SYSTEM_TIME messages of a log, in bounded memory."""
+    """The SYSTEM_TIME messages of a log, collected in bounded memory."""
 
     def __init__(self) -> None:
         self._kept: list[NDArray[np.void]] = []
@@ -54,7 +54,7 @@ class SystemTimes:
         self._starts: dict[int, tuple[int, int]] = {}
 
     def add(self, frames: Frames, position: int) -> None:
-        """Take in a block of entries, the first of which has this position in the file."""
+        """Add a block of entries, the first of which has this position in the file."""
         places = np.flatnonzero(frames.message_id == MESSAGE_ID)
         if not places.size:
             return
@@ -93,19 +93,19 @@ class SystemTimes:
         """Return what a user should know: how the recorder's stamps agree with UTC, and how each clock was fitted."""
         pairs = self._pairs()
         timed = pairs[pairs["utc_us"] >= UTC_SINCE_US]
-        said = []
+        notes = []
         if timed.size:
             late = (timed["stamp_us"] - timed["utc_us"]) * 1e-6
-            said.append(
+            notes.append(
                 f"the recorder's stamps are {np.median(late):+.3f} s from UTC by {timed.size} of {pairs.size} SYSTEM_TIME messages "
                 f"({late.min():+.3f} to {late.max():+.3f} s)"
             )
         elif pairs.size:
-            said.append(f"none of {pairs.size} SYSTEM_TIME messages has UTC: times are right if the recorder's clock was")
+            notes.append(f"none of {pairs.size} SYSTEM_TIME messages has UTC: times are right if the recorder's clock was")
         for clock in self.clocks():
             source = "UTC" if clock.from_utc else "the recorder's stamps"
-            said.append(f"clock of {clock.sender >> 8}/{clock.sender & 0xFF} since its start against {source}: {clock.fit}")
-        return tuple(said)
+            notes.append(f"clock of {clock.sender >> 8}/{clock.sender & 0xFF} since its start against {source}: {clock.fit}")
+        return tuple(notes)
 
     def _pairs(self) -> NDArray[np.void]:
         return np.concatenate(self._kept) if self._kept else np.zeros(0, dtype=_PAIR)

@@ -1,27 +1,27 @@
 """The checksum of MAVLink frames, many at a time.
 
-CRC-16/MCRF4XX, which MAVLink calls X.25: polynomial 0x1021 with its bits reversed, begun with 0xFFFF, over the frame after its marker
-and one byte more that stands for the message's definition (https://mavlink.io/en/guide/serialization.html#checksum).
+CRC-16/MCRF4XX, which MAVLink calls X.25: polynomial 0x1021 with its bits reversed, initial value 0xFFFF, over the frame after its marker
+and one more byte, which is derived from the message's definition (https://mavlink.io/en/guide/serialization.html#checksum).
 """
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from replay_kit.logs.chain import Indices
+from replay_kit.logs.shared.record_chain import Indices
 
 _REVERSED = 0x8408
-#: Stretches are worked on together when their lengths differ by less than so many words.
+#: Frames are processed together when their lengths differ by fewer words.
 _WORDS = 16
 PADDING = 2 * _WORDS
 
 
 def checksums(data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return the checksum of stretches of bytes, each with one byte more, shape (n,).
+    """Return the checksum of parts of the data, each followed by one more byte, shape (n,).
 
     Args:
-        data: The bytes, and ``PADDING`` more after the last stretch, whatever they are.
-        start: Where each stretch begins, shape (n,).
+        data: The bytes, and ``PADDING`` more of any value after the last part.
+        start: Where each part begins, shape (n,).
         end: Where it ends.
         extra: The byte that follows each.
     """
@@ -34,7 +34,7 @@ def checksums(data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDAr
         most = int(words[low])
         if most == 0:
             continue
-        # one row a word, one column a stretch; those that have no such word come last
+        # one row a word, one column a part; parts without such a word come last
         rows = np.ascontiguousarray(sliding_window_view(data, 2 * most)[first[low:high]].view("<u2").T)
         having = high - np.searchsorted(words[low:high][::-1], np.arange(most), side="right")
         for row, stop in zip(rows, having.tolist(), strict=True):
@@ -51,13 +51,13 @@ def _with_byte(register: NDArray[np.uint16], byte: NDArray[np.uint8] | NDArray[n
 
 
 def _after_bits(bits: int) -> NDArray[np.uint16]:
-    """Return what becomes of each register, shape (2**bits,), when that many bits are shifted out."""
+    """Return the value of each register, shape (2**bits,), after that many bits are shifted out."""
     register = np.arange(1 << bits, dtype=np.uint16)
     for _ in range(bits):
         register = (register >> np.uint16(1)) ^ (register & np.uint16(1)) * np.uint16(_REVERSED)
     return register
 
 
-# The register is as wide as a word: with the word added to it, what it is sixteen bits later depends on nothing else.
+# The register is as wide as a word: its value after sixteen bits depends on its sum with the word alone.
 _ONE_BYTE = _after_bits(8)
 _TWO_BYTES = _after_bits(16)

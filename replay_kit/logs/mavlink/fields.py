@@ -12,12 +12,12 @@ Unpack = Callable[[bytes], dict[str, Any]]
 def unpacker(message_id: int) -> Unpack:
     """Return the function from a payload to its fields, for a message of the dialect.
 
-    A payload that was cut where only zeros followed, as MAVLink 2 does, is filled up; one that is longer, with fields that are not in
-    the dialect, is read as far as it is known. Character arrays are text without the padding.
+    The zeros that MAVLink 2 cuts off at the end of a payload are filled in; of a longer payload, with fields that are not in the
+    dialect, the known fields are read. Character arrays are text without the padding.
     """
     message = dialect.mavlink_map[message_id]
     size, unpack, names = message.unpacker.size, message.unpacker.unpack_from, tuple(message.fieldnames)
-    # on the wire the fields stand in another order, an array as so many values, text as one
+    # on the wire the fields have another order; an array is several values, a text is one
     if max(message.lengths) > 1 or "char" in message.fieldtypes:
         ends = [sum(message.lengths[: place + 1]) for place in range(len(names))]
         wire = [slice(end - n, end) if n > 1 else end - 1 for n, end in zip(message.lengths, ends, strict=True)]

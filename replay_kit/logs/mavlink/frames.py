@@ -1,7 +1,7 @@
 """Entries of a MAVLink telemetry log, found and checked a block at a time.
 
-An entry is eight bytes of microseconds, big-endian, then one MAVLink 1 or 2 frame. Nothing but the frame's own checksum says that an
-entry is sound, so every place where one seems to begin is checked, and the next entry is the first sound one after the end of the last.
+An entry is eight bytes of microseconds, big-endian, then one MAVLink 1 or 2 frame. Only the frame's own checksum shows that an
+entry is sound: every candidate is checked, and the next entry is the first sound one after the end of the last.
 """
 
 import re
@@ -14,11 +14,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.logs.chain import Indices, chain
 from replay_kit.logs.mavlink.crc import checksums
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
+from replay_kit.logs.shared.statistics import ReadStatistics
 
-#: Read at once [bytes]: enough that the arrays of a block pay, little enough that they stay near the processor.
+#: Read at once [bytes]: large enough for arrays to be efficient, small enough for the processor's cache.
 BLOCK = 2 << 20
 _V1, _V2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
 _SIGNED = dialect.MAVLINK_IFLAG_SIGNED
@@ -35,7 +35,7 @@ _ENTRY = re.compile(rb"\x00[\x00-\x20].{6}[\xfd\xfe]", re.DOTALL)
 #: Checksums computed at once: noise can look like an entry at every second byte, and each may be 280 bytes long.
 _AT_ONCE = 1 << 16
 _UNKNOWN = 256
-#: Checksum byte of each message id; the last place stands for all ids beyond the known ones.
+#: Checksum byte of each message id; the last element is for all ids beyond the known ones.
 _EXTRA = np.full(max(dialect.mavlink_map) + 2, _UNKNOWN, dtype=np.uint16)
 for _id, _message in dialect.mavlink_map.items():
     _EXTRA[_id] = _message.crc_extra
@@ -75,7 +75,13 @@ class Frames:
         return Frames(self.data, self.offset, *(column[which] for column in columns))
 
 
-def read_frames(file: BinaryIO, tally: Tally) -> Iterator[Frames]:
+def is_tlog(head: bytes) -> bool:
+    """Return whether a sound entry of a telemetry log is among these first bytes of a file."""
+    frames, _ = scan(head, 0, at_end=True)
+    return any(message_id in dialect.mavlink_map for message_id in frames.message_id.tolist())
+
+
+def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
     """Yield the sound entries block after block; bad bytes between two of them, and a cut last entry, are losses."""
     data, offset, sound_end, at_end = b"", 0, 0, False
     while not at_end:
@@ -83,15 +89,12 @@ def read_frames(file: BinaryIO, tally: Tally) -> Iterator[Frames]:
         at_end = not block
         data += block
         frames, used = scan(data, offset, at_end)
-        ends = offset + np.concatenate([[sound_end - offset], frames.end])
-        for gap in np.flatnonzero(frames.start + offset > ends[:-1]).tolist():
-            begin, end = int(ends[gap]), int(frames.start[gap]) + offset
-            tally.lose("bad bytes between two sound frames, skipped", begin, end - begin)
-        sound_end = int(ends[-1])
+        gap = "bad bytes between two sound frames, skipped"
+        sound_end = lose_gaps(statistics, gap, sound_end, frames.start + offset, frames.end + offset)
         yield frames
         data, offset = data[used:], offset + used
     if offset > sound_end:
-        tally.lose("at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end)
+        statistics.lose("at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end)
 
 
 def scan(data: bytes, offset: int, at_end: bool) -> tuple[Frames, int]:
@@ -111,7 +114,7 @@ def scan(data: bytes, offset: int, at_end: bool) -> tuple[Frames, int]:
 
 
 def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
-    """Return every place where an entry seems to begin and to be whole.
+    """Return the candidates: every place where an entry seems to begin and to be whole.
 
     Args:
         data: The block, then padding, so that the fields of what is too short can be read.
@@ -138,7 +141,7 @@ def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
 
 
 def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
-    """Return which entries are sound: a known message's checksum fits; after an unknown one another entry seems to begin."""
+    """Return which entries are sound: a known message's checksum fits; after an unknown one another candidate begins."""
     view = np.frombuffer(frames.data, dtype=np.uint8)
     check = frames.payload + frames.length
     stated = view[check].astype(np.uint16) | view[check + 1].astype(np.uint16) << 8

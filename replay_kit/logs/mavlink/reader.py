@@ -13,65 +13,48 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport, Message
-from replay_kit.logs.clock import ClockFit, without_spikes
 from replay_kit.logs.mavlink.clock import StartClock, SystemTimes, header_time
 from replay_kit.logs.mavlink.fields import Unpack, unpacker
-from replay_kit.logs.mavlink.frames import Frames, read_frames, scan
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.mavlink.frames import Frames, read_frames
+from replay_kit.logs.raw import MAVLINK_FRAMES, RawChannel, RawMessage
+from replay_kit.logs.reader import LogFile
+from replay_kit.logs.shared.clock import ClockFit, spikes_note, without_spikes
+from replay_kit.logs.shared.statistics import ReadStatistics
 
+_FRAMES_TOPIC = "mavlink/frames"
 _POSITION = "GLOBAL_POSITION_INT"
 _first = attrgetter("position")
 
 
 class _Kind(NamedTuple):
-    """Messages of one kind from one sender: how they are called, and how they are decoded; None leaves them."""
+    """Messages of one kind from one sender: topic, name, and how they are decoded; None leaves them undecoded."""
 
     topic: str
     name: str
     unpack: Unpack | None
 
 
-def is_tlog(head: bytes) -> bool:
-    """Return whether a sound entry of a telemetry log is among these first bytes of a file."""
-    frames, _ = scan(head, 0, at_end=True)
-    return any(message_id in dialect.mavlink_map for message_id in frames.message_id.tolist())
+class TlogReader(LogFile):
+    """A telemetry log opened for reading.
 
-
-class TlogReader:
-    """A telemetry log opened for reading; each call of ``messages`` reads it anew.
-
-    Attributes:
-        path: The log.
-        format: ``tlog``.
+    The clock ``publish`` is the recorder's as ``log`` is; ``header`` is the time that a message states: UTC, or the time since its
+    sender's start, which is fitted to UTC, or to the recorder's stamps when the log has no UTC.
     """
 
-    path: str
-    format: str = "tlog"
+    format = "tlog"
+    has_own_frames = True
 
     def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
-        """Remember what to read; the file is opened by ``messages``.
-
-        Args:
-            path: The log.
-            input: Position of the log among the run's inputs.
-            config: Clock and system. The clock ``publish`` is the recorder's as ``log`` is, ``header`` what a message states: UTC, or the
-                time since its sender's start, which is fitted to UTC, or to the recorder's stamps when there is none in the log.
-            wanted: Message names to decode; others are counted only. None decodes all.
-        """
-        config = config or LogConfig()
-        self.path = str(path)
-        self._input = input
-        self._wanted = wanted
-        self._by_header = config.clock == "header"
-        self._system = config.system
+        """See ``LogFile``."""
+        super().__init__(path, input, config, wanted)
+        self._system = self._config.system
         self._reset()
 
     def _reset(self) -> None:
-        self._tally = Tally()
+        self.statistics = ReadStatistics()
         self._times = SystemTimes()
         self._clocks: dict[int, list[StartClock]] = {}
         self._positions_of: set[int] = set()
-        self._without_stamp = 0
         self._spikes = 0
         self._kinds: dict[int, _Kind] = {}
 
@@ -85,65 +68,75 @@ class TlogReader:
             LogError: The file cannot be read; or only some messages are wanted, and positions of several systems are among them.
         """
         self._reset()
-        if self._by_header:
+        if self._clock == "header":
             times = SystemTimes()
-            for frames, position, _ in self._read(Tally()):
+            for frames, position, _ in self._read(ReadStatistics()):
                 times.add(frames, position)
             for clock in times.clocks():
                 self._clocks.setdefault(clock.sender, []).append(clock)
-        for frames, position, spikes in self._read(self._tally):
+        for frames, position, spikes in self._read(self.statistics):
             self._spikes += spikes
             self._times.add(frames, position)
             yield from self._decoded(frames, position)
 
+    def frames(self) -> Iterator[RawMessage]:
+        """Yield the entries as they are in the file, on the topic ``mavlink/frames``, or ``mavlink/frames/{input}`` after the first log."""
+        topic = _FRAMES_TOPIC if self.input == 0 else f"{_FRAMES_TOPIC}/{self.input}"
+        channel = RawChannel(0, topic, MAVLINK_FRAMES, (), None)
+        position = 0
+        with self._opened() as file:
+            for frames in read_frames(file, ReadStatistics()):
+                columns = (frames.stamp_us * 1000, frames.start + 8, frames.end)
+                for time_ns, start, end in zip(*(column.tolist() for column in columns), strict=True):
+                    data = frames.data[start:end]
+                    yield RawMessage(time_ns, self.input, position, channel, position % 2**32, time_ns, time_ns, data)
+                    position += 1
+
     def report(self) -> LogReport:
-        """Return what was met so far."""
+        """Return what was found so far."""
         notes = self._times.notes()
         if self._spikes:
-            notes = (f"{self._spikes} stamps far from those before and after were replaced by the one after", *notes)
+            notes = (spikes_note(self._spikes), *notes)
         if len(self._positions_of) > 1:
             notes = (f"positions of several systems; a replay needs one: {self._choose()}", *notes)
-        met = sorted({key >> 8 & 0xFF for key in self._kinds})
-        if self._system is not None and met and self._system not in met:
-            notes = (f"no messages of system {self._system}, which [logs] asks for; it holds those of {', '.join(map(str, met))}", *notes)
-        frames = self._tally.read.total()
+        found = sorted({key >> 8 & 0xFF for key in self._kinds})
+        if self._system is not None and found and self._system not in found:
+            notes = (f"no messages of system {self._system}, which [logs] chooses; it holds those of {', '.join(map(str, found))}", *notes)
+        frames = self.statistics.read.total()
         unchecked = {"stamps of frames": frames} if frames else {}
-        return replace(self._tally.report(self.path, self.format), without_stamp=self._without_stamp, notes=notes, unchecked=unchecked)
+        return replace(super().report(), notes=notes, unchecked=unchecked)
 
-    def _read(self, tally: Tally) -> Iterator[tuple[Frames, int, int]]:
-        """Yield the entries block by block, the position of the first in the file, and how many stamps were far from their neighbours."""
+    def _read(self, statistics: ReadStatistics) -> Iterator[tuple[Frames, int, int]]:
+        """Yield the entries block by block, the position of the first in the file, and the number of stamps far from their neighbours."""
         position, last_us = 0, None
-        try:
-            with open(self.path, "rb") as file:
-                for frames in read_frames(file, tally):
-                    stamp_us, spikes = without_spikes(frames.stamp_us, last_us)
-                    yield replace(frames, stamp_us=stamp_us) if spikes else frames, position, spikes
-                    position += frames.start.size
-                    last_us = int(stamp_us[-1]) if stamp_us.size else last_us
-        except OSError as error:
-            raise LogError(f"{self.path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+        with self._opened() as file:
+            for frames in read_frames(file, statistics):
+                stamp_us, spikes = without_spikes(frames.stamp_us, last_us)
+                yield replace(frames, stamp_us=stamp_us) if spikes else frames, position, spikes
+                position += frames.start.size
+                last_us = int(stamp_us[-1]) if stamp_us.size else last_us
 
     def _decoded(self, frames: Frames, position: int) -> Iterator[Message]:
         """Yield the wanted messages of a block and count all; the first has this position."""
         keys, kind_of, counts = np.unique(frames.message_id.astype(np.int64) << 16 | frames.sender, return_inverse=True, return_counts=True)
         kinds = [self._kinds.get(key) or self._kinds.setdefault(key, self._kind(key)) for key in keys.tolist()]
         for kind, count in zip(kinds, counts.tolist(), strict=True):
-            self._tally.read[kind.topic] += count
+            self.statistics.read[kind.topic] += count
             if not kind.name:
-                self._tally.undecodable(kind.topic, "its message id is not in the ardupilotmega dialect", count)
+                self.statistics.undecodable(kind.topic, "its message id is not in the ardupilotmega dialect", count)
         wanted = np.flatnonzero(np.array([kind.unpack is not None for kind in kinds], dtype=np.bool_)[kind_of])
         data, begin = frames.data, frames.payload[wanted]
         columns = (wanted + position, kind_of[wanted], frames.stamp_us[wanted] * 1000, begin, begin + frames.length[wanted])
         for at, which, time_ns, start, end in zip(*(column.tolist() for column in columns), strict=True):
             topic, name, unpack = kinds[which]
             payload = unpack(data[start:end])
-            if self._by_header:
-                stated = header_time(payload, self._clock(int(keys[which]) & 0xFFFF, at))
-                self._without_stamp += stated is None
+            if self._clock == "header":
+                stated = header_time(payload, self._fitted_clock(int(keys[which]) & 0xFFFF, at))
+                self.statistics.without_stamp += stated is None
                 time_ns = time_ns if stated is None else stated
-            yield Message(time_ns, topic, name, payload, self._input, at)
+            yield Message(time_ns, topic, name, payload, self.input, at)
 
-    def _clock(self, sender: int, position: int) -> ClockFit | None:
+    def _fitted_clock(self, sender: int, position: int) -> ClockFit | None:
         """Return the clock of a sender at a position in the file."""
         clocks = self._clocks.get(sender)
         return clocks[max(bisect_right(clocks, position, key=_first) - 1, 0)].fit if clocks else None
@@ -156,7 +149,7 @@ class TlogReader:
         message_id, system, component = key >> 16, key >> 8 & 0xFF, key & 0xFF
         known = dialect.mavlink_map.get(message_id)
         if known is None:
-            return _Kind(f"mavlink/{system}/{component}/UNKNOWN_{message_id}", "", None)
+            return _Kind(self._topic(f"mavlink/{system}/{component}/UNKNOWN_{message_id}"), "", None)
         name: str = known.msgname
         wanted = (self._wanted is None or name in self._wanted) and self._system in (None, system)
         unpack = unpacker(message_id) if wanted else None
@@ -164,12 +157,4 @@ class TlogReader:
             self._positions_of.add(system)
             if self._wanted is not None and len(self._positions_of) > 1:
                 raise LogError(f"{self.path}: expected positions of one MAVLink system, it holds those of several; {self._choose()}")
-        return _Kind(f"mavlink/{system}/{component}/{name}", name, unpack)
-
-
-def entries(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the stamp [us] and the frame of each sound entry of a telemetry log, as they stand in it."""
-    with open(path, "rb") as file:
-        for frames in read_frames(file, Tally()):
-            for stamp_us, start, end in zip(frames.stamp_us.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True):
-                yield stamp_us, frames.data[start + 8 : end]
+        return _Kind(self._topic(f"mavlink/{system}/{component}/{name}"), name, unpack)

@@ -1,7 +1,7 @@
 """The messages of our own logs as a MAVLink 2 telemetry log: a stamp of microseconds, then a frame, and so on.
 
-The carrier has no message for a depth-averaged current, and no field for a ping's amplitude, correlation and the like: these
-are left out, and counted. A ping goes as five ``DEBUG_FLOAT_ARRAY`` frames, NaN for what is not known.
+MAVLink has no message for a depth-averaged current, and no field for a ping's amplitude, correlation and the like: these
+are left out and counted. A ping is written as five ``DEBUG_FLOAT_ARRAY`` frames; unknown values are NaN.
 """
 
 import math
@@ -23,13 +23,12 @@ _SYSTEM, _COMPONENT = 1, 1
 _BOOT_WRAPS = 2**32
 _UNKNOWN_U16 = 65535
 _FIX_3D = 3
-_COORDINATE_SYSTEMS = ("beam", "instrument", "ship", "earth")
-_REFERENCES = ("earth", "platform")
-_ORIENTATIONS = ("down", "up")
-# read as in measurements/vehicle.py, which this package may not import
+#: Fields of a ping that the frames hold as the position of their word.
+_CHOICES = {"coordinate_system": ("beam", "instrument", "ship", "earth"), "reference": ("earth", "platform"), "orientation": ("down", "up")}
+# the words that measurements take as true
 _TRUE = ("true", "1")
 _COMPONENTS = 3
-#: What of a ping the frames hold, or the log says otherwise.
+#: Fields of a ping that the frames or the log around them hold.
 _HELD = frozenset(
     {
         *("stamp", "frame_id", "ping", "coordinate_system", "reference", "orientation", "bin_mapped", "n_cells", "cell_size"),
@@ -37,27 +36,31 @@ _HELD = frozenset(
         *("magnetic_declination", "declination_applied", "transducer_depth"),
     }
 )
-_UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, struct.error)
 
 
 class _UnfitError(Exception):
     """A message has no frame, for a reason that can be named."""
 
 
+_UNFIT = (_UnfitError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError, struct.error)
+
+
 class TlogFrames:
     """Makes the entries of a telemetry log from messages, and counts what they cannot hold.
 
     Attributes:
-        left_out: How many messages by (topic, what was left out of the log and why).
+        left_out: Number of messages by (topic, what was left out and why).
     """
 
-    def __init__(self, component: int = _COMPONENT) -> None:
+    def __init__(self, beside_vehicle: bool = False) -> None:
         """Begin with no message.
 
         Args:
-            component: MAVLink component that the frames are from.
+            beside_vehicle: Whether the log holds the vehicle's own frames too: the new ones are then from the onboard computer, a
+                MAVLink component with a clock of its own.
         """
         self.left_out: Counter[tuple[str, str]] = Counter()
+        component = dialect.MAV_COMP_ID_ONBOARD_COMPUTER if beside_vehicle else _COMPONENT
         self._mav = dialect.MAVLink(None, srcSystem=_SYSTEM, srcComponent=component)
         self._boot_ns: int | None = None
 
@@ -80,13 +83,9 @@ class TlogFrames:
             # all of a message's frames or none
             made = list(make(message, max(message.time_ns - self._boot_ns, 0) // 1_000_000 % _BOOT_WRAPS))
             packed = [(frame.get_type(), stamp + self._packed(frame)) for frame in made]
-        except _UnfitError as error:
-            self.left_out[message.topic, f"no frame can be made: {error}"] += 1
-            return
-        except _UNFIT:
-            self.left_out[
-                message.topic, "no frame can be made: a field is not of the kind that is expected, or out of a frame's range"
-            ] += 1
+        except _UNFIT as error:
+            why = error if isinstance(error, _UnfitError) else "a field is not of the kind that is expected, or out of a frame's range"
+            self.left_out[message.topic, f"no frame can be made: {why}"] += 1
             return
         lost = _not_held(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
         if lost:
@@ -126,7 +125,7 @@ def _position_frames(message: Message, boot_ms: int) -> Iterator[Any]:
     degrees = _stated(payload, "latitude")
     if abs(degrees) > 90.0:
         raise _UnfitError("expected latitude from -90 to 90 degrees")
-    # a frame holds degrees up to 214: east above 180 becomes west
+    # a frame holds at most 214 degrees: east above 180 becomes west
     latitude, longitude = round(degrees * 1e7), round(math.remainder(_stated(payload, "longitude"), 360.0) * 1e7)
     depth = _number(extra.get("depth"))
     altitude = 0 if math.isnan(depth) else -round(depth * 1000.0)
@@ -165,7 +164,7 @@ def _ping_frames(message: Message, boot_ms: int) -> Iterator[Any]:
 
 
 def _cells(payload: Mapping[str, Any]) -> list[list[Any]]:
-    """Return a ping's velocities by cell; an empty cell is one of which nothing is known."""
+    """Return a ping's velocities by cell; an unknown cell is empty."""
     velocity, n_cells = list(payload["velocity"]), payload["n_cells"]
     if any(isinstance(cell, list | tuple) for cell in velocity):
         return [list(cell or ()) for cell in velocity]
@@ -186,28 +185,17 @@ def _columns(payload: Mapping[str, Any]) -> list[list[float]]:
 
 
 def _not_held(payload: Mapping[str, Any]) -> list[str]:
-    """Return what a ping states and its frames do not."""
+    """Return the fields of a ping that its frames do not hold."""
     lost = sorted(key for key, value in payload.items() if key not in _HELD and value not in (None, [], {}, ""))
     return [*lost, f"components of velocity after {_COMPONENTS}"] if max(map(len, _cells(payload)), default=0) > _COMPONENTS else lost
 
 
 def _configuration(payload: Mapping[str, Any], n_components: int) -> list[float]:
     return [
-        _stated(payload, "n_cells"),
-        _stated(payload, "cell_size"),
-        _stated(payload, "bin0_distance"),
-        _choice(payload, "coordinate_system", _COORDINATE_SYSTEMS),
-        _choice(payload, "reference", _REFERENCES),
-        _choice(payload, "orientation", _ORIENTATIONS),
-        _number(payload.get("bin_mapped")),
-        _number(payload.get("heading")),
-        _number(payload.get("pitch")),
-        _number(payload.get("roll")),
-        _number(payload.get("pressure")),
-        _number(payload.get("sound_speed")),
-        _number(payload.get("temperature")),
-        _number(payload.get("magnetic_declination")),
-        _number(payload.get("declination_applied")),
+        *(_stated(payload, key) for key in ("n_cells", "cell_size", "bin0_distance")),
+        *(_choice(payload, key, words) for key, words in _CHOICES.items()),
+        *(_number(payload.get(key)) for key in ("bin_mapped", "heading", "pitch", "roll", "pressure", "sound_speed", "temperature")),
+        *(_number(payload.get(key)) for key in ("magnetic_declination", "declination_applied")),
         float(n_components),
         _number(payload.get("transducer_depth")),
     ]

@@ -1,4 +1,4 @@
-"""Which topic, schema and decoder the messages of each MCAP channel have."""
+"""Topic, schema and decoder of each MCAP channel."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ class Sink:
     Attributes:
         topic: The channel's topic.
         schema: Name of its schema; empty when it has none.
-        decode: The decoder; the reason why there is none; or None for frames that stand decoded on topics of their own.
-        channel: What the file says of it.
+        decode: The decoder; the reason why there is none; or None for kept frames, whose decoded messages are on other topics.
+        channel: As the file declares it.
     """
 
     topic: str
@@ -33,20 +33,22 @@ class Sink:
 class Channels:
     """The channels and schemas declared so far; a decoder is built when its first message comes."""
 
-    def __init__(self, summary: Callable[[], Summary]) -> None:
+    def __init__(self, summary: Summary, rename: Callable[[str], str]) -> None:
         """Start with nothing declared.
 
         Args:
-            summary: Gives the file's summary, asked only for what was not declared before its use, as after a lost chunk.
+            summary: The file's summary, used for channels that were not declared before their use, as after a lost chunk.
+            rename: Gives what a topic of the file is called.
         """
         self._summary = summary
+        self._rename = rename
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        #: Those built so far, by channel; asked directly where a call a message would cost.
+        #: Those built so far, by channel; read directly where a call for each message would cost time.
         self.sinks: dict[int, Sink] = {}
 
     def declare(self, opcode: int, body: bytes) -> None:
-        """Take up a schema or channel record.
+        """Add a schema or channel record.
 
         Raises:
             struct.error, ValueError, OverflowError, mcap.exceptions.McapError: The body is no such record.
@@ -70,21 +72,22 @@ class Channels:
         return found
 
     def _build(self, channel_id: int) -> Sink:
-        channel = self._channels.get(channel_id) or self._summary().channels.get(channel_id)
+        channel = self._channels.get(channel_id) or self._summary.channels.get(channel_id)
         if channel is None:
             unknown = RawChannel(channel_id, f"(channel {channel_id})", "", (), None)
-            return Sink(unknown.topic, "", "the file does not say what this channel is", unknown)
+            return Sink(unknown.topic, "", "the file does not declare this channel", unknown)
         schema = None
         if channel.schema_id != 0:
-            schema = self._schemas.get(channel.schema_id) or self._summary().schemas.get(channel.schema_id)
+            schema = self._schemas.get(channel.schema_id) or self._summary.schemas.get(channel.schema_id)
         definition = (schema.name, schema.encoding, schema.data) if schema else None
-        raw = RawChannel(channel_id, channel.topic, channel.message_encoding, tuple(channel.metadata.items()), definition)
+        topic = self._rename(channel.topic)
+        raw = RawChannel(channel_id, topic, channel.message_encoding, tuple(channel.metadata.items()), definition)
         name = schema.name if schema else ""
         # `mavlink/` first: the dialect takes longer to load than a small log to read
         if channel.message_encoding == MessageEncoding.JSON and channel.topic.startswith("mavlink/"):
             from replay_kit.logs.decode.blueos import mavlink_channel
 
             if (known := mavlink_channel(channel.topic)) is not None:
-                return Sink(channel.topic, known[0] or name, known[1], raw)
+                return Sink(topic, known[0] or name, known[1], raw)
         decode = None if raw.encoding == MAVLINK_FRAMES else channel_decoder(channel.message_encoding, schema)
-        return Sink(channel.topic, name, decode, raw)
+        return Sink(topic, name, decode, raw)

@@ -1,53 +1,32 @@
 """Streaming MCAP reader: one chunk in memory, messages in file order, damage counted and stepped over."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import replace
-from pathlib import Path
-from typing import Any, BinaryIO, Literal
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from typing import Any, BinaryIO, TypeVar
 
-from replay_kit.config.run import LogConfig
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Header, Metadata
+
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import Message
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.mcap.channels import Channels
-from replay_kit.logs.mcap.records import MAGIC, Record
-from replay_kit.logs.mcap.scanner import MESSAGE, Pass
-from replay_kit.logs.raw import RawMessage
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, MAX_SIZE, RECORD_ERRORS, Record, file_records, parse
+from replay_kit.logs.mcap.scanner import MESSAGE, Make, McapScanner
+from replay_kit.logs.raw import MAVLINK_FRAMES, RawMessage
+from replay_kit.logs.reader import LogFile, OnExtra
+from replay_kit.logs.shared.statistics import ReadStatistics
 
 _MAX_TIME_NS = 2**63 - 1
+_T = TypeVar("_T")
 
-_Clock = Literal["log", "publish", "header"]
 
+class McapReader(LogFile):
+    """An MCAP file opened for reading. The clock of the configuration chooses which stamp becomes ``time_ns``."""
 
-class McapReader:
-    """An MCAP file opened for reading; each call of ``messages`` reads it anew.
-
-    Attributes:
-        path: The log.
-        format: ``mcap``.
-        input: Position of the log among the run's inputs.
-        clock: Which stamp becomes ``time_ns``.
-        without_stamp: Messages that took their log time because their payload has no stamp, when the clock is ``header``.
-    """
-
-    path: str
-    format: str = "mcap"
-
-    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None) -> None:
-        """Remember what to read; the file is opened by ``messages``.
-
-        Args:
-            path: The log.
-            input: Position of the log among the run's inputs.
-            config: Which clock orders the messages; the defaults when None.
-        """
-        self.path = str(path)
-        self.without_stamp = 0
-        self.clock: _Clock = config.clock if config else "log"
-        self.input = input
-        self._tally = Tally()
+    format = "mcap"
 
     def messages(self) -> Iterator[Message]:
         """Yield the decoded messages in the order in which the file holds them.
@@ -57,89 +36,121 @@ class McapReader:
         Raises:
             LogError: The file cannot be read or is no MCAP file.
         """
-        with self._open() as file:
-            yield from Pass(file, self._tally, self._decoded).messages()
+        self.statistics = ReadStatistics()
+        yield from self._scan(self._decoded)
 
-    def raw_messages(self, beside: Callable[[Record], None] | None = None) -> Iterator[RawMessage]:
-        """Yield the messages as they stand in the file, none decoded; the clock ``header`` decodes to find the stamp.
+    def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
+        """Yield the messages as they are in the file, none decoded; the clock ``header`` decodes to find the stamp.
 
         Args:
-            beside: As for ``Pass``.
+            on_extra: Called with each attachment and metadata record; damaged ones are losses.
 
         Raises:
             LogError: The file cannot be read or is no MCAP file.
         """
-        with self._open() as file:
-            yield from Pass(file, self._tally, self._raw, beside).messages()
+        self.statistics = ReadStatistics()
+        yield from self._scan(self._raw, on_extra)
 
-    def report(self) -> LogReport:
-        """Return what was met so far."""
-        return replace(self._tally.report(self.path, self.format), without_stamp=self.without_stamp)
+    def frames(self) -> Iterator[RawMessage]:
+        """Yield the entries of a telemetry log that was converted to this file."""
+        with self._opened() as file:
+            yield from McapScanner(file, ReadStatistics(), self._frame, self._topic).messages()
 
-    @contextmanager
-    def _open(self) -> Iterator[BinaryIO]:
-        self._tally = Tally()
-        self.without_stamp = 0
+    def profile(self) -> str | None:
+        """Return the profile that the header states; None when the header is damaged."""
+        with self._opened() as file:
+            record = next(file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size))
         try:
-            with open(self.path, "rb") as file:
-                head = file.read(len(MAGIC))
-                if head != MAGIC:
-                    raise LogError(
-                        f"{self.path}: expected an MCAP file, whose first bytes are {MAGIC.hex(' ')}; they are {head.hex(' ')}; give a log"
-                    )
-                yield file
-        except OSError as error:
-            raise LogError(f"{self.path}: cannot be read: {error.strerror}; check the file and its permissions") from error
+            return parse(Header, record.body).profile if record.opcode == Opcode.HEADER and record.whole else None
+        except RECORD_ERRORS:
+            return None
+
+    def _scan(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
+        with self._opened() as file:
+            head = file.read(len(MAGIC))
+            if head != MAGIC:
+                raise LogError(
+                    f"{self.path}: expected an MCAP file, whose first bytes are {MAGIC.hex(' ')}; they are {head.hex(' ')}; give a log"
+                )
+            on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
+            yield from McapScanner(file, self.statistics, make, self._topic, on_record).messages()
 
     def _decoded(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> Message | None:
         """Return a message decoded; None, and a count, when it cannot be."""
         channel_id, _, time_ns, publish_ns = MESSAGE.unpack_from(data, start)
         sink = channels.sinks.get(channel_id) or channels.sink(channel_id)
-        tally = self._tally
-        tally.read[sink.topic] += 1
+        statistics = self.statistics
+        statistics.read[sink.topic] += 1
         decode = sink.decode
         if decode is None or isinstance(decode, str):
             if decode:
-                tally.undecodable(sink.topic, decode)
+                statistics.undecodable(sink.topic, decode)
             return None
         try:
             payload = decode(data[start + 22 : end])
         except PAYLOAD_ERRORS as error:
-            tally.undecodable(sink.topic, explain(error))
+            statistics.undecodable(sink.topic, explain(error))
             return None
-        if self.clock != "log":
-            time_ns = publish_ns if self.clock == "publish" else self._stamped(payload, time_ns)
+        if self._clock != "log":
+            time_ns = publish_ns if self._clock == "publish" else self._stamped(payload, time_ns)
         if time_ns > _MAX_TIME_NS:
-            tally.undecodable(sink.topic, f"its time, {time_ns} ns, is past the year 2262")
+            statistics.undecodable(sink.topic, f"its time, {time_ns} ns, is past the year 2262")
             return None
         return Message(time_ns, sink.topic, sink.schema, payload, self.input, position)
 
-    def _raw(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> RawMessage | None:
+    def _raw(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> RawMessage:
         channel_id, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, start)
         sink = channels.sink(channel_id)
-        self._tally.read[sink.topic] += 1
+        self.statistics.read[sink.topic] += 1
         body = data[start + MESSAGE.size : end]
-        time_ns = publish_ns if self.clock == "publish" else log_ns
-        if self.clock == "header" and callable(sink.decode):
+        time_ns = publish_ns if self._clock == "publish" else log_ns
+        if self._clock == "header" and callable(sink.decode):
             try:
                 time_ns = self._stamped(sink.decode(body), time_ns)
             except PAYLOAD_ERRORS:
-                self.without_stamp += 1
+                self.statistics.without_stamp += 1
         return RawMessage(time_ns, self.input, position, sink.channel, sequence, log_ns, publish_ns, body)
+
+    def _frame(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> RawMessage | None:
+        """Return the entry of a telemetry log; None for other messages. By every clock its time is the entry's stamp."""
+        channel_id, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, start)
+        channel = channels.sink(channel_id).channel
+        if channel.encoding != MAVLINK_FRAMES:
+            return None
+        return RawMessage(log_ns, self.input, position, channel, sequence, log_ns, publish_ns, data[start + MESSAGE.size : end])
 
     def _stamped(self, payload: Mapping[str, Any], log_ns: int) -> int:
         """Return a payload's own stamp; the log time, and a count, when it has none."""
         stamp = header_stamp(payload)
         if stamp is None:
-            self.without_stamp += 1
+            self.statistics.without_stamp += 1
             return log_ns
         return stamp
+
+
+def _extra(file: BinaryIO, record: Record) -> Attachment | Metadata:
+    """Return a metadata record, or an attachment, whose body is read here and checked.
+
+    Raises:
+        struct.error, ValueError, OverflowError, mcap.exceptions.McapError: ``RECORD_ERRORS``; it is damaged.
+    """
+    if record.opcode == Opcode.METADATA:
+        return parse(Metadata, record.body)
+    length = record.end - record.offset - HEAD_SIZE
+    if length > MAX_SIZE:
+        raise ValueError(f"an attachment of {length} bytes, more than the {MAX_SIZE} that are read at once")
+    file.seek(record.offset + HEAD_SIZE)
+    body = file.read(length)
+    (stated,) = struct.unpack_from("<I", body, length - 4)
+    if stated not in (0, zlib.crc32(body[:-4])):
+        raise ValueError("its checksum does not match")
+    return parse(Attachment, body)
 
 
 def header_stamp(payload: Mapping[str, Any]) -> int | None:
     """Return the time that a payload states about itself [ns, UTC]; None when it states none.
 
-    Looked for in ``header.stamp``, ``stamp`` and ``timestamp``, as a mapping of seconds and nanoseconds under the names in
+    Read from ``header.stamp``, ``stamp`` and ``timestamp``, as a mapping of seconds and nanoseconds under the names in
     use. Zero means unset, as in ROS; what int64 cannot hold is no time.
     """
     header = payload.get("header")

@@ -1,8 +1,8 @@
 """Records of an MCAP file with their byte offsets, and the contents of chunks, in bounded memory.
 
 The framing (one byte of opcode, eight of length) is walked here and not by ``mcap.stream_reader`` because a damaged file
-needs to know where each record stands, and because the library reads and decompresses whatever size a file claims. What is
-inside a record is parsed by ``mcap.records``.
+must be read by offset, and because the library reads and decompresses whatever size a file claims. The contents
+of a record are parsed by ``mcap.records``.
 """
 
 import struct
@@ -17,26 +17,14 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-)
+from mcap.records import McapRecord
 
 MAGIC = b"\x89MCAP0\r\n"
 
-#: Largest record read [bytes]; a file that claims more is taken as damaged there.
+#: Largest record read [bytes]; a larger claim counts as damage.
 MAX_SIZE = 1 << 30
 
-#: Largest chunk decompressed [bytes]; what a compressed chunk unfolds to is the file's claim, and may be a bomb.
+#: Largest chunk decompressed [bytes]; the uncompressed size is the file's claim, and may be a decompression bomb.
 MAX_CONTENTS = 1 << 28
 
 #: What the record parsers of ``mcap.records`` raise on bytes that are no such record.
@@ -56,24 +44,22 @@ _KEPT |= {Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_
 #: What a chunk holds, as plain numbers.
 INNER = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)})
 
-_Parsed = TypeVar(
-    "_Parsed", Attachment, AttachmentIndex, Channel, ChunkIndex, DataEnd, Footer, Header, Metadata, MetadataIndex, Schema, Statistics
-)
+_Parsed = TypeVar("_Parsed", bound=McapRecord)
 
 
 class ChunkError(ValueError):
-    """A chunk whose contents cannot be trusted or had; the text says why."""
+    """A chunk whose contents cannot be decompressed or do not match its checksum; the text states why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One record of the file, or what is left of it.
+    """One record of the file, or the rest of a damaged one.
 
     Attributes:
         opcode: What it is; 0 when no record begins here.
         offset: Where it begins [bytes].
         end: Where it ends or the file does [bytes].
-        body: Its bytes after opcode and length; empty for records that a reader has no use for.
+        body: Its bytes after opcode and length; empty for kinds of records that are not read.
         whole: False when the file ends inside it or it claims more than is believable; nothing follows it then.
         crc: CRC-32 of the file before it, from where the walk began.
     """
@@ -88,15 +74,15 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """A chunk record, its contents still packed.
+    """A chunk record, its contents still compressed.
 
     Attributes:
-        start_ns: Earliest log time in it, as it says [ns].
+        start_ns: Earliest log time in it, as stated [ns].
         end_ns: Latest.
-        size: Bytes of its contents when unpacked, as it says.
+        size: Bytes of its contents when decompressed, as stated.
         crc: CRC-32 of them; 0 for none.
         compression: ``zstd``, ``lz4`` or empty.
-        data: The contents, packed.
+        data: The contents, compressed.
     """
 
     start_ns: int
@@ -188,7 +174,8 @@ def parse(kind: type[_Parsed], body: bytes) -> _Parsed:
     Raises:
         struct.error, ValueError, OverflowError, mcap.exceptions.McapError: ``RECORD_ERRORS``; the body is no such record.
     """
-    value: _Parsed = kind.read(ReadDataStream(BytesIO(body)))
+    # every record class of the library has it, their base does not declare it
+    value: _Parsed = kind.read(ReadDataStream(BytesIO(body)))  # type: ignore[attr-defined]
     return value
 
 
@@ -208,14 +195,14 @@ def chunk_contents(chunk: Chunk) -> bytes:
 
 
 def cut_contents(chunk: Chunk) -> bytes:
-    """Return what can be had from a chunk whose end is missing or unknown; its checksum, if all is there, must match.
+    """Return the contents that can be recovered from a chunk whose end is missing or unknown; if all are, the checksum must match.
 
     Raises:
         ChunkError: The size claimed is not believable, the compression is unknown, or all is there and the CRC differs.
     """
     _check_claim(chunk)
     data = _decompress(chunk, strict=False)
-    # what follows the chunk's data in the file is none of it
+    # bytes after the chunk's data in the file do not belong to it
     data = data[: chunk.size]
     if len(data) == chunk.size and chunk.crc not in (0, zlib.crc32(data)):
         raise ChunkError("its checksum does not match")
@@ -229,7 +216,7 @@ def _check_claim(chunk: Chunk) -> None:
 
 
 def _decompress(chunk: Chunk, strict: bool) -> bytes:
-    """Return at most one byte more than claimed, whatever the compressed data would unfold to."""
+    """Return at most one byte more than claimed, whatever the compressed data hold."""
     if chunk.compression == "":
         return bytes(chunk.data)
     limit = chunk.size + 1
@@ -239,7 +226,7 @@ def _decompress(chunk: Chunk, strict: bool) -> bytes:
         pieces = _lz4_pieces(chunk.data, limit)
     else:
         raise ChunkError(f"compression {chunk.compression!r} is not known; known: zstd, lz4, none")
-    # grows with what really comes, and gives its bytes without a copy
+    # grows with the data and returns its bytes without a copy
     out = BytesIO()
     try:
         for piece in pieces:

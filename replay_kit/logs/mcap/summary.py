@@ -1,13 +1,14 @@
-"""What the end of an MCAP file says about the whole of it, and where reading can go on after damage."""
+"""The summary section of an MCAP file, and the offset at which reading goes on after damage."""
 
 import re
 import struct
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
@@ -15,6 +16,15 @@ from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataI
 from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, RECORD_ERRORS, RECORD_HEAD, file_records, parse
 
 _FOOTER_SIZE = HEAD_SIZE + 20
+#: Records of a summary that are used.
+_KINDS: Mapping[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.STATISTICS: Statistics,
+}
 _PIECE = 1 << 20
 #: A chunk up to its data: opcode, length, two times, size, checksum, name of the compression, length of the data.
 _CHUNK_START = re.compile(rb"\x06.{5}\x00{3}.{28}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd).{8}", re.DOTALL)
@@ -30,8 +40,8 @@ class Summary:
         channels: By number.
         chunks: In the order of their offsets.
         offsets: Where chunks, attachments, metadata and the summary itself begin [bytes], increasing.
-        statistics: What the file says it holds; None when it does not say.
-        problem: Why a summary that is there is not believed; empty when it is, or there is none.
+        statistics: The file's own counts; None when it states none.
+        problem: Why a summary that is there is not used; empty when it is used, or there is none.
         checked: Whether a checksum covers it.
     """
 
@@ -48,17 +58,17 @@ class Summary:
         return tuple(chunk.chunk_start_offset for chunk in self.chunks)
 
     def chunk_at(self, offset: int) -> ChunkIndex | None:
-        """Return what is said of the chunk that begins at a byte; None when none does."""
+        """Return the index entry of the chunk that begins at a byte; None when none does."""
         place = bisect_right(self._chunk_starts, offset) - 1
         return self.chunks[place] if place >= 0 and self._chunk_starts[place] == offset else None
 
     def next_offset(self, offset: int) -> int | None:
-        """Return where the next record that the summary knows begins after a byte; None when it knows of none."""
+        """Return the offset of the next record after a byte that the summary lists; None when it lists none."""
         place = bisect_right(self.offsets, offset)
         return self.offsets[place] if place < len(self.offsets) else None
 
     def in_index(self, offset: int) -> bool:
-        """Return whether a byte belongs to the message index of a chunk, where no message can stand."""
+        """Return whether a byte belongs to the message index of a chunk, which holds no messages."""
         place = bisect_right(self._chunk_starts, offset) - 1
         if place < 0:
             return False
@@ -101,48 +111,35 @@ def _crc(file: BinaryIO, start: int, end: int) -> int:
 
 
 def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    chunks: dict[int, ChunkIndex] = {}
-    others: set[int] = set()
-    statistics: Statistics | None = None
+    found: dict[int, list[Any]] = {opcode: [] for opcode in _KINDS}
     for record in file_records(file, start, size):
-        try:
-            if record.opcode == Opcode.SCHEMA:
-                schema = parse(Schema, record.body)
-                schemas[schema.id] = schema
-            elif record.opcode == Opcode.CHANNEL:
-                channel = parse(Channel, record.body)
-                channels[channel.id] = channel
-            elif record.opcode == Opcode.CHUNK_INDEX:
-                chunk = parse(ChunkIndex, record.body)
-                chunks[chunk.chunk_start_offset] = chunk
-            elif record.opcode == Opcode.ATTACHMENT_INDEX:
-                others.add(parse(AttachmentIndex, record.body).offset)
-            elif record.opcode == Opcode.METADATA_INDEX:
-                others.add(parse(MetadataIndex, record.body).offset)
-            elif record.opcode == Opcode.STATISTICS:
-                statistics = parse(Statistics, record.body)
-        except RECORD_ERRORS:
-            continue
-    inside = sorted(offset for offset in chunks if len(MAGIC) <= offset < start)
-    known = {offset for offset in others if len(MAGIC) <= offset < start}.union(inside, (start,))
-    return Summary(schemas, channels, tuple(chunks[offset] for offset in inside), tuple(sorted(known)), statistics, checked=checked)
+        if record.opcode in _KINDS:
+            with suppress(*RECORD_ERRORS):
+                found[record.opcode].append(parse(_KINDS[record.opcode], record.body))
+    chunks = {chunk.chunk_start_offset: chunk for chunk in found[Opcode.CHUNK_INDEX] if len(MAGIC) <= chunk.chunk_start_offset < start}
+    others = {index.offset for opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX) for index in found[opcode]}
+    return Summary(
+        schemas={schema.id: schema for schema in found[Opcode.SCHEMA]},
+        channels={channel.id: channel for channel in found[Opcode.CHANNEL]},
+        chunks=tuple(chunks[offset] for offset in sorted(chunks)),
+        offsets=tuple(sorted({offset for offset in others if len(MAGIC) <= offset < start}.union(chunks, (start,)))),
+        statistics=found[Opcode.STATISTICS][-1] if found[Opcode.STATISTICS] else None,
+        checked=checked,
+    )
 
 
-def resume_after(file: BinaryIO, offset: int, size: int, summary: Callable[[], Summary]) -> int | None:
-    """Return where a record begins after damage: the next that the summary knows, else the next that looks like a chunk.
+def resume_after(file: BinaryIO, offset: int, size: int, summary: Summary) -> int | None:
+    """Return where a record begins after damage: the next that the summary lists, else the next that looks like a chunk.
 
     Args:
         file: The open log.
         offset: Where the damaged record begins [bytes].
         size: Size of the file [bytes].
-        summary: Gives the file's summary.
+        summary: The file's summary.
     """
-    known = summary()
-    following = known.next_offset(offset)
+    following = summary.next_offset(offset)
     # a file may have a summary that lists no chunks
-    return following if known.chunks else _next_chunk(file, offset + 1, following or size) or following
+    return following if summary.chunks else _next_chunk(file, offset + 1, following or size) or following
 
 
 def _next_chunk(file: BinaryIO, offset: int, size: int) -> int | None:

@@ -1,4 +1,4 @@
-"""Messages to an MCAP log, byte for byte the same each time."""
+"""Writer of MCAP logs: the same messages give the same bytes."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -33,7 +33,7 @@ class McapLogWriter:
 
         Args:
             file: Where it goes.
-            profile: What the file's header says of the use of channels and messages.
+            profile: The header's profile, which names a convention for channels and messages.
         """
         # Not compressed and without the library's version in the header: the bytes then do not depend on the version of
         # zstd, lz4 or mcap, so that a log that is kept in a repository can be made again and compared.
@@ -59,11 +59,11 @@ class McapLogWriter:
         self._append(-1, self._json.raw(message))
 
     def copy(self, message: RawMessage) -> None:
-        """Append a message as it is."""
+        """Append a raw message unchanged."""
         self._append(message.input, message)
 
-    def copy_beside(self, record: Attachment | Metadata) -> None:
-        """Append an attachment or a metadata record as it is."""
+    def copy_extra(self, record: Attachment | Metadata) -> None:
+        """Append an attachment or a metadata record unchanged."""
         if isinstance(record, Metadata):
             self._writer.add_metadata(record.name, record.metadata)
             return
@@ -82,12 +82,12 @@ class McapLogWriter:
 
 @contextmanager
 def open_mcap_log(path: Path, profile: str = "", check: Callable[[Path, McapLogWriter], None] | None = None) -> Iterator[McapLogWriter]:
-    """Give a writer of a log that appears under its name when the block ends without an error.
+    """Yield a writer of a log that takes its name when the block ends without an error.
 
     Args:
         path: The log; a file of that name is replaced.
         profile: For the file's header.
-        check: Called with the file, whole on the disk under its temporary name, and the writer; its error keeps the name away.
+        check: Called with the complete file under its temporary name and the writer; if it raises, the file keeps that name.
 
     Raises:
         ConfigError: The file cannot be written.

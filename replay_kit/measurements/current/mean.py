@@ -1,13 +1,11 @@
 """Mean currents between fixes: a dive's depth-averaged current, stated or computed, and the drift at the surface.
 
 A depth-averaged current is how far a vehicle surfaced from where its motion through the water alone would have brought it, over the
-time between the fixes; it is the mean of the current along the path (``path.py``).
+time between the fixes; it is the mean of the current along the path (``dead_reckoning.py``).
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,16 +13,13 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import PathMean, Source, VehicleState
-from replay_kit.measurements.current.path import Path, at_depth, begin, extend, path_mean, reckoned_drift
-from replay_kit.measurements.ping.payload import number
+from replay_kit.measurements.current.dead_reckoning import Path, at_depth, begin, extend, path_mean, reckoned_drift
+from replay_kit.measurements.vehicle.dives import dive_begins
 
 # s; a stated fix this near in time to one of the log's is that fix
 _SAME_FIX_NS = 60 * 10**9
 # s; a shorter drift is the error of its fixes
 _LEAST_DRIFT_NS = 120 * 10**9
-# m/s; an error outside is no statement of one
-_STD_BELIEVED = (1e-6, 1e3)
-_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,14 +46,14 @@ class MeanCurrent:
         error_std: Of each component [m/s]; NaN when not stated.
         start: The fix before the dive; None when not stated.
         end: The fix after it; None when not stated.
-        dive: As the message has it, unchecked.
+        dive: Number of its dive; None when not stated.
     """
 
     velocity: tuple[float, float]
     error_std: float
     start: Fix | None
     end: Fix | None
-    dive: Any
+    dive: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,16 +73,6 @@ class Dives:
     anchor: VehicleState | None = None
     stated: bool = False
     computed_ns: int | None = None
-
-
-def depth_averaged_current(payload: Mapping[str, Any]) -> MeanCurrent | str:
-    """Return the mean current of a ``replay_kit.DepthAveragedCurrent``, or why there is none."""
-    velocity = number(payload.get("dac_eastward")), number(payload.get("dac_northward"))
-    if not math.isfinite(sum(velocity)):
-        return "depth-averaged current: it is not a number"
-    std = number(payload.get("error"))
-    start, end = (_fix(payload.get(name)) for name in ("start_fix", "end_fix"))
-    return MeanCurrent(velocity, std if _STD_BELIEVED[0] <= std <= _STD_BELIEVED[1] else math.nan, start, end, payload.get("dive"))
 
 
 def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, config: MeasurementConfig) -> tuple[Dives, PathMean | str]:
@@ -117,12 +102,14 @@ def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, conf
     return replace(dives, done=done), whole
 
 
-def sunk(dives: Dives, depth: float) -> Dives:
+def record_depth(dives: Dives, depth: float) -> Dives:
     """Return what is remembered after a depth."""
     return dives if dives.path is None else replace(dives, path=at_depth(dives.path, depth))
 
 
-def passed(dives: Dives, position: VehicleState, submerged: bool, dive: int, config: MeasurementConfig) -> tuple[Dives, list[PathMean]]:
+def record_position(
+    dives: Dives, position: VehicleState, submerged: bool, dive: int, config: MeasurementConfig
+) -> tuple[Dives, list[PathMean]]:
     """Return what is remembered after a position, and the mean currents that it completes.
 
     Args:
@@ -137,7 +124,7 @@ def passed(dives: Dives, position: VehicleState, submerged: bool, dive: int, con
         return (dives if path is None else replace(dives, path=extend(path, position))), []
     if path is not None and position.time_ns <= path.start.time_ns:
         return dives, []
-    dived = path is not None and path.deepest > 2.0 * config.surface_depth
+    dived = path is not None and dive_begins(path.deepest, config.surface_depth)
     if path is None or not dived:
         return _drifted(dives, position, dive, config)
     after = replace(dives, path=begin(position), done=(path, position), anchor=position)
@@ -211,14 +198,3 @@ def _finite(value: float) -> float:
 
 def _same(fix: VehicleState, stated: Fix | None) -> bool:
     return stated is None or abs(fix.time_ns - stated.time_ns) <= _SAME_FIX_NS
-
-
-def _fix(stated: Any) -> Fix | None:
-    """Return a fix of a payload; None when it does not hold one whole."""
-    if not isinstance(stated, Mapping) or not isinstance(stated.get("time"), Mapping):
-        return None
-    seconds, rest = (number(stated["time"].get(name)) for name in ("sec", "nsec"))
-    longitude, latitude = number(stated.get("lon")), number(stated.get("lat"))
-    if not (0.0 <= seconds < 2**33 and 0.0 <= rest < 2 * _NS and math.isfinite(longitude) and abs(latitude) <= 90.0):
-        return None
-    return Fix(int(seconds) * _NS + int(rest), longitude, latitude)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from replay_kit.measurements.ping.payload import number
+from replay_kit.measurements.messages.fields import number
 
 _DEEPEST = 12
 

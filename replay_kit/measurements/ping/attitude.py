@@ -1,11 +1,9 @@
 """The vehicle's attitude from other messages, for pings that do not state theirs."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
-from replay_kit.measurements.ping.payload import number
+from replay_kit.measurements.ping.adcp_ping import AdcpPing
 
 # s; an attitude this old says nothing of a ping
 _MOST_AGE_NS = 1_000_000_000
@@ -32,20 +30,18 @@ class Orientation:
     """An attitude as its message holds it: messages come often and pings rarely, so it is worked out when a ping needs it.
 
     Attributes:
-        quaternion: Mapping with x, y, z, w; turns vectors from the body (x forward, y left, z up) to the frame (x east, y north, z up),
-            as in ROS REP-103.
+        quaternion: x, y, z, w, NaN where not stated; turns vectors from the body (x forward, y left, z up) to the frame (x east,
+            y north, z up), as in ROS REP-103.
         ned: Whether the body is forward, right, down and the frame north, east, down instead.
     """
 
-    quaternion: Any
+    quaternion: tuple[float, float, float, float]
     ned: bool = False
 
 
 def attitude_of(orientation: Orientation) -> Attitude | None:
-    """Return the attitude of a ROS ``Quaternion``, or None when it is none: unset, not a number, or not of unit length."""
-    if not isinstance(orientation.quaternion, Mapping):
-        return None
-    x, y, z, w = (number(orientation.quaternion.get(name)) for name in "xyzw")
+    """Return the attitude of a quaternion, or None when it is none: unset, not a number, or not of unit length."""
+    x, y, z, w = orientation.quaternion
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if not _LEAST_NORM < norm < _MOST_NORM:
         return None
@@ -70,16 +66,17 @@ def attitude_within(orientation: tuple[int, Orientation] | None, time_ns: int) -
     return attitude_of(orientation[1])
 
 
-def with_attitude(payload: Mapping[str, Any], orientation: tuple[int, Orientation] | None, time_ns: int) -> Mapping[str, Any]:
+def with_attitude(ping: AdcpPing, orientation: tuple[int, Orientation] | None, time_ns: int) -> AdcpPing:
     """Return a ping with the attitude that it does not state, if another message stated one close enough in time.
 
-    The ping then has ``gimbal_pitch``: the pitch is an Euler angle, which Teledyne's correction of a tilt sensor must leave alone.
+    Its pitch is then an Euler angle, which Teledyne's correction of a tilt sensor must leave alone.
 
     Args:
-        payload: Fields of the ping.
+        ping: The ping.
         orientation: The last one before it, after its time [ns, UTC].
         time_ns: The ping's.
     """
-    if math.isfinite(number(payload.get("heading"))) or (attitude := attitude_within(orientation, time_ns)) is None:
-        return payload
-    return {**payload, "heading": attitude.heading, "pitch": attitude.pitch, "roll": attitude.roll, "gimbal_pitch": True}
+    if math.isfinite(ping.attitude.heading) or (attitude := attitude_within(orientation, time_ns)) is None:
+        return ping
+    own = replace(ping.attitude, heading=attitude.heading, pitch=attitude.pitch, roll=attitude.roll, euler_pitch=True)
+    return replace(ping, attitude=own)

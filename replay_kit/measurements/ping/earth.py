@@ -1,13 +1,12 @@
 """A ping as its instrument gave it, turned to true east and north, and made absolute where the platform's motion is known.
 
-What is done once is recorded in the ping, so that it is not done twice: ``coordinate_system``, ``reference``, ``bin_mapped``,
-``declination_applied``, ``gimbal_pitch`` (pitch is an Euler angle, not the reading of a tilt sensor), and ``ground_reference``, which
-says what ``platform_velocity``, added to all bins, was taken from.
+What is done is recorded in the ping, so that it is not done twice: ``coordinate_system``, ``reference``, ``bin_mapped``,
+``declination_applied``, and ``platform_velocity``, which was added to all cells.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
+from reprlib import repr as shorten
 
 import numpy as np
 
@@ -15,27 +14,20 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
 from replay_kit.measurements.ping import frames
-from replay_kit.measurements.ping.payload import (
-    COORDINATE_SYSTEMS,
-    ORIENTATIONS,
-    REFERENCES,
-    error_std,
-    even_cells,
-    known_word,
-    number,
-    velocity_cells,
-)
+from replay_kit.measurements.ping.adcp_ping import AdcpPing, PlatformVelocity
 
 _CONVENTIONS = ("teledyne", "nortek")
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
 _BOTTOM_STD = 0.03
 # vectors written with three digits are still unit vectors
 _UNIT = 0.01
+# of a cell; distances written with few digits are still evenly spaced
+_UNEVEN = 0.01
 
 
 # numbers that no instrument gives become NaN, which is a missing bin
 @np.errstate(all="ignore")
-def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> Mapping[str, Any]:
+def earth_referenced(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
     """Return the ping in earth coordinates, and with reference earth where it says how its platform moves.
 
     In this order: bins are mapped to equal depths, beams solved (three where one is missing), velocities turned by heading, pitch
@@ -44,103 +36,116 @@ def earth_referenced(payload: Mapping[str, Any], config: MeasurementConfig) -> M
     ``platform_velocity`` and does not enter the bins' own.
 
     Args:
-        payload: Fields of the ping.
-        config: The error of a ping that states none; the declination of one whose heading is magnetic and that states none.
+        ping: The ping.
+        config: The declination of a ping whose heading is magnetic and that states none; the fastest motion that is believed.
 
     Raises:
-        MeasurementError: A word is none of the known, or a rotation needs what the ping does not say.
+        MeasurementError: A rotation needs what the ping does not say.
     """
-    system = known_word(payload, "coordinate_system", COORDINATE_SYSTEMS)
-    platform = known_word(payload, "reference", REFERENCES) == "platform"
-    declination = _declination(payload, system, config)
-    bottom = _bottom(payload, config.max_speed) if platform else None
+    declination = _declination(ping, config)
+    relative = ping.reference == "platform"
+    moves = relative and knows_motion(ping, config.max_speed)
     # what is not used needs no turning, which may lack an attitude
-    if bottom is None and ((system == "earth" and declination == 0.0) or (platform and not config.use_relative)):
-        return payload
+    if not moves and ((ping.coordinate_system == "earth" and declination == 0.0) or (relative and not config.use_relative)):
+        return ping
     if declination is None:
         raise MeasurementError("heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination")
-    rotation = _rotation(payload, system, declination)
-    velocity, std, mapped = _rows(payload), _own_std(payload, system, config), _can_map(payload, system)
-    solved = _solved(velocity, payload, rotation, system, mapped)
-    earth = _turned(solved, rotation)
-    motion = None
-    if bottom is not None:
-        ground, ground_std, ground_system, source = bottom
-        turn = rotation if ground_system == system else np.eye(3)
-        (east, north, _) = -_turned(_solved(ground, payload, turn, ground_system, False), turn)[0]
-        earth[:, :2] += (east, north)
-        motion = {"east": float(east), "north": float(north), "velocity_std": ground_std, "source": source}
-    return {
-        **payload,
-        "coordinate_system": "earth",
-        "reference": "platform" if platform and motion is None else "earth",
-        "velocity": earth.tolist(),
-        "velocity_std": std.tolist(),
-        "turned_from": system,
-        "error_velocity": _error_velocity(solved, mapped or system == "beam") or payload.get("error_velocity"),
-        "bin_mapped": mapped or payload.get("bin_mapped"),
-        "magnetic_declination": declination or payload.get("magnetic_declination"),
-        "declination_applied": True,
-        "platform_velocity": motion or payload.get("platform_velocity"),
-        "ground_reference": None if motion is None else motion["source"],
-    }
+    rotation = _rotation(ping, declination)
+    motion = _motion(ping, rotation, config.max_speed) if moves else None
+    turned = _in_earth_coordinates(ping, rotation)
+    if motion is None:
+        return turned
+    velocity = turned.velocity + np.array([motion.east, motion.north, 0.0])
+    return replace(turned, velocity=velocity, reference="earth", platform_velocity=motion)
 
 
-def added_velocity(payload: Mapping[str, Any], config: MeasurementConfig) -> tuple[tuple[float, float] | None, float]:
+def added_velocity(ping: AdcpPing, config: MeasurementConfig) -> tuple[tuple[float, float] | None, float]:
     """Return what was added to a ping's velocities to make them absolute, true east and north [m/s], and its error [m/s].
 
     None and no error for a ping whose velocities came absolute and that does not say how; None and an infinite error for one whose
     velocities are still relative to the platform.
 
     Args:
-        payload: Fields of a ping that ``earth_referenced`` gave.
+        ping: A ping that ``earth_referenced`` gave.
         config: The fastest motion that is believed.
     """
-    if known_word(payload, "reference", REFERENCES) == "platform":
+    if ping.reference == "platform":
         return None, math.inf
-    motion = _stated_motion(payload, config.max_speed)
-    return (None, 0.0) if motion is None else ((motion[0], motion[1]), motion[2])
+    motion = _stated_motion(ping, config.max_speed)
+    return (None, 0.0) if motion is None else ((motion.east, motion.north), motion.error_std)
 
 
-def _declination(payload: Mapping[str, Any], system: str, config: MeasurementConfig) -> float | None:
+def knows_motion(ping: AdcpPing, max_speed: float) -> bool:
+    """Return whether a ping says how its platform moves, in its bottom track or otherwise.
+
+    Args:
+        ping: The ping.
+        max_speed: The fastest motion that is believed; with an error above it a ping says nothing [m/s].
+    """
+    return _found_bottom(ping) or _stated_motion(ping, max_speed) is not None
+
+
+def _declination(ping: AdcpPing, config: MeasurementConfig) -> float | None:
     """Return the angle still to be added to the heading [degrees]; None when it is not known.
 
     Velocities in earth coordinates are true ones unless the ping says that they are not; a heading is magnetic unless it says so.
     """
-    # a number in MAVLink, NaN when unknown
-    applied = number(payload.get("declination_applied"))
-    if applied == 1.0 or (system == "earth" and applied != 0.0):
+    applied = ping.attitude.declination_applied
+    if applied or (applied is None and ping.coordinate_system == "earth"):
         return 0.0
-    stated = number(payload.get("magnetic_declination"))
-    return stated if np.isfinite(stated) else config.magnetic_declination
+    return ping.attitude.declination if np.isfinite(ping.attitude.declination) else config.magnetic_declination
 
 
-def _rotation(payload: Mapping[str, Any], system: str, declination: float) -> Array:
+def _rotation(ping: AdcpPing, declination: float) -> Array:
     """Return the matrix from the ping's axes (a beam's: those of its instrument) to true east, north, up."""
+    system, attitude = ping.coordinate_system, ping.attitude
     if system == "earth":
         return frames.teledyne_rotation(declination, 0.0, 0.0)
-    level = system == "ship" and payload.get("tilt_applied") is not False
-    heading, pitch, roll = (number(payload.get(name)) for name in ("heading", "pitch", "roll"))
-    if level:
-        pitch = roll = 0.0
-    if not np.isfinite(heading + pitch + roll):
+    level = system == "ship" and attitude.tilt_applied
+    pitch, roll = (0.0, 0.0) if level else (attitude.pitch, attitude.roll)
+    if not np.isfinite(attitude.heading + pitch + roll):
         raise MeasurementError(f"velocity in {system} coordinates, and heading, pitch or roll is not known")
-    convention = "teledyne" if system == "ship" else known_word(payload, "attitude_convention", _CONVENTIONS)
-    orientation = known_word(payload, "orientation", ORIENTATIONS)
-    if convention == "nortek":
-        return frames.nortek_rotation(heading + declination, pitch, roll, orientation == "down")
-    gimbal = payload.get("gimbal_pitch") is True
-    return frames.teledyne_rotation(heading + declination, pitch, roll, orientation == "up" and not level, gimbal)
+    heading = attitude.heading + declination
+    if system != "ship" and attitude.convention not in _CONVENTIONS:
+        raise MeasurementError(
+            f"ping: expected attitude_convention to be one of {', '.join(_CONVENTIONS)}, got {attitude.convention}; state it in the message"
+        )
+    if system != "ship" and attitude.convention == "nortek":
+        return frames.nortek_rotation(heading, pitch, roll, ping.orientation == "down")
+    return frames.teledyne_rotation(heading, pitch, roll, ping.orientation == "up" and not level, attitude.euler_pitch)
 
 
-def _solved(velocity: Array, payload: Mapping[str, Any], rotation: Array, system: str, mapped: bool) -> Array:
+def _in_earth_coordinates(ping: AdcpPing, rotation: Array) -> AdcpPing:
+    """Return a ping with its velocities along true east, north, up: bins mapped, beams solved, axes turned."""
+    system = ping.coordinate_system
+    to_map = _can_map(ping)
+    if to_map:
+        vectors = _vectors(ping)
+        beams = ping.velocity if system == "beam" else frames.beams_of(ping.velocity, vectors)
+        beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *_even_cells(ping))
+        solved = frames.solve_beams(beams, vectors)
+    else:
+        solved = _solved(ping.velocity, ping)
+    error_velocity = _error_velocity(solved, to_map or system == "beam")
+    return replace(
+        ping,
+        coordinate_system="earth",
+        velocity=_turned(solved, rotation),
+        velocity_std=ping.velocity_std * (_noise_gain(_vectors(ping)) if system == "beam" else 1.0),
+        bin_mapped=to_map or ping.bin_mapped,
+        attitude=replace(ping.attitude, declination_applied=True),
+        quality=ping.quality if error_velocity is None else replace(ping.quality, error_velocity=error_velocity),
+    )
+
+
+def _solved(velocity: Array, ping: AdcpPing) -> Array:
     """Return velocities along the axes that the rotation turns, shape (n, at least 3); the error velocity is the fourth."""
-    if mapped:
-        vectors = _vectors(payload)
-        beams = velocity if system == "beam" else frames.beams_of(velocity, vectors)
-        beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *even_cells(payload, len(beams)))
-        return frames.solve_beams(beams, vectors)
-    return frames.solve_beams(velocity, _vectors(payload)) if system == "beam" else velocity
+    return frames.solve_beams(velocity, _vectors(ping)) if ping.coordinate_system == "beam" else velocity
+
+
+def _noise_gain(vectors: Array) -> float:
+    """Return how many times the error of a beam is in a horizontal component of the solution."""
+    return float(np.linalg.norm(np.linalg.pinv(vectors)[0]))
 
 
 def _turned(velocity: Array, rotation: Array) -> Array:
@@ -151,77 +156,72 @@ def _turned(velocity: Array, rotation: Array) -> Array:
     return np.asarray(velocity[:, :3] @ rotation.T)
 
 
-def _error_velocity(solved: Array, by_us: bool) -> list[float] | None:
+def _error_velocity(solved: Array, by_us: bool) -> Array | None:
     """Return the error velocity of each cell [m/s]; a solution from three beams has none, which ``solve_beams`` gives as zero."""
     if solved.shape[1] != 4:
         return None
-    error = solved[:, 3]
-    return [float(value) for value in np.where(by_us & (error == 0.0), np.nan, error)]
+    error = solved[:, 3:]
+    return np.where(by_us & (error == 0.0), np.nan, error)
 
 
-def _can_map(payload: Mapping[str, Any], system: str) -> bool:
+def _can_map(ping: AdcpPing) -> bool:
     """Return whether bins are still to be mapped and can be: from beams, or from axes with the error velocity beside them."""
-    if number(payload.get("bin_mapped")) == 1.0 or not payload.get("beam_unit_vectors"):
+    if ping.bin_mapped or ping.beam_vectors is None:
         return False
-    return system == "beam" or (system == "instrument" and _rows(payload).shape[1] == 4)
+    return ping.coordinate_system == "beam" or (ping.coordinate_system == "instrument" and ping.velocity.shape[1] == 4)
 
 
-def _own_std(payload: Mapping[str, Any], system: str, config: MeasurementConfig) -> Array:
-    """Return the error of a horizontal component, shape (n,) [m/s]; a beam's grows in the solution."""
-    std = error_std(payload, len(velocity_cells(payload)), float("nan"))
-    if system == "beam":
-        std = std * np.linalg.norm(np.linalg.pinv(_vectors(payload))[0])
-    return np.where(np.isfinite(std), std, config.velocity_std)
+def _even_cells(ping: AdcpPing) -> tuple[float, float]:
+    """Return how far the first of evenly spaced cells is from the transducer, at its centre, and the cells' size [m]."""
+    centres, steps = ping.distance, np.arange(ping.distance.size)
+    if ping.cell_size > 0.0 and (centres == centres[0] + ping.cell_size * steps).all():
+        return float(centres[0]), ping.cell_size
+    size = float(centres[-1] - centres[0]) / (centres.size - 1) if centres.size > 1 else ping.cell_size
+    if not (size > 0.0 and (np.abs(centres - centres[0] - size * steps) <= _UNEVEN * size).all()):
+        raise MeasurementError(
+            "ping: bins can be mapped to equal depths only where cell_distances are finite, growing and evenly spaced [m], "
+            f"got {shorten(centres.tolist())}; map them before, and state bin_mapped"
+        )
+    return float(centres[0]), size
 
 
-def _bottom(payload: Mapping[str, Any], max_std: float) -> tuple[Array, float, str, str] | None:
-    """Return the ground's velocity relative to the platform, shape (1, components) [m/s], its error, coordinates and origin.
+def _motion(ping: AdcpPing, rotation: Array, max_speed: float) -> PlatformVelocity | None:
+    """Return the platform's velocity over the ground: by bottom track, or as the ping states it.
 
-    None when the ping does not say, or with an error above ``max_std`` [m/s], which is to say nothing.
+    Args:
+        ping: The ping.
+        rotation: shape (3, 3), from its axes to true east, north, up.
+        max_speed: A stated error above it is none [m/s].
     """
-    track = payload.get("bottom_track")
-    if isinstance(track, Mapping) and isinstance(track.get("velocity"), list | tuple):
-        velocity = np.array([[number(value) for value in track["velocity"]]])
-        std = number(track.get("velocity_std"))
-        system = known_word(payload, "coordinate_system", COORDINATE_SYSTEMS)
-        # one beam of four may be missing, but no axis
-        needed = velocity if system == "beam" else velocity[:, : 2 if system in ("ship", "earth") else 3]
-        if velocity.shape[1] >= 3 and np.isfinite(needed).sum() >= min(3, needed.size):
-            return velocity, std if 0.0 < std <= max_std else _BOTTOM_STD, system, "bottom_track"
-    motion = _stated_motion(payload, max_std)
-    if motion is None:
+    if ping.bottom_track is None or not _found_bottom(ping):
+        return _stated_motion(ping, max_speed)
+    std = ping.bottom_track.error_std
+    east, north, _ = -_turned(_solved(ping.bottom_track.velocity[None], ping), rotation)[0]
+    return PlatformVelocity(float(east), float(north), std if 0.0 < std <= max_speed else _BOTTOM_STD, "bottom_track")
+
+
+def _found_bottom(ping: AdcpPing) -> bool:
+    """Return whether the bottom track gives a velocity: one beam of four may be missing, but no axis."""
+    if ping.bottom_track is None or ping.bottom_track.velocity.size < 3:
+        return False
+    velocity, system = ping.bottom_track.velocity, ping.coordinate_system
+    needed = velocity if system == "beam" else velocity[: 2 if system in ("ship", "earth") else 3]
+    return bool(np.isfinite(needed).sum() >= min(3, needed.size))
+
+
+def _stated_motion(ping: AdcpPing, max_speed: float) -> PlatformVelocity | None:
+    """Return the platform's velocity that a ping states; None when it states none, or with an error above the fastest motion."""
+    motion = ping.platform_velocity
+    if motion is None or not math.isfinite(motion.east + motion.north) or not 0.0 < motion.error_std <= max_speed:
         return None
-    return -np.array([[motion[0], motion[1], 0.0]]), motion[2], "true", str(payload["platform_velocity"].get("source", "stated"))
+    return motion
 
 
-def _stated_motion(payload: Mapping[str, Any], max_std: float) -> tuple[float, float, float] | None:
-    """Return the platform's velocity that a ping states, true east and north, and its error [m/s]; None as in ``_bottom``."""
-    own = payload.get("platform_velocity")
-    if not isinstance(own, Mapping):
-        return None
-    east, north, std = (number(own.get(name)) for name in ("east", "north", "velocity_std"))
-    return (east, north, std) if math.isfinite(east + north) and 0.0 < std <= max_std else None
-
-
-def _rows(payload: Mapping[str, Any]) -> Array:
-    """Return all components of the velocity, shape (n, at least 3) [m/s]; NaN where missing."""
-    rows = [_row(cell) for cell in velocity_cells(payload)]
-    width = max(3, *(len(row) for row in rows))
-    return np.array([[*row, *[float("nan")] * (width - len(row))] for row in rows])
-
-
-def _row(cell: Any) -> list[float]:
-    if isinstance(cell, Mapping):
-        cell = cell.get("value", [cell.get("east"), cell.get("north"), cell.get("up")])
-    return [number(value) for value in cell] if isinstance(cell, list | tuple) else []
-
-
-def _vectors(payload: Mapping[str, Any]) -> Array:
-    """Return the beams' unit vectors, shape (b, 3); protobuf carries them flat."""
-    vectors = np.array(payload.get("beam_unit_vectors"), dtype=np.float64)
-    if vectors.size == 0 or vectors.size % 3 or not np.isfinite(vectors).all():
+def _vectors(ping: AdcpPing) -> Array:
+    """Return the beams' unit vectors, shape (b, 3), checked."""
+    vectors = ping.beam_vectors
+    if vectors is None or vectors.size == 0 or not np.isfinite(vectors).all():
         raise MeasurementError("velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam")
-    vectors = vectors.reshape(-1, 3)
     if not (np.abs(np.linalg.norm(vectors, axis=1) - 1.0) < _UNIT).all():
         raise MeasurementError("beam_unit_vectors: expected vectors of length 1")
     return vectors

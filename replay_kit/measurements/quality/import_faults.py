@@ -16,10 +16,10 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.measurements.events import MALFORMED
-from replay_kit.measurements.kinds import statement
-from replay_kit.measurements.ping.foreign import Ping
-from replay_kit.measurements.ping.mavlink import declination_in
-from replay_kit.measurements.ping.payload import number
+from replay_kit.measurements.messages.fields import number
+from replay_kit.measurements.messages.kinds import statement
+from replay_kit.measurements.messages.mavlink_ping import PingFrame, declination_in
+from replay_kit.measurements.messages.profiles import StatedPing
 
 # degrees; a smaller declination is within a compass' error
 _LEAST_DECLINATION = 1.0
@@ -27,7 +27,7 @@ _LEAST_DECLINATION = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sounding:
-    """A profile with what its message and its vehicle said beside.
+    """A profile with what its message and its vehicle state beside.
 
     Attributes:
         observation: The profile as it was read.
@@ -62,12 +62,12 @@ class Fault:
 def declination_of(message: Message) -> float:
     """Return the magnetic declination [degrees east] that a ping states; NaN for any other message, and for a malformed one."""
     try:
-        if message.schema == "DEBUG_FLOAT_ARRAY":
-            return declination_in(message)
         stated = statement(message)
     except (MeasurementError, *MALFORMED):
         return math.nan
-    return number(stated.payload.get("magnetic_declination")) if isinstance(stated, Ping) else math.nan
+    if isinstance(stated, PingFrame):
+        return declination_in(stated)
+    return number(stated.payload.get("magnetic_declination")) if isinstance(stated, StatedPing) else math.nan
 
 
 def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:

@@ -2,7 +2,7 @@
 
 A *profile* is one leg between two turns, a *yo* a leg down and the leg up after it, a *dive* goes from one surfacing to the next. The
 vehicle turns where it comes back by a stated length, so that noise and waves smaller than that make no legs. Each sample is in
-one dive, one yo and one profile at most; 0 means in none, and ``what`` says why.
+one dive, one yo and one profile at most; 0 means in none, and ``sample_class`` says why.
 """
 
 from collections.abc import Iterator
@@ -13,20 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.measurements.vehicle.dives import is_submerged
 
 Numbers = NDArray[np.int32]
-# surface depths below which a dive begins
-_SUBMERGED = 2.0
 
 
-class What(IntEnum):
-    """What a sample is."""
+class SegmentClass(IntEnum):
+    """What a sample of a track belongs to."""
 
     LEG = 0
     SURFACE = 1
     NO_DEPTH = 2
     TIME_BACK = 3
-    NOT_TOLD = 4
+    UNDETERMINED = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +37,8 @@ class Segments:
         yo: shape (n,), number of the yo, from 1; 0 outside of all legs.
         profile: shape (n,), number of the leg, from 1; 0 outside of all.
         direction: shape (n,), +1 in a leg down, -1 in a leg up, 0 outside.
-        what: shape (n,), ``What`` each sample is; NOT_TOLD is a part below the surface too short, or too cut by gaps, to have a direction.
+        sample_class: shape (n,), ``SegmentClass`` of each sample; UNDETERMINED is a part below the surface too short, or too cut by
+            gaps, to have a direction.
         surfacings: Positions of the samples at which a dive was found to have ended.
         apogees: Positions of the deepest sample of each yo that has both its legs.
     """
@@ -47,19 +47,19 @@ class Segments:
     yo: Numbers
     profile: Numbers
     direction: NDArray[np.int8]
-    what: NDArray[np.int8]
+    sample_class: NDArray[np.int8]
     surfacings: NDArray[np.intp]
     apogees: NDArray[np.intp]
 
-    def count(self, what: What) -> int:
+    def count(self, sample_class: SegmentClass) -> int:
         """Return how many samples are so."""
-        return int(np.count_nonzero(self.what == what))
+        return int(np.count_nonzero(self.sample_class == sample_class))
 
 
 def segments(time_ns: NDArray[np.int64], depth: Array, surface_depth: float, leg: float, gap: float) -> Segments:
     """Return the dives, yos and profiles of a track.
 
-    A dive begins below twice the surface depth and ends above it, as in the measurement step. A sample without a depth, or not
+    ``is_submerged`` is the rule for where a dive begins and ends. A sample without a depth, or not
     later than the one before it, is left out. Over a gap in time, or a step back, no leg goes on, while a dive does.
 
     Args:
@@ -70,12 +70,12 @@ def segments(time_ns: NDArray[np.int64], depth: Array, surface_depth: float, leg
         gap: [s], longest time between samples of one leg.
     """
     n = len(depth)
-    what = np.full(n, What.NOT_TOLD, np.int8)
-    what[1:][time_ns[1:] <= time_ns[:-1]] = What.TIME_BACK
-    what[~np.isfinite(depth)] = What.NO_DEPTH
-    sound = np.flatnonzero(what == What.NOT_TOLD)
+    sample_class = np.full(n, SegmentClass.UNDETERMINED, np.int8)
+    sample_class[1:][time_ns[1:] <= time_ns[:-1]] = SegmentClass.TIME_BACK
+    sample_class[~np.isfinite(depth)] = SegmentClass.NO_DEPTH
+    sound = np.flatnonzero(sample_class == SegmentClass.UNDETERMINED)
     dive, surfacings = _dives(depth[sound], surface_depth)
-    what[sound[dive == 0]] = What.SURFACE
+    sample_class[sound[dive == 0]] = SegmentClass.SURFACE
     steps = np.diff(time_ns[sound])
     cuts = np.flatnonzero((steps > gap * 1e9) | (steps <= 0) | (np.diff(dive) != 0)) + 1
     yo, profile, direction = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int8)
@@ -93,10 +93,10 @@ def segments(time_ns: NDArray[np.int64], depth: Array, surface_depth: float, leg
             if came_down and way < 0:
                 apogees.append(sound[part[first]])
             came_down = way > 0
-            yo[inside], profile[inside], direction[inside], what[inside] = n_yos, n_profiles, way, What.LEG
+            yo[inside], profile[inside], direction[inside], sample_class[inside] = n_yos, n_profiles, way, SegmentClass.LEG
     dives = np.zeros(n, np.int32)
     dives[sound] = dive
-    return Segments(dives, yo, profile, direction, what, sound[surfacings], np.array(apogees, np.intp))
+    return Segments(dives, yo, profile, direction, sample_class, sound[surfacings], np.array(apogees, np.intp))
 
 
 def _dives(depth: Array, surface_depth: float) -> tuple[Numbers, NDArray[np.intp]]:
@@ -104,7 +104,7 @@ def _dives(depth: Array, surface_depth: float) -> tuple[Numbers, NDArray[np.intp
     number, submerged, count, ended = np.zeros(len(depth), np.int32), False, 0, []
     for k, below in enumerate(depth.tolist()):
         was = submerged
-        submerged = below > _SUBMERGED * surface_depth or (was and below > surface_depth)
+        submerged = is_submerged(below, surface_depth, was)
         count += submerged and not was
         number[k] = count if submerged else 0
         if was and not submerged:

@@ -1,7 +1,7 @@
 """``experiment dives``: each dive of real logs predicted from the dives before it."""
 
 from replay_kit.studies.dives.read import Dive, read_dives
+from replay_kit.studies.dives.report import print_dives, to_json
 from replay_kit.studies.dives.run import DivesResult, run_dives
-from replay_kit.studies.dives.text import print_dives, to_json
 
 __all__ = ["Dive", "DivesResult", "print_dives", "read_dives", "run_dives", "to_json"]

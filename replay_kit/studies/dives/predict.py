@@ -1,4 +1,4 @@
-"""What an estimate expects of coming observations, and of bins withheld from a profile whose other bins it is given."""
+"""Predictions of coming observations, and of bins withheld from a profile whose other bins are given."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ _ELLIPSE = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:
-    """What was measured against what was expected, usable bins only.
+    """Measured values against predicted ones, usable bins only.
 
     Attributes:
         used: shape (n,), positions of the bins in the observation.
@@ -42,8 +42,8 @@ class Expected:
 
 
 def expect(estimator: EvolvingEstimator, state: EvolvingState, observation: Measurement) -> Expected | None:
-    """Return what a state expects of an observation and what came; None where none of its bins can be used."""
-    # what is not gated or adapted is looked at as it is
+    """Return an observation against a state's prediction of it; None where none of its bins can be used."""
+    # without gate and inflation the prediction is compared as it is
     offered = replace(estimator, trust=None).offered(state, observation)
     if isinstance(offered, Innovation):
         return None
@@ -63,7 +63,7 @@ def bin_covariance(seen: Seen, cov: Array) -> Array:
 
 
 def conditional(error: Array, cov: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return what is left of the other errors once some are known, and its standard deviation.
+    """Return the other errors less their expectation given some that are known, and the standard deviation of the rest.
 
     Args:
         error: shape (m,).

@@ -1,4 +1,4 @@
-"""Logs to dives: what the estimator is given of each, and what it is scored on."""
+"""Dives of logs: the measurements that the estimator is given of each, and those that its predictions are scored on."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.logs import merge
 from replay_kit.measurements import Event, finish, initial_state, interpret
-from replay_kit.workflows.replay.job import open_readers
+from replay_kit.workflows.replay.inputs import open_readers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class Dive:
 
     Attributes:
         number: As the log counts.
-        given: What the settings give the estimator of it, in order of time.
+        given: Measurements that the settings give the estimator, in order of time.
         profiles: Absolute profiles, in order of time, whether the estimator is given them or not.
         mean: Its depth-averaged current; None where the log has none.
         fixes: At the surface, before it and after it; None without both.
@@ -86,7 +86,7 @@ def _using(config: RunConfig, *, inverted: bool) -> RunConfig:
 
 
 def _events(messages: Iterable[Message], config: RunConfig) -> Iterator[Event]:
-    """Yield what the measurement step makes of messages."""
+    """Yield the events that the measurement step finds in messages."""
     state = initial_state(config.logs.system)
     for message in messages:
         state, events = interpret(state, message, config.measurements)

@@ -1,7 +1,7 @@
-"""Each dive predicted from the dives before it, beside what predicts without an estimator."""
+"""Each dive predicted from the dives before it, beside baselines without an estimator."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +15,11 @@ from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
 from replay_kit.estimator.evolving.fit_log import LogSettings, as_built, fit_to_log, fitted_estimator, with_errors
 from replay_kit.estimator.evolving.likelihood import narrowed
+from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
 from replay_kit.studies.dives.predict import Expected, Surfacing, expect, surfacing, withheld
 from replay_kit.studies.dives.read import Dive
-from replay_kit.studies.dives.rivals import rival_means, rival_profiles
+from replay_kit.studies.jobs.progress import Progress
 
-Progress = Callable[[int, int, str], None]
 SHARES = (0.5, 0.9)
 
 
@@ -30,11 +30,11 @@ class DivePrediction:
     Attributes:
         number: Of the dive.
         settings: Under which it was predicted.
-        profiles: By method, shape (n, 2) [m/s], measured minus predicted at all bins; empty of the first dive.
+        errors: Measured minus predicted [m/s], by kind and method; without methods for the first dive. ``profiles``: shape (n, 2), at all
+            bins; ``mean``: shape (1, 2), of the depth-averaged current.
         std: shape (n, 2) [m/s], of the estimate's.
         nis: Normalised square of the estimate's errors, profile by profile.
         dof: Its degrees of freedom.
-        mean: By method, shape (1, 2) [m/s], measured minus predicted mean current; empty of the first dive.
         surfacing: None where the log has no mean current between fixes.
         withheld: shape (m,) [m/s], errors of the bins withheld from the dive.
         withheld_std: shape (m,) [m/s].
@@ -42,11 +42,10 @@ class DivePrediction:
 
     number: int
     settings: LogSettings
-    profiles: Mapping[str, Array]
+    errors: Mapping[str, Mapping[str, Array]]
     std: Array
     nis: float
     dof: int
-    mean: Mapping[str, Array]
     surfacing: Surfacing | None
     withheld: Array
     withheld_std: Array
@@ -74,7 +73,7 @@ class DivesResult:
         Args:
             kind: ``profiles`` or ``mean``.
         """
-        of_dives: list[Mapping[str, Array]] = [getattr(dive, kind) for dive in self.dives[1:]]
+        of_dives = [dive.errors[kind] for dive in self.dives[1:]]
         methods = {method: None for errors in of_dives for method in errors}
         return {method: rms_length([errors[method] for errors in of_dives if method in errors]) for method in methods}
 
@@ -88,7 +87,7 @@ class DivesResult:
         """Return which shares of next dives' bins, and of withheld bins, lie in the intervals that should hold a share of them."""
         after = self.dives[1:]
         kinds = {
-            "next_dive": [(dive.profiles["estimate"].ravel(), dive.std.ravel()) for dive in after if dive.profiles],
+            "next_dive": [(dive.errors["profiles"]["estimate"].ravel(), dive.std.ravel()) for dive in after if dive.errors["profiles"]],
             "withheld": [(dive.withheld, dive.withheld_std) for dive in after],
         }
         out = {}
@@ -122,7 +121,7 @@ def run_dives(
     """
     small = narrowed(estimator, [event for dive in dives for event in _all_of(dive)])
     settings = as_built(small, config.time)
-    # with --fit nothing is gated: the likelihood took every observation for what the settings say it is
+    # with --fit nothing is gated: the likelihood counts every observation with the errors of the settings
     small = replace(small, trust=None) if fit else small
     changed, done = fitted_estimator(small, config.time, settings), []
     state = changed.initial()
@@ -137,7 +136,7 @@ def run_dives(
         elif k:
             state = _after(changed, state, dives[k - 1].given, settings)
         done.append(_predicted(changed, state, dives[:k], dive, settings))
-    if not any(dive.dof or dive.mean for dive in done):
+    if not any(dive.dof or dive.errors["mean"] for dive in done):
         raise MeasurementError(
             f"{source}: none of the {len(dives)} dives has a bin or a mean current in the ensemble's region; use an ensemble of the right "
             "place, or --place-ensemble for a study"
@@ -165,11 +164,13 @@ def _predicted(
     return DivePrediction(
         number=dive.number,
         settings=settings,
-        profiles=_profile_errors(estimator, earlier, usable) if earlier and usable else {},
+        errors={
+            "profiles": _profile_errors(estimator, earlier, usable) if earlier and usable else {},
+            "mean": _mean_errors(estimator, earlier, dive, mean) if earlier and mean is not None else {},
+        },
         std=np.concatenate([np.empty((0, 2)), *(found.std for _, found in usable)]),
         nis=sum(found.nis for _, found in usable),
         dof=sum(found.dof for _, found in usable),
-        mean=_mean_errors(estimator, earlier, dive, mean) if earlier and mean is not None else {},
         surfacing=None if mean is None else surfacing(mean, dive, estimator.basis.grid.projection),
         withheld=np.concatenate([np.empty(0), *(error for error, _ in held)]),
         withheld_std=np.concatenate([np.empty(0), *(std for _, std in held)]),
@@ -186,15 +187,14 @@ def _after(estimator: EvolvingEstimator, state: EvolvingState, observations: Seq
 def _profile_errors(
     estimator: EvolvingEstimator, earlier: Sequence[Dive], usable: Sequence[tuple[Observation, Expected]]
 ) -> dict[str, Array]:
-    """Return the errors of the estimate, of the ensemble, and of what predicts without them."""
+    """Return the errors of the estimate, of the ensemble, and of the baselines."""
     errors: dict[str, list[Array]] = {"estimate": [], "ensemble_mean": []}
     for profile, found in usable:
         errors["estimate"].append(found.error)
         errors["ensemble_mean"].append(estimator.misfit(estimator.initial(), profile)[found.used])
         depth, velocity = profile.depth[found.used], profile.velocity[found.used]
-        for name, said in rival_profiles(earlier, depth).items():
-            if said is not None:
-                errors.setdefault(name, []).append(velocity - said)
+        for name, predicted in baseline_profiles(earlier, depth).items():
+            errors.setdefault(name, []).append(velocity - predicted)
     return {name: np.concatenate(parts) for name, parts in errors.items()}
 
 
@@ -202,5 +202,4 @@ def _mean_errors(estimator: EvolvingEstimator, earlier: Sequence[Dive], dive: Di
     """Return the errors of the dive's mean current, method by method."""
     assert dive.mean is not None
     errors = {"estimate": found.error, "ensemble_mean": estimator.misfit(estimator.initial(), dive.mean)}
-    rivals = {name: np.array([dive.mean.velocity]) - said for name, said in rival_means(earlier).items() if said is not None}
-    return {**errors, **rivals}
+    return errors | {name: np.array([dive.mean.velocity]) - predicted for name, predicted in baseline_means(earlier).items()}

@@ -1,8 +1,8 @@
 """Studies on simulated glider missions, with a member of the ensemble left out as the truth."""
 
 from replay_kit.studies.missions.job import STUDIES, MissionJob
+from replay_kit.studies.missions.report import FILES, print_missions, to_csv, to_json, write_missions
 from replay_kit.studies.missions.run import MissionResult, run_missions
-from replay_kit.studies.missions.write import FILES, print_missions, to_csv, to_json, write_missions
 
 __all__ = [
     "FILES",

@@ -1,4 +1,4 @@
-"""A compass and a scale that err: whether a run says so, whether it finds how much, and what the estimate is worth then."""
+"""Errors of compass and scale: whether a run names them, how well it estimates them, and the error of the estimate."""
 
 import math
 from functools import partial
@@ -11,18 +11,16 @@ from replay_kit.estimator.evolving import EvolvingEstimator
 from replay_kit.studies.missions.flights import Flight, fly_pings, measurements, pinging_seconds, staying
 from replay_kit.studies.missions.follow import Followed, Own
 from replay_kit.studies.missions.relative import KNOWN_STD
-from replay_kit.studies.missions.rows import Figure
+from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
 from replay_kit.studies.missions.scene import Scene, own_estimator
-from replay_kit.studies.missions.through_time import RMSE
 from replay_kit.studies.twins.faults import Faults
 
-STUDY = "bias"
 HEADING_DEG, SCALE = 5.0, 0.03
 PLANTED = {"heading": math.radians(HEADING_DEG), "scale": SCALE}
 _OVER_CLEAN = 1.1
-# a scale error of 3 % is 8 mm/s of a glider's way: a thousand pings tell it, a few hundred do not
+# a scale error of 3 % is 8 mm/s at a glider's speed: significant after a thousand pings, not after a few hundred
 _DAYS, _EVERY_S = 10.0, 600.0
-# standard deviations from nothing at which a bias counts as found
+# standard deviations from zero at which a bias counts as found
 _FOUND = 3.0
 _UNIT = {"heading": ("degrees", math.degrees(1.0)), "scale": ("%", 100.0), "shear": ("1/s", 1.0)}
 
@@ -33,24 +31,23 @@ def biases(scene: Scene) -> list[Figure]:
     sound = measurements(flight, Faults("platform", KNOWN_STD))
     biased = measurements(flight, Faults("platform", KNOWN_STD, HEADING_DEG, SCALE))
     time = scene.config.time.model_copy(update={"biases": ("heading", "scale")})
-    looking = own_estimator(scene.case, scene.config.model_copy(update={"time": time}))
+    estimating = own_estimator(scene.case, scene.config.model_copy(update={"time": time}))
     clean = scene.errors("sound", scene.own, sound)
     figures = [
-        Figure(STUDY, "sound, not looked for", RMSE, clean.mean()),
-        *clean.nis(STUDY, "sound, not looked for"),
-        *_named("sound, not looked for", clean, planted=False),
+        Figure("sound, without bias states", RMSE, clean.mean()),
+        *clean.nis("sound, without bias states"),
+        *_named("sound, without bias states", clean, planted=False),
     ]
     for method, estimator, given, most in (
-        ("biased, not looked for", scene.own, biased, np.nan),
-        ("biased, looked for", looking, biased, _OVER_CLEAN),
-        ("sound, looked for", looking, sound, _OVER_CLEAN),
+        ("biased, without bias states", scene.own, biased, np.nan),
+        ("biased, with bias states", estimating, biased, _OVER_CLEAN),
+        ("sound, with bias states", estimating, sound, _OVER_CLEAN),
     ):
         followed = scene.errors(method, estimator, given)
         figures += [
-            Figure(STUDY, method, RMSE, followed.mean()),
-            Figure(STUDY, method, "RMSE over the sound one's", followed.mean(), clean.mean(), at_most=most),
-            *followed.nis(STUDY, method),
-            *(_named(method, followed, planted=True) if estimator is scene.own else _found(method, looking, followed, given is biased)),
+            *error_figures(method, followed.mean(), "the sound one's", clean.mean(), most),
+            *followed.nis(method),
+            *(_named(method, followed, planted=True) if estimator is scene.own else _found(method, estimating, followed, given is biased)),
         ]
     return figures
 
@@ -63,21 +60,21 @@ def _dense(scene: Scene) -> Flight:
 
 
 def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure]:
-    """Return which errors a run that does not look for any says that its log speaks of."""
+    """Return which errors a run that estimates none of them names as significant."""
     suspected = followed.state.evidence.suspected()
     figures = []
     for name in PLANTED:
         unit, factor = _UNIT[name]
         least, most = (1.0, np.nan) if planted else (np.nan, 0.0)
-        figures.append(Figure(STUDY, method, f"{name} is named", float(name in suspected), at_least=least, at_most=most))
+        figures.append(Figure(method, f"{name} is named", float(name in suspected), at_least=least, at_most=most))
         if name in suspected:
-            figures.append(Figure(STUDY, method, f"{name} as named [{unit}]", factor * suspected[name][0]))
-    figures.append(Figure(STUDY, method, "shear is named, wrongly", float("shear" in suspected), at_most=0.0))
+            figures.append(Figure(method, f"{name} as named [{unit}]", factor * suspected[name][0]))
+    figures.append(Figure(method, "shear is named, wrongly", float("shear" in suspected), at_most=0.0))
     return figures
 
 
 def _found(method: str, estimator: Own, followed: Followed[float], planted: bool) -> list[Figure]:
-    """Return each bias as found, how far it is from nothing, and from what was planted."""
+    """Return each estimated bias, in standard deviations from zero, and its error."""
     assert isinstance(estimator, EvolvingEstimator), "biases are estimated through time only"
     figures = []
     for name, (mean, std) in estimator.biases(followed.state).items():
@@ -86,9 +83,9 @@ def _found(method: str, estimator: Own, followed: Followed[float], planted: bool
         true = PLANTED[name] if planted else 0.0
         least, most = (_FOUND, np.nan) if planted else (-_FOUND, _FOUND)
         figures += [
-            Figure(STUDY, method, f"{name} [{unit}]", factor * mean),
-            Figure(STUDY, method, f"{name}, standard deviation [{unit}]", factor * std),
-            Figure(STUDY, method, f"{name} over its standard deviation", mean / std, at_least=least, at_most=most),
-            Figure(STUDY, method, f"{name}, error over its standard deviation", (mean - true) / std),
+            Figure(method, f"{name} [{unit}]", factor * mean),
+            Figure(method, f"{name}, standard deviation [{unit}]", factor * std),
+            Figure(method, f"{name} over its standard deviation", mean / std, at_least=least, at_most=most),
+            Figure(method, f"{name}, error over its standard deviation", (mean - true) / std),
         ]
     return figures

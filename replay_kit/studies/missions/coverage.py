@@ -1,4 +1,4 @@
-"""Whether the stated intervals hold: where it was measured and where it was not, now and days ahead."""
+"""Coverage of the stated intervals: near measurements and away from them, now and days ahead."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,9 @@ from replay_kit.studies.missions.follow import follow
 from replay_kit.studies.missions.rows import Figure
 from replay_kit.studies.missions.scene import Scene
 
-STUDY = "coverage"
 AHEAD_DAYS = 5.0
 OBSERVED_M = 10e3
-ASKED = {0.5: (0.45, 0.55), 0.9: (0.86, 0.94)}
+REQUIRED = {0.5: (0.45, 0.55), 0.9: (0.86, 0.94)}
 _DAY_NS = 86_400 * 10**9
 
 
@@ -25,25 +24,25 @@ _Hits = dict[tuple[str, str, float], tuple[int, int]]
 
 def coverage(scene: Scene) -> list[Figure]:
     """Return the figures of one mission."""
-    scene.say("intervals")
+    scene.report("intervals")
     ahead_ns = int(AHEAD_DAYS * _DAY_NS)
     last_ns = int(scene.case.times_ns[-1])
     pinged_ns, places = scene.flight.mission.pings.time_ns, scene.flight.places
 
-    def look(flow: FlowEstimate, time_ns: int) -> _Hits:
+    def evaluate(flow: FlowEstimate, time_ns: int) -> _Hits:
         near = _near(scene.case.at.points, places[pinged_ns <= time_ns])
         hits = _hits(scene, flow, time_ns, near, "now")
         if scene.case.changes and time_ns + ahead_ns <= last_ns:
             hits |= _hits(scene, flow.at(time_ns + ahead_ns), time_ns + ahead_ns, near, f"{AHEAD_DAYS:g} days ahead")
         return hits
 
-    followed = follow(scene.own, measurements(scene.flight), scene.job.looks, look)
+    followed = follow(scene.own, measurements(scene.flight), scene.job.evaluations, evaluate)
     figures = []
-    for key in dict.fromkeys(key for look in followed.looks for key in look):
+    for key in dict.fromkeys(key for hits in followed.values for key in hits):
         where, when, share = key
-        hits, trials = np.sum([look[key] for look in followed.looks if key in look], axis=0)
+        hits, trials = np.sum([hits[key] for hits in followed.values if key in hits], axis=0)
         name = f"share inside {100 * share:g} % intervals"
-        figures.append(Figure(STUDY, f"{where} places, {when}", name, float(hits), float(trials), *ASKED[share]))
+        figures.append(Figure(f"{where} places, {when}", name, float(hits), float(trials), *REQUIRED[share]))
     return figures
 
 
@@ -59,7 +58,7 @@ def _hits(scene: Scene, flow: FlowEstimate, time_ns: int, near: NDArray[np.bool_
     std = flow.standard_error(*place)
     out: _Hits = {}
     for where, chosen in (("observed", near), ("unobserved", ~near)):
-        for share in ASKED:
+        for share in REQUIRED:
             inside = (error <= ndtri(0.5 + 0.5 * share) * std)[chosen]
             known = np.isfinite(std[chosen])
             out[where, when, share] = int(inside[known].sum()), int(known.sum())

@@ -1,4 +1,4 @@
-"""What mean currents of dives tell when there is nothing else."""
+"""Estimates from the mean currents of dives alone."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -7,12 +7,10 @@ import numpy as np
 
 from replay_kit.core.observation import Measurement
 from replay_kit.studies.missions.flights import fly_dives, measurements, staying
-from replay_kit.studies.missions.rows import Figure
+from replay_kit.studies.missions.rows import Figure, error_figures
 from replay_kit.studies.missions.scene import Scene
-from replay_kit.studies.missions.through_time import RMSE
 from replay_kit.studies.twins.glider import GliderLimits
 
-STUDY = "dac"
 _OVER_MEAN = 0.7
 DEPTHS = (500.0, 1000.0)  # m; a glider's dives as the twin has them, and as deep as gliders go
 
@@ -27,13 +25,12 @@ def mean_currents_alone(scene: Scene) -> list[Figure]:
         missions[f"{dives} dives to {depth:g} m, one after the other"] = measurements(flight, pings=False, mean_currents=True)[:dives]
     figures = []
     for method, given in missions.items():
-        followed = scene.errors(method, scene.own, given, looks=1)
-        (error,), mean = followed.looks, scene.case.mean_rmse([given[-1].time_ns])
+        followed = scene.errors(method, scene.own, given, evaluations=1)
+        (error,), mean = followed.values, scene.case.mean_rmse([given[-1].time_ns])
         figures += [
-            Figure(STUDY, method, RMSE, error),
-            Figure(STUDY, method, "RMSE over the ensemble mean's", error, mean, at_most=_OVER_MEAN),
-            Figure(STUDY, method, "mean currents", float(len(given))),
-            *followed.nis(STUDY, method),
+            *error_figures(method, error, "the ensemble mean's", mean, _OVER_MEAN),
+            Figure(method, "mean currents", float(len(given))),
+            *followed.nis(method),
         ]
     return figures
 

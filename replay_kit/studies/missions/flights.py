@@ -13,7 +13,7 @@ from replay_kit.measurements import observations
 from replay_kit.studies.twins.adcp import AdcpSettings, measure
 from replay_kit.studies.twins.faults import Faults, as_logged
 from replay_kit.studies.twins.field import Field
-from replay_kit.studies.twins.glider import STEP_S, SURFACE_STEPS, GliderLimits, mission
+from replay_kit.studies.twins.glider import STEP_S, SURFACE_STEPS, GliderLimits, Schedule, mission
 from replay_kit.studies.twins.messages import Record, mission_messages
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
 
@@ -91,7 +91,7 @@ def fly_pings(sea: Field, pings: int, days: float, noise: float, seed: int) -> F
     steps = int(pinging_seconds(sea, days) / pings / STEP_S)
     if steps < 1:
         raise ConfigError(f"--pings: {pings} pings, {STEP_S} s apart at least, take longer than {days:g} days or the truth's time")
-    return _flown(sea, pings, steps, _start_ns(sea), noise, seed)
+    return _flown(sea, noise, seed, lambda rng: mission(sea, pings, _start_ns(sea), rng, schedule=Schedule(steps, to_the_end=True)))
 
 
 def pinging_seconds(sea: Field, days: float) -> float:
@@ -124,7 +124,7 @@ def fly_dives(sea: Field, dives: int, noise: float, limits: GliderLimits, seed: 
     steps = 5
     # the last ping is in the last dive
     pings = int((seconds - 0.5 * dive_seconds(sea, limits)) / (steps * STEP_S))
-    return _flown(sea, pings, steps, start_ns, noise, seed, limits)
+    return _flown(sea, noise, seed, lambda rng: mission(sea, pings, start_ns, rng, limits, Schedule(steps, to_the_end=True)))
 
 
 def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, mean_currents: bool = False) -> tuple[Measurement, ...]:
@@ -145,8 +145,9 @@ def _start_ns(sea: Field) -> int:
     return int(sea.time_ns[0]) or EPOCH_NS
 
 
-def _flown(sea: Field, pings: int, steps: int, start_ns: int, noise: float, seed: int, limits: GliderLimits = _USUAL) -> Flight:
+def _flown(sea: Field, noise: float, seed: int, fly: Callable[[np.random.Generator], Mission]) -> Flight:
+    """Return a mission with what its instrument measures, both from one stream of random numbers."""
     rng = np.random.default_rng(seed)
-    flown = mission(sea, pings, start_ns, rng, limits, ping_steps=steps, to_the_end=True)
+    flown = fly(rng)
     settings = AdcpSettings(noise=noise)
     return Flight(sea, flown, settings, measure(sea, flown.pings, settings, rng), seed)

@@ -1,10 +1,9 @@
-"""What the studies on missions are asked to do."""
+"""The options of the studies on missions."""
 
-import math
 from dataclasses import dataclass
 
-from replay_kit.core.errors import ConfigError
-from replay_kit.studies.truths import members_named
+from replay_kit.studies.jobs.checks import check_names, check_positive
+from replay_kit.studies.twins.truths import members_named
 
 STUDIES = ("time", "relative", "dac", "outliers", "bias", "coverage")
 
@@ -21,7 +20,7 @@ class MissionJob:
         dives: Of the mission that has mean currents alone.
         noise: Standard deviation of each component of each bin [m/s].
         seeds: Seeds 0 to seeds - 1 are run for each truth.
-        looks: How many times on the way the estimate is compared with the truth.
+        evaluations: How many times on the way the estimate is compared with the truth.
     """
 
     leave_out: str
@@ -31,19 +30,12 @@ class MissionJob:
     dives: int = 30
     noise: float = 0.09
     seeds: int = 1
-    looks: int = 20
+    evaluations: int = 20
 
     def check(self) -> None:
         """Raise ConfigError when an option is wrong."""
-        unknown = [name for name in self.studies if name not in STUDIES]
-        if unknown or not self.studies:
-            raise ConfigError(f"--study: expected some of {', '.join(STUDIES)}, got {', '.join(self.studies) or 'none'}")
-        if min(self.pings, self.dives, self.seeds, self.looks) < 1 or not (math.isfinite(self.days) and self.days > 0.0):
-            raise ConfigError(
-                f"missions: expected pings, dives, seeds and days above 0, got {self.pings}, {self.dives}, {self.seeds} and {self.days:g}"
-            )
-        if not (math.isfinite(self.noise) and self.noise > 0.0):
-            raise ConfigError(f"--noise: expected an error above 0 m/s, got {self.noise}")
+        check_names("--study", self.studies, STUDIES)
+        check_positive(**{name: getattr(self, name) for name in ("pings", "dives", "seeds", "evaluations", "days", "noise")})
 
     def members(self, n_members: int) -> tuple[int, ...]:
         """Return the positions of the members left out in turn.

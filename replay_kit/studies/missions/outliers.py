@@ -1,4 +1,4 @@
-"""What pings that are wrong as a whole do to the estimate, with each kind of gate."""
+"""The effect of pings that are wrong as a whole on the estimate, with each kind of gate."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,15 +7,13 @@ from typing import Literal
 import numpy as np
 
 from replay_kit.config.gating import TrustConfig
-from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.core.observation import Measurement, Observation
 from replay_kit.studies.missions.flights import measurements
 from replay_kit.studies.missions.follow import Own
-from replay_kit.studies.missions.rows import Figure
+from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
 from replay_kit.studies.missions.scene import Scene
-from replay_kit.studies.missions.through_time import RMSE
 from replay_kit.studies.twins.faults import OUTLIER, Faults
 
-STUDY = "outliers"
 SHARE = 0.1
 _OVER_CLEAN = 1.05
 _GATES: tuple[Literal["reject", "soften", "off"], ...] = ("reject", "soften", "off")
@@ -27,35 +25,28 @@ def outliers(scene: Scene) -> list[Figure]:
     wrong = _moved(sound, spoilt)
     clean = scene.errors("without outliers", scene.own, sound)
     figures = [
-        Figure(STUDY, "without outliers", RMSE, clean.mean()),
-        Figure(STUDY, "without outliers", "pings rejected or softened", _doubted(clean.said, set()), len(clean.said)),
+        Figure("without outliers", RMSE, clean.mean()),
+        Figure("without outliers", "pings rejected or softened", clean.doubted(), len(clean.innovations)),
     ]
     for gate in _GATES:
         method = f"with outliers, gate {gate}"
         followed = scene.errors(method, _with_gate(scene.own, scene.config.trust, gate), spoilt)
         most = _OVER_CLEAN if gate == scene.config.trust.gate else np.nan
-        figures += [
-            Figure(STUDY, method, RMSE, followed.mean()),
-            Figure(STUDY, method, "RMSE over that without outliers", followed.mean(), clean.mean(), at_most=most),
-        ]
+        figures += error_figures(method, followed.mean(), "that without outliers", clean.mean(), most)
         if gate == "reject":
-            caught = sum(said.decision != "accepted" and said.time_ns in wrong for said in followed.said)
+            caught = followed.doubted() - followed.doubted(wrong)
             figures += [
-                Figure(STUDY, method, "outliers rejected or softened", caught, len(wrong)),
-                Figure(STUDY, method, "sound pings rejected or softened", _doubted(followed.said, wrong), len(followed.said) - len(wrong)),
+                Figure(method, "outliers rejected or softened", caught, len(wrong)),
+                Figure(method, "sound pings rejected or softened", followed.doubted(wrong), len(followed.innovations) - len(wrong)),
             ]
     return figures
 
 
-def _moved(sound: Sequence[Measurement], spoilt: Sequence[Measurement]) -> set[int]:
+def _moved(sound: Sequence[Measurement], spoilt: Sequence[Measurement]) -> frozenset[int]:
     """Return the times [ns, UTC] of the pings that are outliers."""
     velocity = {of.time_ns: of.velocity for of in sound if isinstance(of, Observation)}
     pairs = [(of.time_ns, of.velocity - velocity[of.time_ns]) for of in spoilt if isinstance(of, Observation)]
-    return {time_ns for time_ns, off in pairs if (np.hypot(off[:, 0], off[:, 1]) > 0.5 * OUTLIER).any()}
-
-
-def _doubted(said: Sequence[Innovation], but: set[int]) -> int:
-    return sum(of.decision != "accepted" and of.time_ns not in but for of in said)
+    return frozenset(time_ns for time_ns, off in pairs if (np.hypot(off[:, 0], off[:, 1]) > 0.5 * OUTLIER).any())
 
 
 def _with_gate(own: Own, trust: TrustConfig, gate: Literal["reject", "soften", "off"]) -> Own:

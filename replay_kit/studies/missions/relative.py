@@ -1,12 +1,10 @@
-"""What is lost when profiles are relative to a platform whose velocity is not known, or known roughly."""
+"""Profiles relative to a platform of unknown or roughly known velocity, compared with absolute ones."""
 
 from replay_kit.studies.missions.flights import measurements
-from replay_kit.studies.missions.rows import Figure
+from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
 from replay_kit.studies.missions.scene import Scene
-from replay_kit.studies.missions.through_time import RMSE
 from replay_kit.studies.twins.faults import Faults
 
-STUDY = "relative"
 KNOWN_STD = 0.02  # m/s
 _UNKNOWN, _KNOWN = 1.25, 1.08
 
@@ -17,8 +15,8 @@ def relative(scene: Scene) -> list[Figure]:
     absolute = scene.errors("absolute", scene.own, measurements(scene.flight))
     with_means = scene.errors("absolute", scene.own, measurements(scene.flight, mean_currents=True))
     figures = [
-        Figure(STUDY, "absolute", RMSE, absolute.mean()),
-        Figure(STUDY, "absolute, with mean currents", RMSE, with_means.mean()),
+        Figure("absolute", RMSE, absolute.mean()),
+        Figure("absolute, with mean currents", RMSE, with_means.mean()),
     ]
     for method, faults, mean_currents, most in (
         ("unknown platform velocity", Faults("platform"), False, _UNKNOWN),
@@ -26,9 +24,5 @@ def relative(scene: Scene) -> list[Figure]:
         ("platform velocity to 2 cm/s", known, False, _KNOWN),
     ):
         followed = scene.errors(method, scene.own, measurements(scene.flight, faults, mean_currents=mean_currents))
-        figures += [
-            Figure(STUDY, method, RMSE, followed.mean()),
-            Figure(STUDY, method, "RMSE over that of absolute profiles", followed.mean(), absolute.mean(), at_most=most),
-            *followed.nis(STUDY, method),
-        ]
+        figures += error_figures(method, followed.mean(), "that of absolute profiles", absolute.mean(), most) + followed.nis(method)
     return figures

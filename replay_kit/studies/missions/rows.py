@@ -1,4 +1,4 @@
-"""One figure of a study beside what is asked of it: the same value for the table, the CSV and the JSON."""
+"""Figures of missions beside the limits required of them: the same values for the table, the CSV and the JSON."""
 
 import math
 from collections.abc import Sequence
@@ -6,30 +6,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_NAN = float("nan")
+from replay_kit.studies.reports.tables import NAN, is_within
+
+RMSE = "RMSE [m/s]"
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure of one mission, as a part of a whole, so that missions add up as they should.
+    """A figure of one mission, as a part of a whole, so that missions can be added up.
 
     Attributes:
-        study: Of ``job.STUDIES``.
-        method: What estimated, or what was measured.
+        method: The estimator, or what was measured.
         name: What the figure is, with its unit.
         part: An error, a sum, a number of hits.
         whole: What it is a part of: another error, degrees of freedom, a number of trials; 1 for a plain number.
-        at_least: What is asked; NaN for nothing.
-        at_most: What is asked; NaN for nothing.
+        at_least: Lower limit of part over whole; NaN for none.
+        at_most: Upper limit; NaN for none.
     """
 
-    study: str
     method: str
     name: str
     part: float
     whole: float = 1.0
-    at_least: float = _NAN
-    at_most: float = _NAN
+    at_least: float = NAN
+    at_most: float = NAN
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +38,12 @@ class MissionRow:
 
     Attributes:
         study: Of ``job.STUDIES``.
-        method: What estimated, or what was measured.
+        method: The estimator, or what was measured.
         figure: What it is, with its unit.
         value: Over all missions: the sum of the parts over the sum of the wholes.
-        at_least: What is asked of the value; NaN for nothing.
-        at_most: What is asked of the value; NaN for nothing.
-        met: Whether the value is as asked; None where nothing is.
+        at_least: Lower limit of the value; NaN for none.
+        at_most: Upper limit of the value; NaN for none.
+        met: Whether the value keeps to its limits; None without limits.
         by_mission: The figure of each mission, truth after truth, seed after seed.
     """
 
@@ -57,29 +57,41 @@ class MissionRow:
     by_mission: tuple[float, ...]
 
 
-def over_missions(missions: Sequence[Sequence[Figure]]) -> tuple[MissionRow, ...]:
-    """Return each figure over all missions that have it, in the order in which they first come.
+def error_figures(method: str, error: float, over: str, reference: float, at_most: float = NAN) -> list[Figure]:
+    """Return an error, and its ratio to a reference.
 
     Args:
+        method: Whose error.
+        error: RMSE [m/s].
+        over: Name of the reference.
+        reference: Its RMSE [m/s].
+        at_most: Upper limit of the ratio; NaN for none.
+    """
+    return [Figure(method, RMSE, error), Figure(method, f"RMSE over {over}", error, reference, at_most=at_most)]
+
+
+def over_missions(study: str, missions: Sequence[Sequence[Figure]]) -> tuple[MissionRow, ...]:
+    """Return each figure of a study over all missions that have it, in the order in which they first come.
+
+    Args:
+        study: Its name.
         missions: The figures of each.
     """
-    alike: dict[tuple[str, str, str], list[Figure]] = {}
+    alike: dict[tuple[str, str], list[Figure]] = {}
     for figures in missions:
         for figure in figures:
-            alike.setdefault((figure.study, figure.method, figure.name), []).append(figure)
-    return tuple(_row(figures) for figures in alike.values())
+            alike.setdefault((figure.method, figure.name), []).append(figure)
+    return tuple(_row(study, figures) for figures in alike.values())
 
 
-def _row(figures: Sequence[Figure]) -> MissionRow:
+def _row(study: str, figures: Sequence[Figure]) -> MissionRow:
     first = figures[0]
     value = _over(sum(figure.part for figure in figures), sum(figure.whole for figure in figures))
-    low, high = (float(np.mean([getattr(figure, name) for figure in figures])) for name in ("at_least", "at_most"))
-    asked = math.isfinite(low) or math.isfinite(high)
-    # a figure that is no number is not as asked
-    met = not math.isnan(value) and not value < low and not value > high
+    low, high = (float(np.mean(limits)) for limits in zip(*((figure.at_least, figure.at_most) for figure in figures), strict=True))
+    met = is_within(value, low, high) if math.isfinite(low) or math.isfinite(high) else None
     by_mission = tuple(_over(figure.part, figure.whole) for figure in figures)
-    return MissionRow(first.study, first.method, first.name, value, low, high, met if asked else None, by_mission)
+    return MissionRow(study, first.method, first.name, value, low, high, met, by_mission)
 
 
 def _over(part: float, whole: float) -> float:
-    return float(part / whole) if whole else _NAN
+    return float(part / whole) if whole else NAN

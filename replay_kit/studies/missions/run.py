@@ -7,6 +7,7 @@ from functools import partial
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
+from replay_kit.studies.jobs.progress import Progress
 from replay_kit.studies.missions.bias import biases
 from replay_kit.studies.missions.coverage import coverage
 from replay_kit.studies.missions.dac import mean_currents_alone
@@ -15,12 +16,10 @@ from replay_kit.studies.missions.job import MissionJob
 from replay_kit.studies.missions.outliers import outliers
 from replay_kit.studies.missions.relative import relative
 from replay_kit.studies.missions.rows import Figure, MissionRow, over_missions
-from replay_kit.studies.missions.scene import Scene, own_estimator
-from replay_kit.studies.missions.sea import Withheld, withhold
+from replay_kit.studies.missions.scene import Scene, own_estimator, withhold
 from replay_kit.studies.missions.through_time import through_time
 from replay_kit.studies.twins.field import build_field
 
-Progress = Callable[[int, int, str], None]
 _STUDIES: dict[str, Callable[[Scene], list[Figure]]] = {
     "time": through_time,
     "relative": relative,
@@ -40,7 +39,7 @@ class MissionResult:
         ensemble: Its file.
         members: Positions of the members that were the truth in turn.
         times: Number of times of the forecast; 1 when the truth stays as it is.
-        job: What was asked for.
+        job: The options.
         lost: Of each mission that was left out, why: the current carried the glider away.
     """
 
@@ -83,21 +82,21 @@ def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob,
             for study in job.studies:
                 try:
                     flight = flight or staying(partial(fly_pings, sea, job.pings, job.days, job.noise), 100 * member + seed)
-                    scene = Scene(case, flight, own, config, job, _teller(progress, done, total, case, study))
-                    by_study[study].append(_STUDIES[study](scene))
+                    report = partial(_report, progress or _silent, (done, total), f"member {member}, {study}")
+                    by_study[study].append(_STUDIES[study](Scene(case, flight, own, config, job, report)))
                 except ForecastError as error:
                     # one mission less is no reason to lose the others
                     lost.append(f"member {member}, seed {seed}, {study}: {error}")
                 done += 1
-    rows = tuple(row for study in job.studies for row in over_missions(by_study[study]))
+    rows = tuple(row for study in job.studies for row in over_missions(study, by_study[study]))
     if not rows:
         raise ForecastError(f"no mission is left; {lost[0]}")
     return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost))
 
 
-def _teller(progress: Progress | None, done: int, total: int, case: Withheld, study: str) -> Callable[[str], None]:
-    def say(what: str) -> None:
-        if progress is not None:
-            progress(done, total, f"member {case.member}, {study}: {what}")
+def _report(progress: Progress, steps: tuple[int, int], study: str, what: str) -> None:
+    progress(*steps, f"{study}: {what}")
 
-    return say
+
+def _silent(done: int, total: int, what: str) -> None:
+    """Report nothing."""

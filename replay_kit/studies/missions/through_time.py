@@ -1,4 +1,4 @@
-"""Does it pay to let the estimate change in time? Against a static filter, one that forgets at the best rate, and the forecast alone."""
+"""An estimate that changes in time, compared with a static filter, one whose covariance grows at the best rate, and the forecast alone."""
 
 from collections.abc import Sequence
 
@@ -11,12 +11,10 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import EvolvingEstimator, build_evolving
 from replay_kit.estimator.evolving.smoother import smooth
 from replay_kit.studies.missions.flights import measurements
-from replay_kit.studies.missions.follow import due
-from replay_kit.studies.missions.rows import Figure
+from replay_kit.studies.missions.follow import evaluated_after
+from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
 from replay_kit.studies.missions.scene import Scene
 
-STUDY = "time"
-RMSE = "RMSE [m/s]"
 # a day; the best one is chosen with the truth, which no real static filter could
 INFLATIONS = (1.02, 1.05, 1.1, 1.2, 1.4, 2.0)
 _OVER_STATIC, _OVER_INFLATED = 0.75, 0.9
@@ -31,19 +29,18 @@ def through_time(scene: Scene) -> list[Figure]:
     lead = min(statics, key=lambda name: statics[name][1])
     static = statics[lead][1]
     inflation, inflated = _best_inflated(scene, statics[lead][0], given)
-    times_ns = [given[number - 1].time_ns for number in due(len(given), scene.job.looks)]
+    times_ns = [given[number - 1].time_ns for number in evaluated_after(len(given), scene.job.evaluations)]
     # no inflation is one of the constants
     peer = min(inflated, static)
     return [
-        Figure(STUDY, "ensemble mean", RMSE, scene.case.mean_rmse(times_ns)),
-        *(Figure(STUDY, f"static, {name} time", RMSE, rmse) for name, (_, rmse) in statics.items()),
-        Figure(STUDY, "static, best inflation", RMSE, peer),
-        Figure(STUDY, "static, best inflation", "best factor a day", inflation if inflated < static else 1.0),
-        Figure(STUDY, "through time", RMSE, error),
-        Figure(STUDY, "through time", "RMSE over the best static one's", error, static, at_most=_OVER_STATIC),
-        Figure(STUDY, "through time", "RMSE over the best inflated one's", error, peer, at_most=_OVER_INFLATED),
-        *own.nis(STUDY, "through time", asked=True),
-        Figure(STUDY, "through time", "rejected or softened", sum(said.decision != "accepted" for said in own.said), len(own.said)),
+        Figure("ensemble mean", RMSE, scene.case.mean_rmse(times_ns)),
+        *(Figure(f"static, {name} time", RMSE, rmse) for name, (_, rmse) in statics.items()),
+        Figure("static, best inflation", RMSE, peer),
+        Figure("static, best inflation", "best factor a day", inflation if inflated < static else 1.0),
+        *error_figures("through time", error, "the best static one's", static, _OVER_STATIC),
+        Figure("through time", "RMSE over the best inflated one's", error, peer, at_most=_OVER_INFLATED),
+        *own.nis("through time", required=True),
+        Figure("through time", "rejected or softened", own.doubted(), len(own.innovations)),
         *_smoothed(scene, given, times_ns, error),
     ]
 
@@ -70,12 +67,7 @@ def _best_inflated(scene: Scene, forecast: Ensemble, given: Sequence[Measurement
 def _smoothed(scene: Scene, given: Sequence[Measurement], times_ns: Sequence[int], filtered: float) -> list[Figure]:
     if not isinstance(scene.own, EvolvingEstimator):
         return []
-    scene.say("smoother")
+    scene.report("smoother")
     flows = smooth(scene.own, given, times_ns)
-    place = scene.case.at.place
-    errors = [scene.case.rmse(flow.velocity(*place), time_ns) for flow, time_ns in zip(flows, times_ns, strict=True)]
-    error = float(np.mean(errors))
-    return [
-        Figure(STUDY, "smoother", RMSE, error),
-        Figure(STUDY, "smoother", "RMSE over the filter's", error, filtered, at_most=1.0),
-    ]
+    errors = [scene.case.flow_rmse(flow, time_ns) for flow, time_ns in zip(flows, times_ns, strict=True)]
+    return error_figures("smoother", float(np.mean(errors)), "the filter's", filtered, 1.0)

@@ -1,4 +1,4 @@
-"""Figures that explain the tables: how ill-posed the Gaussians in depth are, and how much of the truth is the same at all depths."""
+"""Figures that explain the tables: the conditioning of the Gaussians in depth, and the coherence in depth of the truth."""
 
 from dataclasses import dataclass
 
@@ -19,9 +19,9 @@ class DepthKernel:
     Attributes:
         length: l_z [m].
         condition: Of the matrix of the Gaussians at the levels.
-        least_share: Least of what comes back of a current of 1 m/s that is the same at all depths.
+        least_share: Least share of a current that is the same at all depths after its fit by the Gaussians.
         least_depth: Where [m].
-        largest_share: Most of what comes back.
+        largest_share: Largest share.
         largest_depth: Where [m].
     """
 

@@ -1,10 +1,7 @@
 """The figures of the paper, each as PNG and SVG; the same study gives the same bytes."""
 
-import io
 from collections.abc import Callable, Iterator
-from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -15,23 +12,14 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.basis.modes import Basis
-from replay_kit.studies.accuracy import build_method
+from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper.figures_flow import glides_3d, glides_top, truth_3d, truth_top
 from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.paper.tables import methods_with_modes
-from replay_kit.studies.paper.text import LABELS
-from replay_kit.studies.paper.views import BLACK, BLUE, EAST, NORTH, PURPLE, VERMILION, from_above, in_3d, metres, shape_of, slice_3d
+from replay_kit.studies.paper.views import from_above, in_3d, metres, shape_of, slice_3d
+from replay_kit.studies.reports.flows import EAST, FLOW_STYLES, LABELS, NORTH
+from replay_kit.studies.reports.pictures import saved
 
-_STYLE: Any = {
-    "font.size": 12.0,
-    "axes.titlesize": 12.0,
-    "figure.dpi": 110.0,
-    # ids in an SVG are salted hashes; words stay words, so that they can be searched and read aloud
-    "svg.hashsalt": "replay-kit",
-    "svg.fonttype": "none",
-}
-_COLOURS = {"paper": VERMILION, "paper_cells": PURPLE, "default": BLUE, "ensemble_mean": BLACK}
-_MARKERS = {"paper": "s", "paper_cells": "D", "default": "o", "ensemble_mean": ""}
 _MODES_SHOWN = (1, 2, 10, 30)
 # What is smaller than this over the largest is rounding, no property of the slices.
 _ROUNDING = 1e-15
@@ -41,7 +29,7 @@ def draw(tables: PaperTables, shown: Shown) -> Iterator[tuple[str, str, bytes]]:
     """Yield (name, ``png`` or ``svg``, content) of every figure.
 
     Args:
-        tables: What was counted.
+        tables: The results.
         shown: Truth, profiles and glides.
     """
     bases = _bases(shown)
@@ -56,18 +44,8 @@ def draw(tables: PaperTables, shown: Shown) -> Iterator[tuple[str, str, bytes]]:
         "glides_top": lambda: glides_top(shown, tables.target_depth),
     }
     for name, make in drawn.items():
-        # not held open over a yield: the style is matplotlib's global state
-        with matplotlib.rc_context(_STYLE):
-            figure = make()
-            png, svg = _saved(figure, "png", {}), _saved(figure, "svg", {"Date": None})
-        yield name, "png", png
-        yield name, "svg", svg
-
-
-def _saved(figure: Figure, ending: str, metadata: dict[str, None]) -> bytes:
-    content = io.BytesIO()
-    figure.savefig(content, format=ending, metadata=metadata)
-    return content.getvalue()
+        for ending, content in saved(make, "png", "svg").items():
+            yield name, ending, content
 
 
 def _bases(shown: Shown) -> dict[str, Basis]:
@@ -92,7 +70,7 @@ def _singular_values(bases: dict[str, Basis]) -> Figure:
         values = basis.singular_values
         kept = values[values > _ROUNDING * values[0]]
         label = f"{LABELS[method]} (largest {kept[0]:.3g})"
-        axes.semilogy(np.arange(1, kept.size + 1), kept / kept[0], color=_COLOURS[method], label=label)
+        axes.semilogy(np.arange(1, kept.size + 1), kept / kept[0], color=FLOW_STYLES[method].colour, label=label)
     axes.set(title="Singular values: of latents (paper), of velocities in m/s (default)", xlabel="mode", ylabel="singular value / largest")
     axes.grid(alpha=0.3)
     axes.legend()
@@ -150,9 +128,9 @@ def _sparse(tables: PaperTables) -> Figure:
     for method in dict.fromkeys(row.method for row in tables.sparse):
         rows = [row for row in tables.sparse if row.method == method]
         modes = "" if rows[0].modes is None else f", {rows[0].modes} modes"
-        style = "--" if method == "ensemble_mean" else "-"
-        pings, errors = [row.pings for row in rows], [row.rel_error for row in rows]
-        axes.loglog(pings, errors, style, color=_COLOURS[method], marker=_MARKERS[method], label=LABELS[method] + modes)
+        style = FLOW_STYLES[method]
+        errors = [row.rel_error for row in rows]
+        axes.loglog([row.pings for row in rows], errors, style.line, color=style.colour, marker=style.marker, label=style.label + modes)
     counts = sorted({row.pings for row in tables.sparse})
     axes.set_xticks(counts, [str(n) for n in counts])
     axes.minorticks_off()

@@ -1,5 +1,6 @@
 """Figures of one truth: what is measured of it, and the glides flown in it."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,22 +12,10 @@ from matplotlib.figure import Figure
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Observation
-from replay_kit.core.plan import Place
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.paper.run import Shown
-from replay_kit.studies.paper.text import LABELS
 from replay_kit.studies.paper.views import (
-    BLACK,
-    BLUE,
-    DEPTH,
-    EAST,
-    GREEN,
-    GREY,
-    NORTH,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
+    fastest,
     from_above,
     in_3d,
     metres,
@@ -36,20 +25,12 @@ from replay_kit.studies.paper.views import (
     velocity_at,
     velocity_on_grid,
 )
+from replay_kit.studies.reports.flows import BLUE, DEPTH, EAST, FLOW_STYLES, NORTH, ORANGE, VERMILION
 
-_FLOW_STYLES = {
-    "truth": (BLACK, "-", 3.2),
-    "depth_averaged_truth": (GREY, "-", 2.2),
-    "naive3d": (ORANGE, "-", 1.8),
-    "paper": (VERMILION, "--", 1.8),
-    "paper_cells": (PURPLE, "--", 1.8),
-    "default": (BLUE, "-", 1.8),
-    "nearest": (GREEN, "-.", 1.8),
-    "ensemble_mean": (SKY, "-.", 1.8),
-}
 _LEVELS_SHOWN = 3
 _WINDOW_POINTS = 60
-_LEGEND = "planned on (closest approach)"
+# East and north in kilometres; depth stays in metres.
+_KM = np.array([1e3, 1e3, 1.0])
 
 
 def truth_3d(shown: Shown) -> Figure:
@@ -64,7 +45,7 @@ def truth_3d(shown: Shown) -> Figure:
     axes = in_3d(left, (1, 1, 1), grid, (0.0, deepest))
     levels = np.unique(np.argmin(np.abs(grid.levels[:, None] - np.linspace(0.0, deepest, _LEVELS_SHOWN)), axis=0))
     slices = {float(depth): velocity_on_grid(shown.truth, float(depth)) for depth in grid.levels[levels[::-1]]}
-    colours = Normalize(0.0, max(_fastest(velocity) for velocity in slices.values()))
+    colours = Normalize(0.0, max(fastest(velocity) for velocity in slices.values()))
     for depth, velocity in slices.items():
         slice_3d(axes, grid, velocity, depth, colours)
     axes.plot([east / 1e3] * 2, [north / 1e3] * 2, [0.0, deepest], color=VERMILION, linewidth=3.0, label="the ping", zorder=100.0)
@@ -84,7 +65,7 @@ def truth_top(shown: Shown) -> Figure:
     depths = grid.levels[0], grid.levels[int(np.argmin(np.abs(grid.levels - 0.5 * grid.levels[-1])))]
     for axes, depth in zip(panels, depths, strict=True):
         velocity = velocity_on_grid(shown.truth, float(depth))
-        mesh = from_above(axes, grid, velocity, _fastest(velocity))
+        mesh = from_above(axes, grid, velocity, fastest(velocity))
         axes.plot(*places.T, ".", color=ORANGE, markersize=5.5, markeredgecolor="black", markeredgewidth=0.5, label=f"{len(places)} pings")
         axes.set_title(f"The truth at {metres(float(depth))} m")
         axes.set_xlabel(EAST)
@@ -94,67 +75,98 @@ def truth_top(shown: Shown) -> Figure:
     return figure
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flown:
+    """The glides of one pair.
+
+    Attributes:
+        number: Of the pair, from 0.
+        start: shape (3,), east and north [km], depth [m].
+        target: shape (3,), the same.
+        paths: Flown in the truth, each up to its closest approach, by flow: shape (n, 3), the same.
+        distances: Closest approaches [m], by flow.
+    """
+
+    number: int
+    start: Array
+    target: Array
+    paths: dict[str, Array]
+    distances: dict[str, float]
+
+    @property
+    def window(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Limits east and north [km] of a view that holds all paths: wide enough for its labels, and not too flat."""
+        points = np.concatenate([*self.paths.values(), self.start[None], self.target[None]])[:, :2]
+        low, high = points.min(axis=0), points.max(axis=0)
+        middle, size = (low + high) / 2.0, 1.2 * (high - low)
+        size = np.maximum(size, [size[1], 0.5 * size[0]])
+        (west, south), (east, north) = middle - size / 2.0, middle + size / 2.0
+        return (float(west), float(east)), (float(south), float(north))
+
+
+def _representative(shown: Shown) -> _Flown:
+    """Return the pair whose closest approaches, summed over flows, are in the middle of all pairs."""
+    glides = [one for one in shown.glides if one.tracks]
+    distances = np.sum([one.row.closest_approach for one in glides], axis=0)
+    k = int(np.argsort(distances, kind="stable")[len(distances) // 2])
+    projection = shown.truth.grid.projection
+    start, target = (
+        np.array([*to_local(projection, place.longitude, place.latitude), place.depth])
+        for place in (shown.pairs[k].start, shown.pairs[k].target)
+    )
+    paths = {one.row.flow: one.tracks[k][: int(np.argmin(np.linalg.norm(one.tracks[k] - target, axis=1))) + 1] / _KM for one in glides}
+    return _Flown(k, start / _KM, target / _KM, paths, {one.row.flow: one.row.closest_approach[k] for one in glides})
+
+
 def glides_3d(shown: Shown) -> Figure:
     """Return the paths of one pair in 3D."""
-    k = _representative(shown)
-    start, target = (_local(shown, place) for place in (shown.pairs[k].start, shown.pairs[k].target))
-    paths = _paths(shown, k, target)
+    flown = _representative(shown)
     figure = Figure(figsize=(11.0, 6.6), layout="constrained")
-    axes = in_3d(figure, (1, 1, 1), shown.truth.grid, (0.0, target[2]))
-    deepest = 1.05 * max(float(target[2]), *(float(path[-1, 2]) for path in paths.values()))
-    set_box(axes, *_window(paths, start, target), (0.0, deepest))
-    _draw_paths(axes, shown, paths, k)
-    axes.plot(*_km(start), "o", color="white", markeredgecolor="black", markersize=9, label="start")
-    axes.plot(*_km(target), "*", color="white", markeredgecolor="black", markersize=15, label="target")
-    axes.set_title(_title(shown, k))
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", title=_LEGEND)
+    axes = in_3d(figure, (1, 1, 1), shown.truth.grid, (0.0, flown.target[2]))
+    deepest = 1.05 * max(float(flown.target[2]), *(float(path[-1, 2]) for path in flown.paths.values()))
+    set_box(axes, *flown.window, (0.0, deepest))
+    _draw_paths(axes, flown, slice(3))
+    _label(figure, axes, shown, flown)
     return figure
 
 
 def glides_top(shown: Shown, depth: float) -> Figure:
     """Return the paths of the same pair from above, over the truth's average down to a depth [m]."""
-    k = _representative(shown)
-    start, target = (_local(shown, place) for place in (shown.pairs[k].start, shown.pairs[k].target))
-    paths = _paths(shown, k, target)
-    window = _window(paths, start, target)
+    flown = _representative(shown)
+    window = flown.window
     width, height = (high - low for low, high in window)
     figure = Figure(figsize=(11.5, float(np.clip(7.5 * height / width, 4.5, 7.0)) + 1.4), layout="constrained")
     axes = figure.subplots()
     east, north = np.meshgrid(*(np.linspace(*side, _WINDOW_POINTS) for side in window))
     velocity = velocity_at(average_over_depth(shown.truth, depth), 1e3 * east, 1e3 * north)
     speed = np.hypot(*np.moveaxis(velocity, -1, 0))
-    # paths are told apart by colour, so the current below them is light grey
+    # paths are distinguished by colour, so the current below them is light grey
     greys = LinearSegmentedColormap.from_list("light greys", ["white", "0.82"])
     mesh = axes.pcolormesh(east, north, np.ma.masked_invalid(speed), cmap=greys, vmin=0.0, shading="nearest")
     part = np.s_[_WINDOW_POINTS // 20 :: _WINDOW_POINTS // 10, _WINDOW_POINTS // 20 :: _WINDOW_POINTS // 10]
-    scale = 12.0 * _fastest(velocity)
+    scale = 12.0 * fastest(velocity)
     axes.quiver(east[part], north[part], *np.moveaxis(velocity[part], -1, 0), color="0.4", scale=scale, scale_units="width", width=0.003)
-    _draw_paths(axes, shown, paths, k)
-    axes.plot(*_km(start)[:2], "o", color="white", markeredgecolor="black", markersize=9, label="start")
-    axes.plot(*_km(target)[:2], "*", color="white", markeredgecolor="black", markersize=15, label="target")
-    axes.set(xlim=window[0], ylim=window[1], aspect="equal", xlabel=EAST, ylabel=NORTH, title=_title(shown, k))
+    _draw_paths(axes, flown, slice(2))
+    axes.set(xlim=window[0], ylim=window[1], aspect="equal", xlabel=EAST, ylabel=NORTH)
     label = f"speed of the truth's mean to {depth:.0f} m [m/s]"
     figure.colorbar(mesh, ax=axes, label=label, location="bottom", shrink=0.7, aspect=30)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", title=_LEGEND)
+    _label(figure, axes, shown, flown)
     return figure
 
 
-def _draw_paths(axes: Any, shown: Shown, paths: dict[str, Array], k: int) -> None:
-    """Draw the paths of a pair in 3D axes, or from above in others."""
-    for name, path in paths.items():
-        colour, style, width = _FLOW_STYLES[name]
-        points = _km(path).T
-        drawn = points if hasattr(axes, "zaxis") else points[:2]
-        axes.plot(*drawn, style, color=colour, linewidth=width, label=_with_distance(shown, name, k))
+def _draw_paths(axes: Any, flown: _Flown, coordinates: slice) -> None:
+    """Draw the paths of a pair, its start and its target, in 3D axes or from above."""
+    for name, path in flown.paths.items():
+        style, distance = FLOW_STYLES[name], flown.distances[name]
+        label = f"{style.label} ({distance:.0f} m)" if distance < 1e3 else f"{style.label} ({distance / 1e3:.1f} km)"
+        axes.plot(*path[:, coordinates].T, style.line, color=style.colour, linewidth=style.width, label=label)
+    for place, marker, size, label in ((flown.start, "o", 9, "start"), (flown.target, "*", 15, "target")):
+        axes.plot(*place[coordinates], marker, color="white", markeredgecolor="black", markersize=size, label=label)
 
 
-def _title(shown: Shown, k: int) -> str:
-    return f"Glides planned on each flow, flown in the truth (pair {k + 1} of {len(shown.pairs)})"
-
-
-def _fastest(velocity: Array) -> float:
-    """Return the largest speed [m/s] of velocities, shape (J, I, 2), that are NaN on land."""
-    return float(np.nanmax(np.hypot(*np.moveaxis(velocity, -1, 0))))
+def _label(figure: Figure, axes: Any, shown: Shown, flown: _Flown) -> None:
+    axes.set_title(f"Glides planned on each flow, flown in the truth (pair {flown.number + 1} of {len(shown.pairs)})")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", title="planned on (closest approach)")
 
 
 def _ping_profile(axes: Axes, shown: Shown, ping: Observation, place: tuple[float, float]) -> None:
@@ -175,45 +187,3 @@ def _ping_profile(axes: Axes, shown: Shown, ping: Observation, place: tuple[floa
 def _deepest_of(observations: tuple[Observation, ...]) -> Observation:
     """Return the first of the profiles with the most bins."""
     return max(observations, key=lambda ping: int(np.isfinite(ping.velocity).all(axis=1).sum()))
-
-
-def _representative(shown: Shown) -> int:
-    """Return the pair whose closest approaches, summed over flows, are in the middle of all pairs."""
-    distances = np.sum([glides.row.closest_approach for glides in shown.glides if glides.tracks], axis=0)
-    return int(np.argsort(distances, kind="stable")[len(distances) // 2])
-
-
-def _paths(shown: Shown, k: int, target: Array) -> dict[str, Array]:
-    """Return the flown paths of a pair, each up to its closest approach, by flow."""
-    paths = {}
-    for glides in shown.glides:
-        if glides.tracks:
-            track = glides.tracks[k]
-            nearest = int(np.argmin(np.linalg.norm(track - target, axis=1)))
-            paths[glides.row.flow] = track[: nearest + 1]
-    return paths
-
-
-def _with_distance(shown: Shown, name: str, k: int) -> str:
-    row = next(glides.row for glides in shown.glides if glides.row.flow == name)
-    distance = row.closest_approach[k]
-    return f"{LABELS[name]} ({distance:.0f} m)" if distance < 1e3 else f"{LABELS[name]} ({distance / 1e3:.1f} km)"
-
-
-def _window(paths: dict[str, Array], start: Array, target: Array) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the limits east and north [km] of a view that holds all paths: wide enough for its labels, and not too flat."""
-    points = np.concatenate([*paths.values(), start[None], target[None]])[:, :2] / 1e3
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, size = (low + high) / 2.0, 1.2 * (high - low)
-    size = np.maximum(size, [size[1], 0.5 * size[0]])
-    (west, south), (east, north) = middle - size / 2.0, middle + size / 2.0
-    return (float(west), float(east)), (float(south), float(north))
-
-
-def _local(shown: Shown, place: Place) -> Array:
-    return np.array([*to_local(shown.truth.grid.projection, place.longitude, place.latitude), place.depth])
-
-
-def _km(points: Array) -> Array:
-    """Return points, shape (..., 3), with east and north in kilometres; depth stays in metres."""
-    return np.asarray(points / np.array([1e3, 1e3, 1.0]))

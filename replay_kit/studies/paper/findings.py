@@ -1,10 +1,11 @@
-"""What the study's tables show, in words with their numbers."""
+"""The findings of the study: its tables in words with their numbers."""
 
 from collections.abc import Sequence
 
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
-from replay_kit.studies.paper.text import LABELS, number
+from replay_kit.studies.reports.flows import AVERAGED, LABELS, TRUTH
+from replay_kit.studies.reports.write import number
 
 
 def conditions(tables: PaperTables) -> str:
@@ -24,63 +25,54 @@ def conditions(tables: PaperTables) -> str:
 
 
 def sparse_logs(tables: PaperTables) -> tuple[str, ...]:
-    """Return where the paper's estimator stands on sparse logs, then what makes it fail, a paragraph each."""
+    """Return how the paper's estimator compares on sparse logs, then why it fails, a paragraph each."""
     kernel = tables.depth_kernel
     low, high = tables.level_correlation
     return (
         _against_mean(tables.sparse),
         f"*Diagonal prior.* The members' anomalies at neighbouring levels correlate {low:.2f} to {high:.2f}. The paper's prior keeps the "
-        "variances of the weights alone and knows none of this; the prior of `default` has covariances between depths.",
+        "variances of the weights alone and ignores this; the prior of `default` has covariances between depths.",
         f"*Gaussians in depth.* With l_z = {kernel.length:g} m their matrix on these levels has condition {kernel.condition:.1e}, and a "
-        f"current of 1 m/s at all depths comes back as {kernel.least_share:.2f} m/s at {kernel.least_depth:.0f} m and "
+        f"current of 1 m/s at all depths is fitted as {kernel.least_share:.2f} m/s at {kernel.least_depth:.0f} m and "
         f"{kernel.largest_share:.2f} m/s at {kernel.largest_depth:.0f} m. Where levels are closer than l_z the matrix is nearly singular: "
-        "large latents of opposite sign stand for a smooth profile, and a prior of independent variances lets them come apart. "
+        "a smooth profile needs large latents of opposite sign, which a prior of independent variances does not keep together. "
         "Where levels are farther apart the field sags between them. Hats (`default`) return such a current exactly.",
         _ordering(tables.table1),
     )
 
 
 def glides(tables: PaperTables) -> str:
-    """Return where the depth-averaged truth stands in Table III, and why."""
+    """Return how the depth-averaged truth compares in Table III, and why."""
     ranked = sorted((row for row in tables.table3 if not row.note), key=lambda row: row.median)
-    average = next(row for row in ranked if row.flow == "depth_averaged_truth")
-    others = [row for row in ranked if row.flow not in ("truth", average.flow)]
+    average = next(row for row in ranked if row.flow == AVERAGED)
+    others = [row for row in ranked if row.flow not in (TRUTH, AVERAGED)]
     listed = ", ".join(f"{LABELS[row.flow]} {number(row.median, 0)} m ({row.within_250})" for row in others)
     better = [LABELS[row.flow] for row in others if row.median < average.median]
-    stands = f"Better than it: {', '.join(better)}." if better else "No estimate does better."
+    compared = f"Better than it: {', '.join(better)}." if better else "No estimate does better."
     near = f"{average.within_250} of {average.pairs} within 250 m"
     return (
-        f"The depth-averaged truth passes the targets at a median of {number(average.median, 0)} m, {near}. {stands} The estimates: "
+        f"The depth-averaged truth passes the targets at a median of {number(average.median, 0)} m, {near}. {compared} The estimates: "
         f"{listed}. The average carries {100.0 * tables.coherence:.0f} % of this truth's mean squared speed down to "
         f"{tables.target_depth:g} m. A glide at one vertical speed spends the same time at every depth, so the average gives the whole "
         "drift of a current that does not change along the path, however it changes with depth. What it misses is that the glide "
         "meets the upper current in one place and the lower one in another: little where the current is coherent in depth, or wide "
-        "against the glide. It also knows the truth, which an estimate has to learn from pings."
+        "against the glide. It also knows the truth, which an estimate has to infer from pings."
     )
 
 
 def _against_mean(rows: Sequence[SparseRow]) -> str:
-    mean = {row.pings: row.rel_error for row in rows if row.method == "ensemble_mean"}
-    said = []
+    mean, default = ({row.pings: row.rel_error for row in rows if row.method == method} for method in ("ensemble_mean", "default"))
+    to_mean, to_default = [], []
     for method in ("paper", "paper_cells", "default"):
         of_method = [row for row in rows if row.method == method]
+        if not of_method:
+            continue
         worse = [row for row in of_method if not row.rel_error < mean[row.pings]]
         listed = ", ".join(f"{row.pings} pings ({number(row.rel_error)} against {number(mean[row.pings])})" for row in worse)
-        if of_method:
-            said.append(
-                f"{LABELS[method]}: " + (f"worse than the ensemble's mean at {listed}" if worse else "better than the ensemble's mean")
-            )
-    return "; ".join(said) + f". {_against_default(rows)}"
-
-
-def _against_default(rows: Sequence[SparseRow]) -> str:
-    default = {row.pings: row.rel_error for row in rows if row.method == "default"}
-    said = []
-    for method in ("paper", "paper_cells"):
-        times = [row.rel_error / default[row.pings] for row in rows if row.method == method]
-        if times:
-            said.append(f"{LABELS[method]} {number(min(times), 1)} to {number(max(times), 1)} times")
-    return f"Error over that of {LABELS['default']} at the same count: {', '.join(said)}."
+        to_mean.append(f"{LABELS[method]}: " + (f"worse than the ensemble mean at {listed}" if worse else "better than the ensemble mean"))
+        times = [row.rel_error / default[row.pings] for row in of_method]
+        to_default += [f"{LABELS[method]} {number(min(times), 1)} to {number(max(times), 1)} times"] if method != "default" else []
+    return f"{'; '.join(to_mean)}. Error over that of {LABELS['default']} at the same count: {', '.join(to_default)}."
 
 
 def _ordering(rows: Sequence[ErrorRow]) -> str:
@@ -91,6 +83,6 @@ def _ordering(rows: Sequence[ErrorRow]) -> str:
     listed = "; ".join(f"{LABELS[method]}: {', '.join(of_method)}" for method, of_method in bounds.items())
     return (
         "*Order of the modes.* Latents are velocities divided by the kernel's eigenvalues, in depth and in the horizontal, so their SVD "
-        "puts first what the smallest eigenvalues blew up; the SVD of velocities orders by the flow. The least RMSE that any weights "
-        f"could give (bound): {listed}."
+        "puts first the components that the smallest eigenvalues amplify; the SVD of velocities orders by the flow. The least RMSE "
+        f"that any weights could give (bound): {listed}."
     )

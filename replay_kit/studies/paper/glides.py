@@ -3,25 +3,24 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+import planners
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.plan import Place, Plan
-from replay_kit.studies.bootstrap import bootstrap_median
+from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.paper.rows import GlideRow
-from replay_kit.studies.reachable import Pair
-
-PlanGlide = Callable[[FlowEstimate, Place, Place], Plan]
-FlyGlide = Callable[[FlowEstimate, Plan], tuple[Array, Array, float]]
+from replay_kit.studies.scoring.bootstrap import bootstrap_median
+from replay_kit.studies.twins.reachable import Pair
 
 NEAR = 250.0  # m, a target passed this close counts as reached
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Glides:
-    """What came of planning on one flow.
+    """The outcome of planning on one flow.
 
     Attributes:
         row: Its figures.
@@ -33,60 +32,34 @@ class Glides:
 
 
 def run_glides(
-    flow_names: Mapping[str, FlowEstimate | None],
-    truth: FlowEstimate,
-    pairs: tuple[Pair, ...],
-    calls: tuple[PlanGlide, FlyGlide],
-    advance: Callable[[str, int], None],
+    flows: Mapping[str, FlowEstimate | None], truth: FlowEstimate, pairs: tuple[Pair, ...], advance: Advance
 ) -> tuple[Glides, ...]:
-    """Return how close to the targets the plans of each flow pass, in the flows' order.
+    """Return how close to the targets the plans on each flow pass, in the flows' order.
 
     Args:
-        flow_names: Flows to plan on; None where an estimate failed.
+        flows: Flows to plan on; None where an estimate failed.
         truth: What the plans are flown in.
         pairs: Starts and targets.
-        calls: The planner, and what flies its plans.
-        advance: Called with what is being run, and 1, after each plan.
+        advance: Counts plans as steps.
     """
-    return tuple(_glides_on(name, flow, truth, pairs, calls, advance) for name, flow in flow_names.items())
+    return tuple(_glides_on(name, flow, truth, pairs, partial(advance, f"Table III {name}")) for name, flow in flows.items())
 
 
 def _glides_on(
-    name: str,
-    flow: FlowEstimate | None,
-    truth: FlowEstimate,
-    pairs: tuple[Pair, ...],
-    calls: tuple[PlanGlide, FlyGlide],
-    advance: Callable[[str, int], None],
+    name: str, flow: FlowEstimate | None, truth: FlowEstimate, pairs: tuple[Pair, ...], advance: Callable[[int], None]
 ) -> Glides:
-    nothing = float("nan")
     if flow is None:
-        advance(f"Table III {name}", len(pairs))
-        row = GlideRow(name, 0, nothing, nothing, nothing, nothing, nothing, 0, 0.0, (), "there is no estimate to plan on")
-        return Glides(row, ())
+        advance(len(pairs))
+        return Glides(GlideRow(name, note="there is no estimate to plan on"), ())
     began = time.perf_counter()
-    plan, fly = calls
     tracks, distances = [], []
     for pair in pairs:
-        _, track, distance = fly(truth, plan(flow, pair.start, pair.target))
+        _, track, distance = planners.fly(truth, planners.plan(flow, pair.start, pair.target))
         tracks.append(track)
         distances.append(distance)
-        advance(f"Table III {name}", 1)
-    quarters = np.quantile(distances, [0.25, 0.5, 0.75])
+        advance(1)
+    lower, median, upper = (float(quartile) for quartile in np.quantile(distances, [0.25, 0.5, 0.75]))
     low, high = bootstrap_median(np.array(distances))
     within = int(np.sum(np.array(distances) <= NEAR))
     seconds = time.perf_counter() - began
-    row = GlideRow(
-        flow=name,
-        pairs=len(pairs),
-        median=float(quarters[1]),
-        lower_quartile=float(quarters[0]),
-        upper_quartile=float(quarters[2]),
-        median_low=low,
-        median_high=high,
-        within_250=within,
-        seconds=seconds,
-        closest_approach=tuple(distances),
-        note="",
-    )
-    return Glides(row, tuple(tracks))
+    return Glides(GlideRow(name, len(pairs), median, lower, upper, low, high, within, seconds, tuple(distances)), tuple(tracks))

@@ -1,9 +1,15 @@
 """The rows of the study's tables: one frozen value each for the console, the CSV and the JSON."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any, TypeVar
 
 import numpy as np
+
+from replay_kit.studies.reports.tables import NAN
+
+_Row = TypeVar("_Row")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,66 +83,67 @@ class GlideRow:
     """
 
     flow: str
-    pairs: int
-    median: float
-    lower_quartile: float
-    upper_quartile: float
-    median_low: float
-    median_high: float
-    within_250: int
-    seconds: float
-    closest_approach: tuple[float, ...]
-    note: str
+    pairs: int = 0
+    median: float = NAN
+    lower_quartile: float = NAN
+    upper_quartile: float = NAN
+    median_low: float = NAN
+    median_high: float = NAN
+    within_250: int = 0
+    seconds: float = 0.0
+    closest_approach: tuple[float, ...] = ()
+    note: str = ""
 
 
-def over_truths(rows: Sequence[Sequence[ErrorRow]]) -> tuple[ErrorRow, ...]:
+def over_truths(tables: Sequence[Sequence[ErrorRow]]) -> tuple[ErrorRow, ...]:
     """Return medians and worst over truths of rows that belong to one method and number of modes.
 
-    A truth for which a row failed is left out of its figures and said in its note.
+    A truth for which a row failed is left out of its figures and counted in its note.
 
     Args:
-        rows: A table for each truth.
+        tables: One for each truth.
     """
-    keys = list(dict.fromkeys((row.method, row.rung) for table in rows for row in table))
-    return tuple(_over_truths([row for table in rows for row in table if (row.method, row.rung) == key]) for key in keys)
+    return tuple(_over_truths(alike) for alike in _alike(tables, lambda row: (row.method, row.rung)))
+
+
+def sparse_over_truths(tables: Sequence[Sequence[SparseRow]]) -> tuple[SparseRow, ...]:
+    """Return medians and worst over truths of rows that belong to one method and number of pings.
+
+    Args:
+        tables: One for each truth.
+    """
+    return tuple(
+        replace(
+            alike[0],
+            rel_error=float(np.median([row.rel_error for row in alike])),
+            rel_error_worst=max(row.rel_error_worst for row in alike),
+        )
+        for alike in _alike(tables, lambda row: (row.pings, row.method))
+    )
+
+
+def _alike(tables: Sequence[Sequence[_Row]], key: Callable[[_Row], Hashable]) -> Iterable[list[_Row]]:
+    """Return the rows of all tables that have the same key, key by key."""
+    groups: dict[Hashable, list[_Row]] = {}
+    for row in chain.from_iterable(tables):
+        groups.setdefault(key(row), []).append(row)
+    return groups.values()
 
 
 def _over_truths(alike: Sequence[ErrorRow]) -> ErrorRow:
     if len(alike) == 1:
         return alike[0]
-    sound = [row for row in alike if not row.note]
     failed = [row.note for row in alike if row.note]
-    measured = sound or alike
-
-    def median(name: str) -> float:
-        return float(np.median([getattr(row, name) for row in measured]))
-
-    return ErrorRow(
-        method=alike[0].method,
-        rung=alike[0].rung,
+    measured = [row for row in alike if not row.note] or alike
+    medians: dict[str, Any] = {name: float(np.median([getattr(row, name) for row in measured])) for name in ("rel_error", "rmse", "bound")}
+    return replace(
+        alike[0],
+        **medians,
         modes=max((row.modes for row in alike if row.modes is not None), default=None),
         elements=max((row.elements for row in alike if row.elements is not None), default=None),
-        rel_error=median("rel_error"),
-        rmse=median("rmse"),
-        bound=median("bound"),
         rel_error_worst=max(row.rel_error_worst for row in measured),
         rmse_worst=max(row.rmse_worst for row in measured),
         rel_error_by_truth=tuple(value for row in alike for value in row.rel_error_by_truth),
         seconds=float(np.mean([row.seconds for row in alike])),
         note=f"{len(failed)} of {len(alike)} truths: {failed[0]}" if failed else "",
     )
-
-
-def sparse_over_truths(rows: Sequence[Sequence[SparseRow]]) -> tuple[SparseRow, ...]:
-    """Return medians and worst over truths of rows that belong to one method and number of pings.
-
-    Args:
-        rows: A table for each truth.
-    """
-    keys = list(dict.fromkeys((row.pings, row.method) for table in rows for row in table))
-    out = []
-    for pings, method in keys:
-        alike = [row for table in rows for row in table if (row.pings, row.method) == (pings, method)]
-        errors = [row.rel_error for row in alike]
-        out.append(SparseRow(pings, method, alike[0].modes, float(np.median(errors)), max(row.rel_error_worst for row in alike)))
-    return tuple(out)

@@ -1,39 +1,39 @@
-"""The study of the paper on any ensemble: tables, figures, and a report that says what they show."""
+"""The study of the paper on any ensemble: tables, figures, and a report with their findings."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf
-from pathlib import Path
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
+from replay_kit.studies.jobs.checks import check_counts, check_not_negative, check_positive
+from replay_kit.studies.jobs.progress import Advance, Progress, counter
 from replay_kit.studies.paper.diagnostics import DepthKernel, coherence, depth_kernel, level_correlation
-from replay_kit.studies.paper.glides import FlyGlide, Glides, PlanGlide, run_glides
+from replay_kit.studies.paper.glides import Glides, run_glides
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths, sparse_over_truths
-from replay_kit.studies.paper.tables import Advance, Survey, run_table, rungs, sparse_rows
-from replay_kit.studies.pings import IDEAL_ERROR_STD, grid_observations, random_observations
-from replay_kit.studies.reachable import Pair, draw_pairs
-from replay_kit.studies.truths import Case, cases, most_distant
+from replay_kit.studies.paper.tables import Survey, run_table, rungs, sparse_rows
+from replay_kit.studies.reports.flows import AVERAGED, TRUTH
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.studies.twins.reachable import Pair, draw_pairs
+from replay_kit.studies.twins.truths import Case, cases, most_distant
 
 NOISE = 0.09  # m/s
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class PaperJob:
-    """What to study.
+    """The options of the study.
 
     Attributes:
         leave_out: ``all``, ``most-distant`` or a member's position from 0; None when a truth is given.
         most_modes: No estimate has more modes; None for no limit.
-        plan_modes: The estimates planned on have at most so many modes; None for the full rank.
+        plan_modes: The estimates planned on have at most this many modes; None for the full rank.
         pings: Numbers of pings of Table II at which estimates are scored; the last is the table's.
         pairs: Starts and targets of Table III.
         seed: Of places, noise and pairs.
@@ -46,10 +46,16 @@ class PaperJob:
     pairs: int = 100
     seed: int = 0
 
+    def check(self) -> None:
+        """Raise ConfigError when an option is wrong."""
+        check_counts(self.pings)
+        check_positive(pairs=self.pairs)
+        check_not_negative(seed=self.seed)
+
 
 @dataclass(frozen=True, slots=True)
 class PaperTables:
-    """Everything the study counted; what ``paper.json`` holds.
+    """All results of the study; what ``paper.json`` holds.
 
     Attributes:
         table1: Ideal conditions: each grid point once, no noise.
@@ -63,7 +69,7 @@ class PaperTables:
         truths: Number of truths in Tables I and II.
         grid: Points along the grid's two directions.
         levels: [m].
-        plan_modes: Modes asked for in the estimates planned on; None for the full rank.
+        plan_modes: Limit on the modes of the estimates planned on; None for the full rank.
         seed: Of places, noise and pairs.
         noise: Of each component of each bin in Table II [m/s].
         target_depth: Of Table III [m].
@@ -131,7 +137,6 @@ def run_paper(
     truth: Ensemble | None,
     config: EstimatorConfig,
     job: PaperJob,
-    calls: tuple[PlanGlide, FlyGlide],
     progress: Progress | None = None,
 ) -> tuple[PaperTables, Shown]:
     """Return the study's tables, and what its figures show.
@@ -140,8 +145,7 @@ def run_paper(
         ensemble: All members.
         truth: An ensemble of one; None to leave members out.
         config: Everything but preset, modes, length and the paper's error.
-        job: What to study.
-        calls: ``plan(flow, start, goal)`` and ``fly(flow, plan)``.
+        job: The options.
         progress: Called with steps done, steps in all, and what is being run.
 
     Raises:
@@ -149,13 +153,15 @@ def run_paper(
         ForecastError: The truth has no water, or too little to glide in.
         MeasurementError: No point of the truth lies in the region.
     """
-    _check(job)
+    job.check()
     began = time.perf_counter()
     each = list(cases(ensemble, truth, job.leave_out))
     shown_at = most_distant(ensemble) if job.leave_out == "all" else 0
-    # before the hours of work, because too small a region is said here
-    truth_flow, pairs = _targets(each[shown_at], config, job)
-    advance = _counter(_total(each, job), progress)
+    case = each[shown_at]
+    truth_flow = embed_member(case.truth, 0, config)
+    # before the hours of work, because this fails where the region is too small
+    pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
+    advance = counter(_total(each, job), progress)
     tables, shown_of = [], None
     for k, case in enumerate(each):
         of_case = _run_case(case, config, job, advance)
@@ -165,26 +171,11 @@ def run_paper(
         tables.append(replace(of_case, planned={}, observations=()))
     assert shown_of is not None
     measured = time.perf_counter()
-    flows = {"truth": truth_flow, "depth_averaged_truth": average_over_depth(truth_flow, pairs[0].target.depth), **shown_of.planned}
-    glides = run_glides(flows, truth_flow, pairs, calls, advance)
+    flows = {TRUTH: truth_flow, AVERAGED: average_over_depth(truth_flow, pairs[0].target.depth), **shown_of.planned}
+    glides = run_glides(flows, truth_flow, pairs, advance)
     shown = Shown(each[shown_at], truth_flow, shown_of.observations, pairs, glides, config)
     seconds = {"tables": measured - began, "glides": time.perf_counter() - measured}
     return _tables(tables, shown, ensemble, job, seconds), shown
-
-
-def check_folder(out: Path) -> None:
-    """Raise ConfigError when a folder for the results cannot be."""
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"{out}: is a file; give the name of a folder")
-    if not out.parent.is_dir():
-        raise ConfigError(f"{out}: there is no folder {out.parent}; make it, or choose another place")
-
-
-def _check(job: PaperJob) -> None:
-    if not job.pings or min(job.pings) < 1 or list(job.pings) != sorted(set(job.pings)):
-        raise ConfigError(f"pings: expected increasing numbers of at least 1, got {job.pings}")
-    if job.pairs < 1 or job.seed < 0:
-        raise ConfigError(f"paper: expected --pairs >= 1 and --seed >= 0, got pairs {job.pairs} and seed {job.seed}")
 
 
 def _total(each: list[Case], job: PaperJob) -> int:
@@ -192,18 +183,6 @@ def _total(each: list[Case], job: PaperJob) -> int:
     methods = {rung.method for rung in rungs(each[0].ensemble, job.most_modes)}
     # beside the methods: the truth and its depth average
     return steps + (len(methods) + 2) * job.pairs
-
-
-def _counter(total: int, progress: Progress | None) -> Advance:
-    done = 0
-
-    def advance(what: str, n: int) -> None:
-        nonlocal done
-        done += n
-        if progress is not None:
-            progress(done, total, what)
-
-    return advance
 
 
 def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advance) -> _OfCase:
@@ -221,12 +200,6 @@ def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advan
             planned[run.row.method] = run
     sparse = sparse_rows(list(planned.values()), noisy)
     return _OfCase(table1, tuple(rows), sparse, {name: run.flow for name, run in planned.items()}, noisy.observations)
-
-
-def _targets(case: Case, config: EstimatorConfig, job: PaperJob) -> tuple[FlowEstimate, tuple[Pair, ...]]:
-    """Return the truth as the planner sees it, and the starts and targets of Table III."""
-    truth = embed_member(case.truth, 0, config)
-    return truth, draw_pairs(build_field(case.truth), truth, case.ensemble.grid, job.pairs, job.seed)
 
 
 def _tables(tables: list[_OfCase], shown: Shown, ensemble: Ensemble, job: PaperJob, seconds: Mapping[str, float]) -> PaperTables:

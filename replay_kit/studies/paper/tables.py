@@ -15,17 +15,17 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator import Estimator, ReducedBasisEstimator, embed_member
 from replay_kit.estimator.baselines.naive import Naive3D
 from replay_kit.estimator.basis.modes import cell_size
-from replay_kit.studies.accuracy import build_method
-from replay_kit.studies.bound import bound
+from replay_kit.studies.accuracy.methods import build_method
+from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
-from replay_kit.studies.truths import Case
+from replay_kit.studies.scoring.bound import bound
+from replay_kit.studies.twins.truths import Case
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
 # The paper's numbers of modes below the full rank; one for each member comes with them.
 NUMBERS_OF_MODES = (400, 300, 200)
 # The paper's cells, 8.6 x 11 km [m]; a grid is coarser when its cells are a tenth larger than these.
 _PAPER_CELL = float(np.sqrt(8.6e3 * 11e3))
-Advance = Callable[[str, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class Survey:
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """A row asked for.
+    """A row to compute.
 
     Attributes:
         method: Of ``ErrorRow``.
@@ -62,7 +62,7 @@ class Rung:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What a row left behind.
+    """A computed row.
 
     Attributes:
         row: Its figures.
@@ -106,7 +106,7 @@ def run_table(case: Case, survey: Survey, config: EstimatorConfig, most_modes: i
         survey: What is measured.
         config: Everything but preset, modes, length and the paper's error.
         most_modes: No row has more modes; None for no limit.
-        advance: Called with what is being run, and the number of profiles done.
+        advance: Counts profiles as steps.
     """
     at = scored_points(case.ensemble.grid, case.truth)
     ranks: dict[str, int] = {}
@@ -136,20 +136,15 @@ def sparse_rows(runs: Sequence[Run], survey: Survey) -> tuple[SparseRow, ...]:
     )
 
 
-def mean_flow(ensemble: Ensemble, config: EstimatorConfig) -> FlowEstimate:
-    """Return the mean of an ensemble's members as a flow without uncertainty."""
-    mean = replace(ensemble, velocity=ensemble.velocity.mean(axis=0, keepdims=True))
-    return embed_member(mean, 0, config)
-
-
 def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: ScoredPoints, advance: Callable[[int], None]) -> Run:
-    """Return a row's run; what its numerics cannot do is the row's note."""
+    """Return a row's run; a numerical failure is the row's note."""
     began, done = time.perf_counter(), 0
     modes = elements = None
     least, errors = np.nan, []
     try:
         if rung.method == "ensemble_mean":
-            flow = mean_flow(case.ensemble, config)
+            mean = replace(case.ensemble, velocity=case.ensemble.velocity.mean(axis=0, keepdims=True))
+            flow = embed_member(mean, 0, config)
             least = _rmse(flow, at)
             errors = [least] * len(survey.counts)
         else:
@@ -162,12 +157,13 @@ def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: Sc
                 advance(1)
                 if done in survey.counts:
                     errors.append(_rmse(estimator.flow(state), at))
-            flow = _certain(estimator.flow(state))
+            # without its uncertainty: at full rank the covariance takes 300 MB
+            flow = estimator.flow(state).certain()
         rmse = _rmse(flow, at)
         note = "" if np.isfinite(rmse) else "the estimate is not a number"
     except ValueError as error:
         # NumPy's LinAlgError is one, and so is SciPy's refusal of numbers that are not finite
-        flow, rmse, note = None, np.nan, f"failed at profile {done + 1}: {error}" if done else f"cannot be built: {error}"
+        rmse, note = np.nan, f"failed at profile {done + 1}: {error}" if done else f"cannot be built: {error}"
     advance(len(survey.observations) - done)
     speed = rms_length(at.velocity)
     relative = rmse / speed
@@ -189,11 +185,6 @@ def _size(estimator: Estimator[Any]) -> tuple[int | None, int | None]:
     if isinstance(estimator, Naive3D):
         return int(estimator.velocity.shape[0]), int(estimator.velocity.size)
     return None, None
-
-
-def _certain(flow: FlowEstimate) -> FlowEstimate:
-    """Return a flow without its uncertainty: at full rank the covariance takes 300 MB."""
-    return flow.certain()
 
 
 def _rmse(flow: FlowEstimate, at: ScoredPoints) -> float:

@@ -1,4 +1,4 @@
-"""Parts of figures that several share: a region from above and in 3D, kilometres, depth downwards."""
+"""Parts shared by figures: a region from above and in 3D, in kilometres, depth downwards."""
 
 from typing import Any
 
@@ -15,11 +15,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
+from replay_kit.studies.reports.flows import DEPTH, EAST, NORTH
 
-EAST, NORTH, DEPTH = "east [km]", "north [km]", "depth [m]"
-# Okabe and Ito's colours, told apart by the colour-blind too.
-BLACK, GREY, ORANGE, SKY = "#000000", "#8C8C8C", "#E69F00", "#56B4E9"
-GREEN, BLUE, VERMILION, PURPLE = "#009E73", "#0072B2", "#D55E00", "#CC79A7"
 # Arrows across the longer side of a view.
 _ARROWS, _ARROWS_3D = 18, 15
 
@@ -52,21 +49,9 @@ def from_above(axes: Axes, grid: Grid, velocity: Array, largest: float) -> QuadM
     """
     east, north = grid.east / 1e3, grid.north / 1e3
     mesh = axes.pcolormesh(east, north, np.hypot(*np.moveaxis(velocity, -1, 0)), cmap="viridis", vmin=0.0, vmax=largest, shading="nearest")
-    every = max(1, round(max(east.shape) / _ARROWS))
-    part = np.s_[every // 2 :: every, every // 2 :: every]
-    u, v = velocity[..., 0][part], velocity[..., 1][part]
-    axes.quiver(
-        east[part],
-        north[part],
-        u,
-        v,
-        color="white",
-        edgecolor="black",
-        linewidth=0.3,
-        scale=0.8 * largest * _ARROWS,
-        scale_units="width",
-        width=0.005,
-    )
+    part = _thinned(grid, _ARROWS)
+    style: Any = {"color": "white", "edgecolor": "black", "linewidth": 0.3, "width": 0.005}
+    axes.quiver(east[part], north[part], *np.moveaxis(velocity[part], -1, 0), scale=0.8 * largest * _ARROWS, scale_units="width", **style)
     axes.set_aspect("equal")
     return mesh
 
@@ -105,8 +90,8 @@ def set_box(axes: Any, east: tuple[float, float], north: tuple[float, float], de
     # a region much longer in one direction would leave no room for the labels of its short side; a deep view would push them out
     axes.set_box_aspect((max(width / longer, 0.5), max(height / longer, 0.5), 0.8), zoom=1.0 if width >= 0.9 * height else 0.85)
     axes.view_init(elev=22.0, azim=-62.0)
-    for axis, pad in ((axes.xaxis, 9.0), (axes.yaxis, 9.0), (axes.zaxis, 9.0)):
-        axis.labelpad = pad
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.labelpad = 9.0
         axis.set_major_locator(MaxNLocator(4))
 
 
@@ -125,14 +110,24 @@ def slice_3d(axes: Any, grid: Grid, velocity: Array, depth: float, colours: Norm
     order = 2.0 + len(axes.collections)
     style: Any = {"cmap": "viridis", "norm": colours, "alpha": 0.85, "zorder": order}
     axes.contourf(east, north, np.ma.masked_invalid(speed), levels=steps, zdir="z", offset=depth, **style)
-    every = max(1, round(max(east.shape) / _ARROWS_3D))
-    part = np.s_[every // 2 :: every, every // 2 :: every]
+    part = _thinned(grid, _ARROWS_3D)
     u, v = (component[part].ravel() for component in np.moveaxis(velocity, -1, 0))
     drawn = np.isfinite(u) & np.isfinite(v)
     tail = np.column_stack([east[part].ravel(), north[part].ravel(), np.full(u.size, depth)])[drawn]
     longest = 1.6 * max(float(np.ptp(east)), float(np.ptp(north))) / _ARROWS_3D
     along = np.column_stack([u, v])[drawn] * longest / steps[-1]
     axes.add_collection3d(Line3DCollection(_strokes(tail, along), colors="white", linewidths=1.0, zorder=order))
+
+
+def _thinned(grid: Grid, arrows: int) -> tuple[slice, slice]:
+    """Return the slices of a grid's points that leave so many arrows along its longer side."""
+    every = max(1, round(max(grid.east.shape) / arrows))
+    return np.s_[every // 2 :: every, every // 2 :: every]
+
+
+def fastest(velocity: Array) -> float:
+    """Return the largest speed [m/s] of velocities, shape (J, I, 2), that are NaN on land."""
+    return float(np.nanmax(np.hypot(*np.moveaxis(velocity, -1, 0))))
 
 
 def _strokes(tail: Array, along: Array) -> Array:

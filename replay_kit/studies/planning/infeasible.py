@@ -1,27 +1,26 @@
-"""Problems without a solution: each has to end soon, with the reason in words."""
+"""Problems without a solution: planning for each has to end soon and name the reason."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
+import planners
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.plan import Place
+from replay_kit.core.plan import Place, Plan
 from replay_kit.estimator.basis.modes import embed
-from replay_kit.studies.planning.flights import ANGLES
 from replay_kit.studies.planning.masks import with_land
-from replay_kit.studies.planning.told import Asked, Table, Told
-from replay_kit.studies.planning.world import World
-from replay_kit.studies.reachable import SPEED
+from replay_kit.studies.planning.result import StudyReport
+from replay_kit.studies.planning.world import World, timed
+from replay_kit.studies.reports.tables import Criterion, Table
+from replay_kit.studies.twins.reachable import SPEED, place_at
 
 NAME = "infeasible"
 _SECONDS = 10.0
-# A current so many times as fast as the vehicle, and a goal so far up it [m].
+# A current this many times as fast as the vehicle, and a goal this far upstream [m].
 _TIMES, _UPSTREAM = 3.0, 15e3
 
 
@@ -44,42 +43,45 @@ class Impossible:
     words: tuple[str, ...]
 
 
-def infeasible(world: World) -> Told:
-    """Return how glides and missions end that cannot reach their goals."""
+def infeasible(world: World) -> StudyReport:
+    """Return how plans of glides and missions end that cannot reach their goals."""
     flow = world.truths[0].estimated["default"]
-    vehicle, settings = world.calls.glider(SPEED, *ANGLES), world.calls.settings(depth=world.depth)
+    settings = planners.MissionSettings(depth=world.depth)
 
-    def mission(flow: FlowEstimate, start: Place, goal: Place) -> Any:
-        return world.calls.plan_mission(flow, start, goal, vehicle=vehicle, settings=settings)
+    def glide(flow: FlowEstimate, start: Place, goal: Place) -> Plan:
+        return planners.plan(flow, start, goal)
+
+    def mission(flow: FlowEstimate, start: Place, goal: Place) -> planners.MissionPlan:
+        return planners.plan_mission(flow, planners.MissionRequest(start, (goal,), world.glider, settings))
 
     rows = []
     for case in cases(flow, world.truths[0].config.nugget):
-        for kind, plan in (("glide", world.calls.plan), ("mission", mission)):
-            world.say(f"infeasible, {case.name}, {kind}", 1)
-            rows.append((case.name, kind, *_ended(case, plan)))
-    columns = ("what is wrong", "asked for", "ended as", "reason named", "seconds", "reason")
-    unnamed, longest = sum(not row[3] for row in rows), max(float(row[4]) for row in rows)
-    return Told(
+        for kind, plan in (("glide", glide), ("mission", mission)):
+            world.advance(f"infeasible, {case.name}, {kind}")
+            (status, named, reason), seconds = timed(partial(_ended, case, plan))
+            rows.append((case.name, kind, status, named, seconds, reason))
+    columns = ("problem", "kind of plan", "status", "reason named", "seconds", "reason")
+    unnamed, longest = sum(not row[3] for row in rows), max(row[4] for row in rows)
+    return StudyReport(
         NAME,
         "Problems without a solution",
-        (Table(NAME, "How they end; the planner's graphs are built within the time", columns, tuple(rows)),),
-        (Asked("cases that end without a named reason", unnamed, at_most=0), Asked("longest [s]", longest, at_most=_SECONDS)),
+        (Table(NAME, "How they end; the times include building the planner's graphs", columns, tuple(rows)),),
+        (Criterion("cases that end without a named reason", unnamed, at_most=0), Criterion("longest [s]", longest, at_most=_SECONDS)),
     )
 
 
-def _ended(case: Impossible, plan: Callable[[FlowEstimate, Place, Place], Any]) -> tuple[str, bool, float, str]:
-    began = time.perf_counter()
+def _ended(case: Impossible, plan: Callable[[FlowEstimate, Place, Place], Plan | planners.MissionPlan]) -> tuple[str, bool, str]:
+    """Return the status of a plan for a problem, whether its reason is named, and the reason."""
     try:
         made = plan(case.flow, case.start, case.goal)
-        how, reason = str(made.status), str(made.message)
+        status, reason = str(made.status), str(made.message)
     except PlanError as error:
-        how, reason = "refused", str(error)
-    named = how != "reached" and any(word in reason for word in case.words)
-    return how, named, time.perf_counter() - began, reason
+        status, reason = "refused", str(error)
+    return status, status != "reached" and any(word in reason for word in case.words), reason
 
 
 def cases(flow: FlowEstimate, nugget: float) -> tuple[Impossible, ...]:
-    """Return the problems on an estimate: goals on land, up a current that is too fast, too deep, outside, and boxed in by land.
+    """Return the problems on an estimate: goals on land, against a current that is too fast, too deep, outside, and boxed in by land.
 
     Args:
         flow: The estimate.
@@ -91,29 +93,22 @@ def cases(flow: FlowEstimate, nugget: float) -> tuple[Impossible, ...]:
     column = max(i - 4, 1)
     middle, beside = (np.array([grid.east[j, k], grid.north[j, k]]) for k in (i, column))
     away = np.maximum(*np.abs(np.indices(grid.east.shape) - np.array([j, i])[:, None, None]))
-    here, there = _place(flow, beside, 0.0), _place(flow, middle, 0.0)
+    here, there = place_at(grid, beside, 0.0), place_at(grid, middle, 0.0)
     deepest = float(flow.levels[-1])
     edge = np.array([2.0 * float(np.max(grid.east)), 0.0])
     return (
         Impossible("goal on land", with_land(flow, away == 0, nugget), here, there, ("land",)),
         _against_current(flow, middle, nugget),
-        Impossible("goal below the deepest level", flow, here, _place(flow, middle, deepest + 100.0), ("deep",)),
-        Impossible("goal outside of the region", flow, here, _place(flow, edge, 0.0), ("outside",)),
-        Impossible(
-            "goal boxed in by land", with_land(flow, away == 2, nugget), here, there, ("land", "may not be crossed", "may not be entered")
-        ),
+        Impossible("goal below the deepest level", flow, here, place_at(grid, middle, deepest + 100.0), ("deep",)),
+        Impossible("goal outside of the region", flow, here, place_at(grid, edge, 0.0), ("outside",)),
+        Impossible("goal boxed in by land", with_land(flow, away == 2, nugget), here, there, ("land", "constraint")),
     )
 
 
 def _against_current(flow: FlowEstimate, start: Array, nugget: float) -> Impossible:
-    """Return a problem in a current that is too fast everywhere, with the goal up the current: in an eddy it could be reached round it."""
+    """Return a problem in a current that is too fast everywhere, with the goal upstream: in an eddy it could be reached by going round."""
     count = len(flow.nodes)
     uniform = np.repeat([_TIMES * SPEED, 0.0], count)[:, None] * np.ones(flow.levels.size)
-    fast = replace(flow.certain(), latent=embed(flow.kernel, flow.nodes, uniform, nugget))
+    grid, fast = flow.grid, replace(flow.certain(), latent=embed(flow.kernel, flow.nodes, uniform, nugget))
     goal = start - np.array([_UPSTREAM, 0.0])
-    return Impossible("current faster than the vehicle", fast, _place(flow, start, 0.0), _place(flow, goal, 0.0), ("current",))
-
-
-def _place(flow: FlowEstimate, point: Array, depth: float) -> Place:
-    longitude, latitude = to_geographic(flow.grid.projection, point[0], point[1])
-    return Place(float(longitude), float(latitude), depth)
+    return Impossible("current faster than the vehicle", fast, place_at(grid, start, 0.0), place_at(grid, goal, 0.0), ("current",))

@@ -1,13 +1,12 @@
-"""What the study of planning is asked to do."""
+"""The options of the studies of planning."""
 
-import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
-from replay_kit.core.errors import ConfigError
-from replay_kit.studies.truths import members_named
+from replay_kit.studies.jobs.checks import check_names, check_not_negative, check_positive
+from replay_kit.studies.twins.truths import members_named
 
 # Members that are the truth in turn when none are named.
 _TRUTHS = 20
@@ -27,12 +26,12 @@ class PlanningJob:
         legs: Of each mission.
         depth: Of a mission's dives, at most [m].
         scenarios: Missions planned for samples.
-        samples: That a scenario plan is given.
-        fresh: Samples that it is then flown through.
-        allowed: Share of the samples that may trespass.
+        samples: Of the estimate that a scenario plan is made for.
+        fresh: Other samples that the plan is flown in.
+        allowed: Share of the samples that may enter an area.
         masks: Random cases with islands and areas.
-        replans: Missions planned anew at each surfacing.
-        seed: Of everything that is drawn.
+        replans: Missions replanned at each surfacing.
+        seed: Of all random draws.
     """
 
     studies: tuple[str, ...]
@@ -52,14 +51,10 @@ class PlanningJob:
 
     def check(self, known: Collection[str]) -> None:
         """Raise ConfigError when an option is wrong."""
-        unknown = [name for name in self.studies if name not in known]
-        if unknown or not self.studies or len(set(self.studies)) < len(self.studies):
-            raise ConfigError(f"--study: expected some of {', '.join(known)}, each once, got {', '.join(self.studies) or 'none'}")
-        for name in ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks", "replans"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"--{name}: expected a number above 0, got {getattr(self, name)}")
-        if not (math.isfinite(self.noise) and self.noise > 0.0) or self.seed < 0:
-            raise ConfigError(f"planning: expected --noise above 0 m/s and --seed of 0 or more, got {self.noise} and {self.seed}")
+        check_names("--study", self.studies, known)
+        counts = ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks", "replans", "noise")
+        check_positive(**{name: getattr(self, name) for name in counts})
+        check_not_negative(seed=self.seed)
 
     def members(self, n_members: int) -> tuple[int, ...]:
         """Return the positions of the members left out in turn.

@@ -1,14 +1,14 @@
-"""A glider's legs flown in a truth, and what its ADCP measures on the way."""
+"""A glider's legs flown in a truth, what its ADCP measures on the way, and the mission planner that plans them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import ForecastError
-from replay_kit.core.geodesy import grid_bearing_of_true_north, rotate_to_geographic, to_geographic, to_local
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local
 from replay_kit.core.observation import Measurement
 from replay_kit.core.plan import Place
 from replay_kit.measurements import observations
@@ -16,32 +16,50 @@ from replay_kit.studies.twins.adcp import AdcpSettings, measure
 from replay_kit.studies.twins.faults import Faults
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.messages import Record, mission_messages
-from replay_kit.studies.twins.vehicle import Dive, Mission, Pings, log_position
+from replay_kit.studies.twins.vehicle import Mission, Pings, advected, dead_reckoned, log_position
+from replay_kit.workflows.planning import MissionPlanner
+from replay_kit.workflows.replay.planner import PlanResult
 
 # Longest step of a flight, and from one ping to the next [s]; the first ping comes half as long after the surface was left.
 _STEP_S = 120.0
 _PING_S = 600.0
-_NS = 1_000_000_000
 _NS_PER_MS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """What a glider is told at one surfacing.
+    """What a glider is commanded at one surfacing.
 
     Attributes:
         heading_deg: Through water, clockwise from true north where the leg begins.
         along: Horizontal speed through water [m/s].
         down: Vertical speed in dives and climbs [m/s].
-        turns: Depths at which it begins, turns and ends [m].
+        depths: At which it begins, turns and ends [m].
         drift: Time adrift at the surface after it [s].
     """
 
     heading_deg: float
     along: float
     down: float
-    turns: tuple[float, ...]
+    depths: tuple[float, ...]
     drift: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedLegs:
+    """A mission as the study of replanning needs it.
+
+    Attributes:
+        legs: What the glider is commanded, surfacing after surfacing.
+        ends: Where each leg is predicted to end.
+        miss: Predicted between the goal and the last of them [m].
+        planned: What the planner starts its next search from.
+    """
+
+    legs: tuple[Leg, ...]
+    ends: tuple[Place, ...]
+    miss: float
+    planned: PlanResult
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +85,45 @@ class LegFlight:
     @property
     def end_ns(self) -> int:
         """When it ended, its drift included [ns, UTC]."""
-        return self.start_ns + round(float(self.seconds[-1]) * 1e3) * _NS_PER_MS
+        return self.time_ns(-1)
+
+    def time_ns(self, point: int) -> int:
+        """Return the time of a point, to the millisecond [ns, UTC]."""
+        return self.start_ns + round(float(self.seconds[point]) * 1e3) * _NS_PER_MS
+
+
+def plan_legs(
+    planner: MissionPlanner,
+    flow: FlowEstimate,
+    way: tuple[Place, Place],
+    start_time_ns: int,
+    most_legs: int,
+    warm: PlannedLegs | None = None,
+) -> PlannedLegs:
+    """Return the best mission found of at most so many legs.
+
+    Args:
+        planner: The mission planner.
+        flow: The estimate planned on.
+        way: Start and goal.
+        start_time_ns: [ns, UTC].
+        most_legs: Limit on the legs.
+        warm: An earlier plan that the search starts from.
+
+    Raises:
+        PlanError: The start or the goal is outside of the region or on land.
+    """
+    limited = replace(planner, settings=replace(planner.settings, max_legs=most_legs))
+    planned = limited.plan(flow, *way, start_time_ns, None if warm is None else warm.planned)
+    mission = planned.memory
+    drifts = np.append(np.full(max(len(mission.yo_depths) - 1, 0), mission.settings.surface_time), 0.0)
+    speeds = (mission.vehicle.speeds(np, angle) for angle in np.deg2rad(mission.glide_angles_deg))
+    legs = tuple(
+        Leg(float(heading), float(along), float(down), depths, float(drift))
+        for heading, (along, down), depths, drift in zip(mission.headings_deg, speeds, mission.yo_depths, drifts, strict=False)
+    )
+    ends = tuple(Place(float(longitude), float(latitude), 0.0) for longitude, latitude in mission.surfacings)
+    return PlannedLegs(legs, ends, float(mission.closest_approach[-1]), planned)
 
 
 def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> LegFlight:
@@ -77,34 +133,27 @@ def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> LegFlight:
         sea: The truth.
         place: shape (2,) [m], local east and north.
         start_ns: When it begins [ns, UTC].
-        leg: What the glider does.
+        leg: What the glider is commanded.
 
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
     """
     longitude, latitude = to_geographic(sea.grid.projection, *place)
     heading = np.deg2rad(leg.heading_deg) + float(grid_bearing_of_true_north(sea.grid.projection, longitude, latitude))
-    through = leg.along * np.array([np.sin(heading), np.cos(heading)])
-    depth, seconds = [leg.turns[0]], [0.0]
-    for begin, end in pairwise(leg.turns):
-        lasts = abs(end - begin) / leg.down
-        shares = np.arange(1, int(np.ceil(lasts / _STEP_S)) + 1) / np.ceil(lasts / _STEP_S)
+    through_water = leg.along * np.array([np.sin(heading), np.cos(heading)])
+    depth, seconds = [leg.depths[0]], [0.0]
+    for begin, end in pairwise(leg.depths):
+        duration = abs(end - begin) / leg.down
+        shares = np.arange(1, int(np.ceil(duration / _STEP_S)) + 1) / np.ceil(duration / _STEP_S)
         depth += (begin + (end - begin) * shares).tolist()
-        seconds += (seconds[-1] + lasts * shares).tolist()
+        seconds += (seconds[-1] + duration * shares).tolist()
     surfaced = len(depth) - 1
     drifts = int(np.ceil(leg.drift / _STEP_S))
     depth += [depth[-1]] * drifts
     seconds += [seconds[-1] + leg.drift * (k + 1) / drifts for k in range(drifts)]
-    track = [np.asarray(place, dtype=np.float64)]
-    for k, ((before, after), (z0, z1)) in enumerate(zip(pairwise(seconds), pairwise(depth), strict=True)):
-        here, step, moved = track[-1], after - before, through if k < surfaced else np.zeros(2)
-        now = start_ns + int(before * _NS)
-        middle = here + 0.5 * step * (moved + sea.velocity(here[0], here[1], z0, now))
-        track.append(here + step * (moved + sea.velocity(middle[0], middle[1], 0.5 * (z0 + z1), now + int(0.5 * step * _NS))))
-        if not np.isfinite(track[-1]).all():
-            east, north = to_geographic(sea.grid.projection, *here)
-            raise ForecastError(f"the current carried the glider out of the truth's water at {east:.3f} E, {north:.3f} N, {z1:.0f} m")
-    return LegFlight(start_ns, np.array(seconds), np.array(track), np.array(depth), through, surfaced)
+    by_step = np.where(np.arange(len(depth) - 1)[:, None] < surfaced, through_water, 0.0)
+    track = advected(sea, place, start_ns, np.array(seconds), np.array(depth), by_step)
+    return LegFlight(start_ns, np.array(seconds), track, np.array(depth), through_water, surfaced)
 
 
 def measured(sea: Field, flight: LegFlight, noise: float, rng: np.random.Generator) -> tuple[Measurement, ...]:
@@ -131,25 +180,11 @@ def measured(sea: Field, flight: LegFlight, noise: float, rng: np.random.Generat
 
 def _logged(sea: Field, flight: LegFlight, pings: Pings) -> Mission:
     """Return the mission of one dive: fixes at both ends, dead-reckoned positions at the pings, the mean current."""
-    lasts = float(flight.seconds[flight.surfaced])
-    end_ns = flight.start_ns + round(lasts * 1e3) * _NS_PER_MS
-    begin, end = flight.place[0], flight.place[flight.surfaced]
-    start_fix, end_fix = (log_position(sea, time_ns, at, 0.0, False) for time_ns, at in ((flight.start_ns, begin), (end_ns, end)))
-    shares = (pings.time_ns - flight.start_ns) / (end_ns - flight.start_ns)
-    reckoned = [
-        log_position(sea, int(time_ns), begin + share * (end - begin), float(depth), True)
-        for time_ns, share, depth in zip(pings.time_ns, shares, pings.depth, strict=True)
-    ]
-    current = (end - begin) / lasts - flight.through_water
-    true = rotate_to_geographic(sea.grid.projection, start_fix.longitude, start_fix.latitude, *current)
-    dive = Dive(1, start_fix, end_fix, (float(true[0]), float(true[1])))
-    return Mission(pings, (start_fix, *reckoned, end_fix), (dive,))
-
-
-def place_at(sea: Field, point: Array) -> Place:
-    """Return a local point, shape (2,) [m], at the surface."""
-    longitude, latitude = to_geographic(sea.grid.projection, *point)
-    return Place(float(longitude), float(latitude), 0.0)
+    track = flight.place[[0, flight.surfaced]]
+    before, after = (log_position(sea, flight.time_ns(k), flight.place[k], 0.0, False) for k in (0, flight.surfaced))
+    current = (track[1] - track[0]) / float(flight.seconds[flight.surfaced]) - flight.through_water
+    dive, reckoned = dead_reckoned(sea, 1, (before, after), track, current, (pings.time_ns, pings.depth))
+    return Mission(pings, (before, *reckoned, after), (dive,))
 
 
 def distance_to(sea: Field, point: Array, goal: Place) -> float:

@@ -1,111 +1,164 @@
-"""Missions among islands and areas drawn at random: no path may cross them that is said not to."""
+"""Missions among islands and areas drawn at random: no path that the planner reports as clear may cross them."""
 
-import time
-from collections import Counter
+from dataclasses import asdict, dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+import planners
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import distance
-from replay_kit.studies.planning.flights import ANGLES, fly_plan
+from replay_kit.studies.planning.flights import fly_plan
 from replay_kit.studies.planning.masks import Masked, draw_masked
 from replay_kit.studies.planning.pictures import MaskedView, draw_masked_cases
 from replay_kit.studies.planning.recheck import crossed, ends_of
-from replay_kit.studies.planning.told import Asked, Picture, Table, Told
-from replay_kit.studies.planning.world import World
-from replay_kit.studies.reachable import SPEED, Pair
+from replay_kit.studies.planning.result import StudyReport
+from replay_kit.studies.planning.world import World, timed
+from replay_kit.studies.reports.tables import NAN, Cell, Criterion, Picture, Table, named_columns
 
 NAME = "masked"
 _CLEAN = ("reached", "unreachable")
 _SHOWN = 6
 _CAPTION = "Some of the missions, from dot to star: land grey, areas orange, arrows the current at 250 m"
-# Three times what most goals take; ways against the current would take minutes to plan.
+# Three times what most goals take; missions against the current would take minutes to plan.
 _MOST_LEGS = 40
-Row = tuple[str | int | float | bool, ...]
 
 
-def masked(world: World) -> Told:
-    """Return what comes of missions in random masked cases, their paths flown anew and checked anew."""
-    rows: list[Row] = []
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One case.
+
+    Attributes:
+        truth: Member that is the truth.
+        case: Number of the case on it.
+        status: Of the plan, or ``refused``.
+        blocked: Whether the straight line from start to goal is.
+        distance: From start to goal [m].
+        legs: Of the plan.
+        miss: Its predicted miss distance [m].
+        crosses: What its path crosses; empty when it keeps clear.
+        recomputed_crosses: The same of the path computed independently from headings and glide angles.
+        apart: Between the ends of the two paths [m].
+        seconds: To plan.
+        message: Of the planner.
+    """
+
+    truth: int
+    case: int
+    status: str
+    blocked: bool
+    distance: float
+    legs: int = 0
+    miss: float = NAN
+    crosses: str = ""
+    recomputed_crosses: str = ""
+    apart: float = NAN
+    seconds: float = NAN
+    message: str = ""
+
+    @property
+    def clean(self) -> bool:
+        """Whether the planner reports the path as clear."""
+        return self.status in _CLEAN
+
+    @property
+    def crossing(self) -> bool:
+        """Whether either path crosses something."""
+        return bool(self.crosses or self.recomputed_crosses)
+
+
+_COLUMNS = (
+    *("truth", "case", "status", "blocked", "distance [m]", "legs", "miss [m]", "path crosses", "recomputed path crosses"),
+    *("ends apart [m]", "seconds", "message"),
+)
+
+
+def masked(world: World) -> StudyReport:
+    """Return the outcome of missions in random masked cases, their paths recomputed and checked independently."""
+    rows: list[_Row] = []
     views: list[MaskedView] = []
     for withheld, count in zip(world.truths, world.shares(world.job.masks), strict=True):
         for k in range(count):
             rng = np.random.default_rng((world.job.seed, 3, withheld.member, k))
             case = draw_masked(withheld.estimated["default"], world.depth, withheld.config.nugget, rng)
-            world.say(f"masked, truth {withheld.member}", 1)
-            row, track = _planned(world, case)
-            rows.append((withheld.member, k, *row))
+            world.advance(f"masked, truth {withheld.member}")
+            row, track = _planned(world, case, (withheld.member, k))
+            rows.append(row)
             if case.blocked and len(views) < _SHOWN and track is not None:
-                views.append(MaskedView(case.flow, case.areas, track, ends_of(case.flow, case.pair), str(row[0])))
-    return Told(
+                views.append(MaskedView(case.flow, case.areas, track, ends_of(case.flow.grid, case.pair), row.status))
+    every = Table("masked_cases", "Each case", _COLUMNS, tuple(tuple(asdict(row).values()) for row in rows), shown=False)
+    return StudyReport(
         NAME,
         "Missions among islands and areas drawn at random",
-        (_counts(rows), _every(rows)),
-        _asked(rows),
-        (_words(rows),),
+        (_counts(rows), every),
+        _criteria(rows),
+        (_findings(rows),),
         (Picture("masked_cases", _CAPTION, (11.0, 7.0), partial(draw_masked_cases, tuple(views))),),
     )
 
 
-def _planned(world: World, case: Masked) -> tuple[Row, Array | None]:
+def _planned(world: World, case: Masked, number: tuple[int, int]) -> tuple[_Row, Array | None]:
     """Return a case's row, and its path; None without one."""
-    vehicle, settings = world.calls.glider(SPEED, *ANGLES), world.calls.settings(depth=world.depth, max_legs=_MOST_LEGS)
-    areas = tuple(world.calls.no_go(area, f"area {k + 1}") for k, area in enumerate(case.areas))
-    began = time.perf_counter()
-    nothing = float("nan")
-    away = _away(case.pair)
-    try:
-        plan = world.calls.plan_mission(case.flow, case.pair.start, case.pair.target, vehicle=vehicle, settings=settings, no_go=areas)
-    except PlanError as error:
-        return ("refused", case.blocked, away, 0, nothing, "", "", nothing, time.perf_counter() - began, str(error)), None
-    seconds = time.perf_counter() - began
+    settings = planners.MissionSettings(depth=world.depth, max_legs=_MOST_LEGS)
+    areas = tuple(planners.NoGo(area, f"area {k + 1}") for k, area in enumerate(case.areas))
+    row = partial(_Row, *number, blocked=case.blocked, distance=case.pair.distance)
+
+    def make() -> planners.MissionPlan | PlanError:
+        try:
+            ends = case.pair.start, (case.pair.target,)
+            return planners.plan_mission(case.flow, planners.MissionRequest(*ends, world.glider, settings, areas))
+        except PlanError as error:
+            return error
+
+    plan, seconds = timed(make)
+    if isinstance(plan, PlanError):
+        return row(status="refused", seconds=seconds, message=str(plan)), None
     legs = len(plan.headings_deg)
     if not legs:
-        return (plan.status, case.blocked, away, 0, nothing, "", "", nothing, seconds, plan.message), None
-    anew = fly_plan(case.flow, plan, world.depth)
-    apart = float(np.linalg.norm(anew[-1] - plan.track[-1]))
-    said, flown = (crossed(case.flow.grid, case.areas, track) or "" for track in (plan.track, anew))
-    miss = float(plan.closest_approach[-1])
-    return (plan.status, case.blocked, away, legs, miss, said, flown, apart, seconds, plan.message), plan.track
+        return row(status=plan.status, seconds=seconds, message=plan.message), None
+    recomputed = fly_plan(case.flow, plan, world.depth)
+    figures: dict[str, Any] = {
+        "miss": float(plan.closest_approach[-1]),
+        "crosses": crossed(case.flow.grid, case.areas, plan.track) or "",
+        "recomputed_crosses": crossed(case.flow.grid, case.areas, recomputed) or "",
+        "apart": float(np.linalg.norm(recomputed[-1] - plan.track[-1])),
+    }
+    return row(status=plan.status, legs=legs, seconds=seconds, message=plan.message, **figures), plan.track
 
 
-def _every(rows: list[Row]) -> Table:
-    columns = ("truth", "case", "status", "blocked", "distance [m]", "legs", "miss [m]", "path crosses", "path flown anew crosses")
-    return Table("masked_cases", "Each case", (*columns, "ends apart [m]", "seconds", "message"), tuple(rows), shown=False)
+def _counts(rows: list[_Row]) -> Table:
+    out: list[dict[str, Cell]] = []
+    for status in dict.fromkeys(row.status for row in rows):
+        alike = [row for row in rows if row.status == status]
+        seconds = np.array([row.seconds for row in alike])
+        out.append(
+            {
+                "status": status,
+                "cases": len(alike),
+                "straight line blocked": sum(row.blocked for row in alike),
+                "crossings": sum(row.crossing for row in alike),
+                "median seconds": float(np.median(seconds)),
+                "most seconds": float(seconds.max()),
+            }
+        )
+    return named_columns(NAME, "Missions among islands and areas, by the plan's status", out)
 
 
-def _counts(rows: list[Row]) -> Table:
-    out = []
-    for status in dict.fromkeys(str(row[2]) for row in rows):
-        alike = [row for row in rows if row[2] == status]
-        seconds = np.array([row[10] for row in alike], dtype=np.float64)
-        blocked, crossing = sum(bool(row[3]) for row in alike), sum(bool(row[7] or row[8]) for row in alike)
-        out.append((status, len(alike), blocked, crossing, float(np.median(seconds)), float(seconds.max())))
-    columns = ("status", "cases", "straight way blocked", "crossings", "median seconds", "most seconds")
-    return Table(NAME, "Missions among islands and areas, by what the planner says of them", columns, tuple(out))
-
-
-def _asked(rows: list[Row]) -> tuple[Asked, ...]:
-    clean = [row for row in rows if row[2] in _CLEAN]
-    counted = Counter("crossings" for row in clean if row[7] or row[8])
-    apart = max((float(row[9]) for row in clean), default=float("nan"))
+def _criteria(rows: list[_Row]) -> tuple[Criterion, ...]:
+    clean = [row for row in rows if row.clean]
+    apart = max((row.apart for row in clean), default=NAN)
     return (
-        Asked("crossings of paths that are said to be clear, planned or flown anew", counted["crossings"], at_most=0),
-        Asked("farthest that a path flown anew by other code ends from the planned one [m]", apart, at_most=50.0),
+        Criterion("crossings of paths reported as clear, planned or recomputed", sum(row.crossing for row in clean), at_most=0),
+        Criterion("largest distance between the ends of a planned and its recomputed path [m]", apart, at_most=50.0),
     )
 
 
-def _words(rows: list[Row]) -> str:
-    clean = sum(row[2] in _CLEAN for row in rows)
-    blocked = sum(bool(row[3]) for row in rows)
+def _findings(rows: list[_Row]) -> str:
+    blocked, clean = sum(row.blocked for row in rows), sum(row.clean for row in rows)
     return (
-        f"{len(rows)} cases; in {blocked} the straight way from start to goal is blocked. {clean} plans are said to keep clear. Each path "
-        "is checked every 10 m with the nearest grid point's land and with the angles that an area's edges are seen under, both as planned "
-        "and flown anew from headings and glide angles by another code. `unsafe` plans say that they cross something."
+        f"{len(rows)} cases; in {blocked} the straight line from start to goal is blocked. {clean} plans are reported as clear. Each path "
+        "is checked every 10 m against the land of the nearest grid point and against the winding number of each area, both as planned "
+        "and as recomputed from headings and glide angles by separate code. Plans with status `unsafe` state that they "
+        "cross something."
     )
-
-
-def _away(pair: Pair) -> float:
-    return float(distance(pair.start.longitude, pair.start.latitude, pair.target.longitude, pair.target.latitude))

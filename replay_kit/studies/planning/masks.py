@@ -1,4 +1,4 @@
-"""Estimates with islands and areas drawn at random, and places to go between."""
+"""Estimates with islands and forbidden areas drawn at random, and a start and goal on either side of one."""
 
 from dataclasses import dataclass, replace
 
@@ -9,19 +9,17 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import velocity_kernel
-from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Grid
-from replay_kit.core.plan import Place
 from replay_kit.estimator.basis.modes import embed
-from replay_kit.studies.planning.recheck import Polygon, corners_of, crossed
-from replay_kit.studies.reachable import Pair
+from replay_kit.studies.planning.recheck import Polygon, corners_of, crossed, polygon_of
+from replay_kit.studies.twins.reachable import Pair, place_at
 
 _ISLANDS, _AREAS = (1, 5), (1, 4)  # at least, and fewer than
 _ISLAND_RADII = (0.6, 1.8)  # cells, of the two axes
 _AREA_RADII = (4e3, 12e3)  # m, of the corners
 _CORNERS = (5, 10)
 _AWAY = (8e3, 22e3)  # m, start and goal from what lies between
-# Start and goal keep so far from what is forbidden [m]; the planner's own margin is less.
+# Start and goal keep this distance from land and areas [m]; the planner's own margin is less.
 _CLEAR = 500.0
 _MAX_DRAWS = 400
 
@@ -34,7 +32,7 @@ class Masked:
         flow: The estimate among islands.
         areas: Longitudes and latitudes of their corners [degrees].
         pair: Start and goal at the surface, both in water and out of the areas.
-        blocked: Whether the straight way between them is.
+        blocked: Whether the straight line between them is.
     """
 
     flow: FlowEstimate
@@ -44,15 +42,15 @@ class Masked:
 
 
 def with_land(flow: FlowEstimate, dry: NDArray[np.bool_], nugget: float) -> FlowEstimate:
-    """Return a flow without uncertainty whose grid points are land where told; at the others the current is as it was.
+    """Return a flow without uncertainty with more land; at the other grid points the current is unchanged.
 
     Args:
         flow: The flow.
-        dry: shape (J, I), what becomes land at all levels.
+        dry: shape (J, I), points that become land at all levels.
         nugget: Of the fit to what is left, as in ``EstimatorConfig``.
     """
     grid = replace(flow.grid, wet=flow.grid.wet & ~dry)
-    # latents of neighbours cancel each other, so they cannot be dropped: the current that is left is fitted anew
+    # latents of neighbours cancel each other, so they cannot be dropped: the current is fitted again to the remaining points
     left = velocity_kernel(flow.kernel, grid.nodes, flow.nodes) @ flow.latent
     latent = embed(flow.kernel, grid.nodes, left, nugget)
     return replace(flow.certain(), grid=grid, latent=latent, modes=np.empty((len(latent), 0)))
@@ -74,7 +72,7 @@ def draw_masked(flow: FlowEstimate, depth: float, nugget: float, rng: np.random.
     areas = tuple(_area(masked.grid, rng) for _ in range(rng.integers(*_AREAS)))
     start, goal = _ends(masked.grid, areas, depth, rng)
     blocked = crossed(masked.grid, areas, np.vstack([start, goal])) is not None
-    return Masked(masked, areas, Pair(_place(masked.grid, start), _place(masked.grid, goal)), blocked)
+    return Masked(masked, areas, Pair(place_at(masked.grid, start), place_at(masked.grid, goal)), blocked)
 
 
 def _islands(grid: Grid, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -97,8 +95,7 @@ def _area(grid: Grid, rng: np.random.Generator) -> Polygon:
     """Return a star-shaped polygon."""
     bearings = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(*_CORNERS)))
     radii, centre = rng.uniform(*_AREA_RADII, bearings.size), _inside(grid, rng)
-    longitude, latitude = to_geographic(grid.projection, centre[0] + radii * np.sin(bearings), centre[1] + radii * np.cos(bearings))
-    return tuple((float(x), float(y)) for x, y in zip(longitude, latitude, strict=True))
+    return polygon_of(grid, centre + radii[:, None] * np.column_stack([np.sin(bearings), np.cos(bearings)]))
 
 
 def _ends(grid: Grid, areas: tuple[Polygon, ...], depth: float, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -114,8 +111,3 @@ def _ends(grid: Grid, areas: tuple[Polygon, ...], depth: float, rng: np.random.G
         if all(crossed(grid, areas, circle) is None for circle in circles):
             return np.append(ends[0], depth), np.append(ends[1], depth)
     raise ForecastError("islands and areas leave hardly any place to go between; use a larger region")
-
-
-def _place(grid: Grid, point: Array) -> Place:
-    longitude, latitude = to_geographic(grid.projection, point[0], point[1])
-    return Place(float(longitude), float(latitude), 0.0)

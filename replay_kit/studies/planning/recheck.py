@@ -1,4 +1,4 @@
-"""Whether a path keeps out of land and areas, by other means than the planner's."""
+"""Whether a path keeps clear of land and areas, checked independently of the planner."""
 
 from collections.abc import Sequence
 
@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid
-from replay_kit.studies.reachable import Pair, in_water
+from replay_kit.studies.twins.reachable import Pair, in_water
 
 Polygon = tuple[tuple[float, float], ...]
 # Distance between the points that are checked [m].
@@ -21,10 +20,15 @@ def corners_of(grid: Grid, polygon: Polygon) -> Array:
     return np.column_stack(to_local(grid.projection, *np.array(polygon).T))
 
 
-def ends_of(flow: FlowEstimate, pair: Pair) -> Array:
-    """Return start and goal in a flow's local frame, shape (2, 2) [m]."""
-    ends = (pair.start, pair.target)
-    return np.column_stack(to_local(flow.grid.projection, [end.longitude for end in ends], [end.latitude for end in ends]))
+def polygon_of(grid: Grid, corners: Array) -> Polygon:
+    """Return the longitudes and latitudes of corners in a grid's local frame, shape (n, 2) [m]."""
+    longitude, latitude = to_geographic(grid.projection, *corners.T)
+    return tuple((float(x), float(y)) for x, y in zip(longitude, latitude, strict=True))
+
+
+def ends_of(grid: Grid, pair: Pair) -> Array:
+    """Return start and goal in a grid's local frame, shape (2, 2) [m]."""
+    return corners_of(grid, tuple((end.longitude, end.latitude) for end in (pair.start, pair.target)))
 
 
 def winds_around(corners: Array, points: Array) -> NDArray[np.bool_]:

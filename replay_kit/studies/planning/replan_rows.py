@@ -1,4 +1,4 @@
-"""Replanning in twin missions: what is asked for, what came of each mission, and the figures over all."""
+"""Replanning in twin missions: the options, the outcome of each mission, and the figures over all."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,8 +7,9 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
+from replay_kit.studies.reports.tables import NAN
 
-# An arrival this near counts when arrival times are compared [m].
+# Arrival times are compared between missions that arrive this near [m].
 NEAR = 500.0
 
 
@@ -17,14 +18,14 @@ class ReplanJob:
     """Which missions.
 
     Attributes:
-        missions: How many.
-        legs: That the truth takes to the goal.
-        most_legs: That a mission may take to it.
+        missions: Their number.
+        legs: From start to goal in the truth.
+        most_legs: Limit on the legs that a mission may take.
         depth: Of the dives [m]; the last level's when that is shallower.
         angles: Least and greatest glide angle [degrees], of the missions drawn.
         speed: Through water [m/s], of the missions drawn.
         noise: Error of each component of each bin [m/s].
-        tolerance: A mission that is planned anew ends this near to the goal [m].
+        tolerance: A replanned mission ends this near to the goal [m].
         seed: Of starts, goals and noise.
         members: Truths, in turn; None for members spread evenly over the ensemble.
     """
@@ -41,15 +42,15 @@ class ReplanJob:
     members: tuple[int, ...] | None = None
 
     def check(self) -> None:
-        """Raise ConfigError when a number is none that can be simulated."""
+        """Raise ConfigError when a number cannot be simulated."""
         positive = (self.missions, self.legs, self.most_legs, self.depth, self.speed, self.noise, self.tolerance)
         if not (all(value > 0 for value in positive) and 0.0 < self.angles[0] <= self.angles[1] < 90.0):
             raise ConfigError(f"replanning: expected numbers above 0 and angles below 90 degrees, got {self}")
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
-    """What came of one way to fly a mission.
+class Outcome:
+    """The outcome of a mission.
 
     Attributes:
         miss: Between the goal and the last surfacing [m].
@@ -74,24 +75,24 @@ class ReplanRow:
         member: The truth, position from 0.
         seed: Of its start, goal and noise.
         distance: Between start and goal [m].
-        truth_duration: Of the mission drawn, which the truth leads to the goal [s].
-        once: With the plan made once at the start.
-        replanned: Planned anew at each surfacing.
-        prediction_errors: Between each leg's predicted surfacing and the actual one, of the mission planned anew [m].
+        truth_duration: Of the mission drawn, which reaches the goal in the truth [s].
+        single: With the single plan made at the start.
+        replanned: With a new plan at each surfacing.
+        prediction_errors: Between each leg's predicted surfacing and the actual one, of the replanned mission [m].
     """
 
     member: int
     seed: int
     distance: float
     truth_duration: float
-    once: Flown
-    replanned: Flown
+    single: Outcome
+    replanned: Outcome
     prediction_errors: tuple[float, ...]
 
     @property
     def ratio(self) -> float:
-        """Miss of the mission planned anew over that of the plan made once."""
-        return self.replanned.miss / self.once.miss
+        """Miss distance of the replanned mission over that with the single plan."""
+        return self.replanned.miss / self.single.miss
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,17 +100,17 @@ class ReplanSummary:
     """All missions.
 
     Attributes:
-        missions: How many.
-        ratio_median: Of the ratios of the misses, asked for at most 0.3.
-        ratio_90: Nine of ten missions have no greater ratio; asked for at most 0.7.
-        closest_ratio_median: The same of the nearest surfacings, though a plan flown blind does not know which that is.
+        missions: Their number.
+        ratio_median: Of the ratios of the miss distances.
+        ratio_90: Nine of ten missions have no greater ratio.
+        closest_ratio_median: The same of the nearest surfacings, though without a position nobody knows which that is.
         closest_ratio_90: The same.
-        once_median: Miss of the plan made once [m].
-        replanned_median: Miss of the mission planned anew [m].
-        once_near: Share that ends within 500 m of the goal.
-        replanned_near: The same planned anew.
+        single_median: Miss distance with the single plan [m].
+        replanned_median: Miss distance when replanned [m].
+        single_near: Share that ends within 500 m of the goal.
+        replanned_near: The same when replanned.
         both_near: Missions in which both do.
-        time_ratio_median: Arrival planned anew over arrival of the plan made once, over these; NaN without one.
+        time_ratio_median: Arrival when replanned over arrival with the single plan, over these; NaN without one.
     """
 
     missions: int
@@ -117,9 +118,9 @@ class ReplanSummary:
     ratio_90: float
     closest_ratio_median: float
     closest_ratio_90: float
-    once_median: float
+    single_median: float
     replanned_median: float
-    once_near: float
+    single_near: float
     replanned_near: float
     both_near: int
     time_ratio_median: float
@@ -127,22 +128,22 @@ class ReplanSummary:
 
 def summarise(rows: Sequence[ReplanRow]) -> ReplanSummary:
     """Return the figures over all missions; arrival times are compared only where both arrive."""
+    single, replanned = np.array([(row.single.miss, row.replanned.miss) for row in rows]).T
     ratios = np.array([row.ratio for row in rows])
-    closest = np.array([row.replanned.closest / row.once.closest for row in rows])
-    once, replanned = (np.array([getattr(row, way).miss for row in rows]) for way in ("once", "replanned"))
-    both = [row.replanned.duration / row.once.duration for row in rows if max(row.once.miss, row.replanned.miss) <= NEAR]
+    closest = np.array([row.replanned.closest / row.single.closest for row in rows])
+    both = [row.replanned.duration / row.single.duration for row in rows if max(row.single.miss, row.replanned.miss) <= NEAR]
     return ReplanSummary(
         missions=len(rows),
         ratio_median=float(np.median(ratios)),
         ratio_90=_ninety(ratios),
         closest_ratio_median=float(np.median(closest)),
         closest_ratio_90=_ninety(closest),
-        once_median=float(np.median(once)),
+        single_median=float(np.median(single)),
         replanned_median=float(np.median(replanned)),
-        once_near=float(np.mean(once <= NEAR)),
+        single_near=float(np.mean(single <= NEAR)),
         replanned_near=float(np.mean(replanned <= NEAR)),
         both_near=len(both),
-        time_ratio_median=float(np.median(both)) if both else float("nan"),
+        time_ratio_median=float(np.median(both)) if both else NAN,
     )
 
 

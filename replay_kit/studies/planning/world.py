@@ -1,11 +1,14 @@
-"""What the studies share: truths withheld in turn, the estimates that do not know them, the planner, the progress."""
+"""What the studies share: truths withheld in turn, the estimates that do not know them, the glider, the progress."""
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
+import planners
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -13,36 +16,34 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
-from replay_kit.studies.accuracy import build_method
-from replay_kit.studies.pings import random_observations
-from replay_kit.studies.planning.calls import Calls
+from replay_kit.studies.accuracy.methods import build_method
+from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.planning.job import PlanningJob
-from replay_kit.studies.truths import Case, leave_out
+from replay_kit.studies.reports.flows import AVERAGED, TRUTH
 from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.studies.twins.profiles import random_observations
+from replay_kit.studies.twins.reachable import SPEED
+from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 
-TRUTH, AVERAGED = "truth", "depth_averaged_truth"
 METHODS = ("default", "naive3d", "ensemble_mean", "nearest")
-LABELS = {
-    TRUTH: "truth",
-    AVERAGED: "depth-averaged truth",
-    "default": "2.5D default",
-    "naive3d": "naive 3D basis",
-    "ensemble_mean": "ensemble mean",
-    "nearest": "nearest member",
-}
+#: Everything that plans are made on.
+FLOWS = (TRUTH, AVERAGED, *METHODS)
+# Least and greatest glide angle of a mission [degrees].
+_ANGLES = (15.0, 35.0)
+_Made = TypeVar("_Made")
 # The naive basis has the paper's errors of a bin, under which it was published.
 _PRESETS = {"naive3d": "paper"}
 
 
 @dataclass(frozen=True, eq=False)
 class Withheld:
-    """A truth, and what can be known of it.
+    """A truth, and what an estimator can know of it.
 
     Attributes:
         case: The truth and the members that do not know it.
         config: Of the estimators.
-        job: How many pings.
+        job: The options; their number of pings.
     """
 
     case: Case
@@ -106,39 +107,45 @@ class World:
     Attributes:
         ensemble: All members.
         truths: One for each member left out, or one of its own.
-        job: What is asked for.
-        calls: The planner.
-        say: Told what is being run, and how many steps are done.
+        job: The options.
+        advance: Counts steps of what is being run.
     """
 
     ensemble: Ensemble
     truths: tuple[Withheld, ...]
     job: PlanningJob
-    calls: Calls
-    say: Callable[[str, int], None]
+    advance: Advance
 
     def shares(self, count: int) -> tuple[int, ...]:
-        """Return how many of so many cases each truth has: as alike as can be."""
+        """Return the number of cases of each truth when a count is spread over the truths as evenly as possible."""
         return tuple(len(part) for part in np.array_split(np.arange(count), len(self.truths)))
 
     @property
     def depth(self) -> float:
-        """Of a mission's dives [m]: as asked, or the deepest level."""
+        """Of a mission's dives [m]: the job's, or the deepest level."""
         return min(self.job.depth, float(self.truths[0].case.ensemble.grid.levels[-1]))
 
+    @property
+    def glider(self) -> planners.Glider:
+        """The vehicle of missions."""
+        return planners.Glider(SPEED, None, *_ANGLES)
 
-def build_world(
-    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PlanningJob, calls: Calls, say: Callable[[str, int], None]
-) -> World:
+
+def timed(make: Callable[[], _Made]) -> tuple[_Made, float]:
+    """Return what a function returns, and the seconds it took."""
+    began = time.perf_counter()
+    return make(), time.perf_counter() - began
+
+
+def build_world(ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PlanningJob, advance: Advance) -> World:
     """Return the world of an ensemble; estimates are made when they are first asked for.
 
     Args:
         ensemble: All members.
         truth: An ensemble of one; None to leave members out.
         config: Of the estimators.
-        job: What is asked for.
-        calls: The planner.
-        say: Told what is being run.
+        job: The options.
+        advance: Counts steps of what is being run.
 
     Raises:
         ConfigError: A member does not exist, too few are left, or members are to be left out beside a truth.
@@ -147,4 +154,4 @@ def build_world(
         raise ConfigError("planning: expected one of --truth and --leave-out")
     members = job.members(ensemble.n_members)
     cases = [leave_out(ensemble, member) for member in members] if truth is None else [Case(None, truth, ensemble)]
-    return World(ensemble, tuple(Withheld(case, config, job) for case in cases), job, calls, say)
+    return World(ensemble, tuple(Withheld(case, config, job) for case in cases), job, advance)

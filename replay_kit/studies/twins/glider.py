@@ -1,16 +1,14 @@
-"""A sawtooth glider flown through a truth: carried by the current, logging what a glider knows of where it is."""
+"""A sawtooth glider flown through a truth: carried by the current, logging fixes at the surface and dead-reckoned positions under water."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import ForecastError
-from replay_kit.core.geodesy import grid_bearing_of_true_north, rotate_to_geographic, to_geographic
+from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
 from replay_kit.studies.twins.field import Field, grid_indices
-from replay_kit.studies.twins.vehicle import Dive, Mission, Pings, Position, log_position
+from replay_kit.studies.twins.vehicle import Dive, Mission, Pings, Position, advected, dead_reckoned, log_position
 
 STEP_S = 120
 _STEP_NS = STEP_S * 1_000_000_000
@@ -37,6 +35,19 @@ class GliderLimits:
     speed: float = 0.3
     glide_angle_deg: float = 20.0
     max_depth: float = 500.0
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """When a glider pings and logs.
+
+    Attributes:
+        ping_steps: From one ping to the next [steps of 120 s].
+        to_the_end: Whether positions are logged to the end of the last dive, and not to the last ping only.
+    """
+
+    ping_steps: int = PING_STEPS
+    to_the_end: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,8 +77,7 @@ def mission(
     start_ns: int,
     rng: np.random.Generator,
     limits: GliderLimits = GliderLimits(),
-    ping_steps: int = PING_STEPS,
-    to_the_end: bool = False,
+    schedule: Schedule = Schedule(),
 ) -> Mission:
     """Return a glider's mission: dives along a course over the region, a ping every ten minutes, a fix at each surfacing.
 
@@ -80,8 +90,7 @@ def mission(
         start_ns: Time of the first ping [ns, UTC].
         rng: Chooses the corner at which the course starts.
         limits: How it flies.
-        ping_steps: From one ping to the next [steps of 120 s].
-        to_the_end: Whether positions are logged to the end of the last dive, and not to the last ping only.
+        schedule: When it pings, and until when it logs.
 
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
@@ -92,14 +101,14 @@ def mission(
     # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
     flights.append(_surface(field, place, start_ns))
     flown = flights[-1].steps
-    while flown <= (pings - 1) * ping_steps:
+    while flown <= (pings - 1) * schedule.ping_steps:
         place = flights[-1].place[-1]
         aim, target = _aim(field, place, target)
         dive = _dive(field, place, start_ns + flown * _STEP_NS, aim, limits)
         surface = _surface(field, dive.place[-1], start_ns + (flown + dive.steps) * _STEP_NS)
         flights += [dive, surface]
         flown += dive.steps + surface.steps
-    return _logged(field, flights, np.arange(pings) * ping_steps, start_ns, to_the_end)
+    return _logged(field, flights, np.arange(pings) * schedule.ping_steps, start_ns, schedule.to_the_end)
 
 
 def _place_of(field: Field, fraction: Array) -> Array:
@@ -130,29 +139,17 @@ def _dive(field: Field, place: Array, start_ns: int, aim: Array, limits: GliderL
     pitch = np.concatenate([np.full(leg + 1, -limits.glide_angle_deg), np.full(leg, limits.glide_angle_deg)])
     towards = (aim - place) / np.hypot(*(aim - place))
     through_water = limits.speed * np.cos(angle) * towards
-    return _Flight(_advected(field, place, start_ns, depth, through_water), depth, through_water, pitch)
+    return _flight(field, place, start_ns, depth, through_water, pitch)
 
 
 def _surface(field: Field, place: Array, start_ns: int) -> _Flight:
     depth = np.zeros(SURFACE_STEPS + 1)
-    return _Flight(_advected(field, place, start_ns, depth, np.zeros(2)), depth, np.zeros(2), depth)
+    return _flight(field, place, start_ns, depth, np.zeros(2), depth)
 
 
-def _advected(field: Field, place: Array, start_ns: int, depth: Array, through_water: Array) -> Array:
-    """Return the track, shape (steps + 1, 2), by the midpoint rule."""
-    track = [place]
-    for k, (start, end) in enumerate(pairwise(depth)):
-        here, now = track[-1], start_ns + k * _STEP_NS
-        middle = here + 0.5 * STEP_S * (through_water + field.velocity(here[0], here[1], start, now))
-        at_middle = field.velocity(middle[0], middle[1], 0.5 * (start + end), now + _STEP_NS // 2)
-        track.append(here + STEP_S * (through_water + at_middle))
-        if not np.isfinite(track[-1]).all():
-            longitude, latitude = to_geographic(field.grid.projection, here[0], here[1])
-            raise ForecastError(
-                f"the current carried the glider out of the truth's water at {longitude:.3f} E, {latitude:.3f} N, {end:.0f} m; "
-                "use another seed, fewer pings or a larger region"
-            )
-    return np.array(track)
+def _flight(field: Field, place: Array, start_ns: int, depth: Array, through_water: Array, pitch_deg: Array) -> _Flight:
+    seconds = STEP_S * np.arange(depth.size, dtype=np.float64)
+    return _Flight(advected(field, place, start_ns, seconds, depth, through_water), depth, through_water, pitch_deg)
 
 
 def _logged(field: Field, flights: list[_Flight], ping_steps: NDArray[np.int64], start_ns: int, to_the_end: bool) -> Mission:
@@ -168,7 +165,12 @@ def _logged(field: Field, flights: list[_Flight], ping_steps: NDArray[np.int64],
         inside, logged = (steps[(steps >= step) & (steps < last)] - step for steps in (ping_steps, logged_steps))
         times = start_ns + (step + np.arange(flight.steps + 1)) * _STEP_NS
         if flight.depth.any():
-            dive, reckoned = _dead_reckoned(field, flight, times, logged, len(dives) + 1)
+            ends = tuple(log_position(field, int(times[k]), flight.place[k], 0.0, False) for k in (0, -1))
+            under = logged[logged > 0]
+            pinged = times[under], flight.depth[under]
+            way = flight.place[[0, -1]]
+            current = (way[1] - way[0]) / (flight.steps * float(STEP_S)) - flight.through_water
+            dive, reckoned = dead_reckoned(field, len(dives) + 1, (ends[0], ends[1]), way, current, pinged)
             dives.append(dive)
         else:
             # the first and the last moment at the surface are fixes, and so is each ping there
@@ -184,19 +186,6 @@ def _logged(field: Field, flights: list[_Flight], ping_steps: NDArray[np.int64],
     over_ground = through_water + field.velocity(place[:, 0], place[:, 1], depth, times)
     track = Pings(times, place[:, 0], place[:, 1], depth, heading, pitch, over_ground)
     return Mission(track, tuple(positions[t] for t in sorted(positions)), tuple(dives))
-
-
-def _dead_reckoned(
-    field: Field, flight: _Flight, times: NDArray[np.int64], steps: NDArray[np.int64], number: int
-) -> tuple[Dive, list[Position]]:
-    """Return the dive and the positions logged at the given steps of it."""
-    seconds = np.arange(flight.steps + 1) * float(STEP_S)
-    current = (flight.place[-1] - flight.place[0]) / seconds[-1] - flight.through_water
-    reckoned = flight.place[0] + seconds[:, None] * (flight.through_water + current)
-    start, end = (log_position(field, int(times[k]), flight.place[k], 0.0, False) for k in (0, -1))
-    dac = rotate_to_geographic(field.grid.projection, start.longitude, start.latitude, current[0], current[1])
-    logged = [log_position(field, int(times[k]), reckoned[k], flight.depth[k], True) for k in steps if k > 0]
-    return Dive(number, start, end, (float(dac[0]), float(dac[1]))), logged
 
 
 def _heading(field: Field, flight: _Flight) -> Array:

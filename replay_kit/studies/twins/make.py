@@ -14,7 +14,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.adcp import AdcpSettings, measure
 from replay_kit.studies.twins.faults import Faults, as_logged
 from replay_kit.studies.twins.field import Field, build_field
-from replay_kit.studies.twins.glider import PING_STEPS, STEP_S
+from replay_kit.studies.twins.glider import PING_STEPS, STEP_S, Schedule
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Record, mission_messages
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission, survey
@@ -138,5 +138,5 @@ def _fly(sea: Field, vehicle: Vehicle, pings: int, start_ns: int, rng: np.random
     if vehicle == "vessel":
         return survey(sea, pings, start_ns, rng)
     # the samples' logs end with the last ping
-    whole = options != Options()
-    return glider_mission(sea, pings, start_ns, rng, ping_steps=int(options.interval_s) // STEP_S, to_the_end=whole)
+    schedule = Schedule(int(options.interval_s) // STEP_S, to_the_end=options != Options())
+    return glider_mission(sea, pings, start_ns, rng, schedule=schedule)

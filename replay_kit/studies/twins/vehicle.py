@@ -1,17 +1,19 @@
-"""A surface vessel that visits random places: where it pings, and the fixes it logs."""
+"""Simulated vehicles: pings, logged positions, advection by a truth, dead reckoning, and a vessel's survey of random places."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.geodesy import heading_deg, to_geographic
+from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic
 from replay_kit.studies.twins.field import Field
 
 EPOCH = "2018-11-16T00:00:00Z"  # when the truth has no time of its own
 EPOCH_NS = 1_542_326_400_000_000_000
+_NS = 1_000_000_000
 _NS_PER_MS = 1_000_000
 _MAX_DRAWS = 1000
 
@@ -102,6 +104,60 @@ def log_position(field: Field, time_ns: int, place: Array, depth: float, dead_re
     """
     longitude, latitude = to_geographic(field.grid.projection, place[0], place[1])
     return Position(int(time_ns), round(float(longitude), 7), round(float(latitude), 7), round(float(depth), 3), dead_reckoned)
+
+
+def advected(field: Field, place: Array, start_ns: int, seconds: Array, depth: Array, through_water: Array) -> Array:
+    """Return the track of a vehicle in a truth, shape (n, 2) [m], by the midpoint rule.
+
+    Args:
+        field: The truth.
+        place: shape (2,) [m], local east and north at the start.
+        start_ns: [ns, UTC].
+        seconds: shape (n,) [s], since the start.
+        depth: shape (n,) [m].
+        through_water: shape (2,) for the whole way, or (n - 1, 2) for each step [m/s], local east and north.
+
+    Raises:
+        ForecastError: The current carried the vehicle out of the truth's water.
+    """
+    track = [np.asarray(place, dtype=np.float64)]
+    each = np.broadcast_to(through_water, (len(seconds) - 1, 2))
+    for (before, after), (upper, lower), own in zip(pairwise(seconds.tolist()), pairwise(depth.tolist()), each, strict=True):
+        here, step, now = track[-1], after - before, start_ns + int(before * _NS)
+        middle = here + 0.5 * step * (own + field.velocity(here[0], here[1], upper, now))
+        at_middle = field.velocity(middle[0], middle[1], 0.5 * (upper + lower), now + int(0.5 * step * _NS))
+        track.append(here + step * (own + at_middle))
+        if not np.isfinite(track[-1]).all():
+            longitude, latitude = to_geographic(field.grid.projection, here[0], here[1])
+            raise ForecastError(
+                f"the current carried the glider out of the truth's water at {longitude:.3f} E, {latitude:.3f} N, {lower:.0f} m; "
+                "use another seed, a shorter mission or a larger region"
+            )
+    return np.array(track)
+
+
+def dead_reckoned(
+    field: Field, number: int, ends: tuple[Position, Position], track: Array, current: Array, pings: tuple[NDArray[np.int64], Array]
+) -> tuple[Dive, list[Position]]:
+    """Return a dive with its depth-averaged current, and positions as a shore station reckons them after the dive.
+
+    Through-water motion plus the depth-averaged current ends at the fix after the dive, so that positions lie evenly between the fixes.
+
+    Args:
+        field: The truth.
+        number: Of the dive.
+        ends: The fixes before and after it.
+        track: shape (2, 2) [m], places of the fixes.
+        current: shape (2,) [m/s], depth-averaged, local east and north.
+        pings: Times [ns, UTC] and depths [m] of the positions, shape (k,) each.
+    """
+    start_ns, end_ns = (fix.time_ns for fix in ends)
+    true = rotate_to_geographic(field.grid.projection, ends[0].longitude, ends[0].latitude, current[0], current[1])
+    positions = [
+        log_position(field, time_ns, track[0] + (time_ns - start_ns) / (end_ns - start_ns) * (track[1] - track[0]), depth, True)
+        for time_ns, depth in zip(pings[0].tolist(), pings[1].tolist(), strict=True)
+    ]
+    return Dive(number, *ends, (float(true[0]), float(true[1]))), positions
 
 
 def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, speed: float = 5.0) -> Mission:

@@ -1,1 +1,1 @@
-"""What a log holds and whether it can be believed."""
+"""What a log holds, and whether it was probably made with a fault."""

@@ -1,6 +1,6 @@
 """Whether a log was made with a usual fault: exchanged axes, wrong signs, a wrong unit, the declination, the sign of depth.
 
-The ensemble says how currents are distributed and correlated before any measurement. Under that Gaussian, and the errors that the
+The ensemble states how currents are distributed and correlated before any measurement. Under that Gaussian, and the errors that the
 profiles state, the profiles as logged have a likelihood; so have the profiles with each fault undone. A fault is named only when
 undoing it makes the log very much more likely.
 """
@@ -28,9 +28,9 @@ from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.measurements.quality.import_faults import Fault, Sounding, declination_of, depth_faults, direction_faults, scale_faults
-from replay_kit.workflows.replay.job import look_ahead, open_readers
+from replay_kit.workflows.replay.inputs import look_ahead, open_readers
 
-# profiles looked at, spread over the log: their joint covariance is one matrix
+# profiles examined, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200
 # fewer for depths, where each fault has a matrix of its own and the gains are larger
 _MOST_FOR_DEPTHS = 50
@@ -39,7 +39,7 @@ _LEAST_PROFILES = 3
 _LEAST_GAIN = 9.0
 # of faults whose gains differ by less, both are named
 _ALIKE = 3.0
-# units are looked at when speeds are this many times larger or smaller than expected
+# units are examined when speeds are this many times larger or smaller than expected
 _ODD_SCALE = 8.0
 # m; depths that a fault would have moved less look the same
 _LEAST_SHIFT = 10.0
@@ -53,8 +53,8 @@ class Suspicion:
     """A fault whose undoing makes the log more likely.
 
     Attributes:
-        fault: In a few words.
-        advice: What to look at.
+        fault: Its name.
+        advice: What to check.
         gain: Natural logarithm of the likelihood ratio to the log as it is; infinite when the log as it is cannot be.
     """
 
@@ -65,7 +65,7 @@ class Suspicion:
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """One fault undone: the log-likelihood gained, and the misfit left, the normalised square a degree of freedom."""
+    """One fault undone: the log-likelihood gained, and the misfit left, the normalised innovation squared per degree of freedom."""
 
     fault: Fault
     log_ratio: float
@@ -77,15 +77,15 @@ class ImportCheck:
     """What the check of a mission's logs found.
 
     Attributes:
-        profiles: How many were looked at; 0 when the check could not be made.
+        profiles: Number of profiles examined; 0 when the check could not be made.
         suspicions: The likeliest fault first, then those that are nearly as likely; empty for a log that looks sound.
-        unseen: Of a log that looks sound, the faults that it might have all the same: the profiles do not tell.
+        undetermined: Of a log that looks sound, the faults that the profiles cannot exclude.
         note: Why the check could not be made, or what it cannot see in this log; empty otherwise.
     """
 
     profiles: int
     suspicions: tuple[Suspicion, ...]
-    unseen: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
     note: str = ""
 
 
@@ -106,7 +106,7 @@ def check_logs(logs: Sequence[Path], ensemble: Path, config: RunConfig) -> Impor
 
 
 def soundings(messages: Iterable[Message], config: MeasurementConfig) -> list[Sounding]:
-    """Return the profiles among messages with what else the messages say of them.
+    """Return the profiles among messages, each with the declination and the vehicle's depth that the messages state.
 
     Raises:
         LogError: A log cannot be read.
@@ -160,8 +160,8 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
         gains[trial.fault.name] = Suspicion(trial.fault.name, trial.fault.advice, trial.log_ratio / max(1.0, best.misfit))
     least = max(_LEAST_GAIN, gains[best.fault.name].gain - _ALIKE)
     named = sorted((s for s in gains.values() if s.gain >= least), key=lambda s: -s.gain)
-    unseen = () if named else tuple(s.fault for s in gains.values() if s.gain > -_LEAST_GAIN)
-    return ImportCheck(min(len(inside), _MOST_PROFILES), tuple(named), unseen, _blind_spot(inside))
+    undetermined = () if named else tuple(s.fault for s in gains.values() if s.gain > -_LEAST_GAIN)
+    return ImportCheck(min(len(inside), _MOST_PROFILES), tuple(named), undetermined, _blind_spot(inside))
 
 
 def _spread(found: Sequence[Sounding], most: int) -> Sequence[Sounding]:
@@ -171,7 +171,7 @@ def _spread(found: Sequence[Sounding], most: int) -> Sequence[Sounding]:
 def _blind_spot(chosen: Sequence[Sounding]) -> str:
     if any(math.isfinite(sounding.declination) for sounding in chosen):
         return ""
-    return "the log states no magnetic declination, so that a missing or doubled one was not looked for"
+    return "the log states no magnetic declination, so that a missing or doubled one was not examined"
 
 
 def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
@@ -258,7 +258,7 @@ def import_check_json(check: ImportCheck) -> dict[str, Any]:
             {"fault": s.fault, "advice": s.advice, "log_likelihood_ratio": s.gain if math.isfinite(s.gain) else None}
             for s in check.suspicions
         ],
-        "not_told": list(check.unseen),
+        "undetermined": list(check.undetermined),
         "note": check.note,
     }
 
@@ -270,7 +270,7 @@ def print_import_check(check: ImportCheck, console: Console) -> None:
         console.print(f"LIKELY FAULT: {suspicion.fault} ({how}); {suspicion.advice}", soft_wrap=True)
     if check.profiles and not check.suspicions:
         console.print(f"Import check: {check.profiles} profiles look sound against the ensemble", soft_wrap=True)
-    if check.unseen:
-        console.print(f"Import check: the profiles do not tell whether {', or '.join(check.unseen)}", soft_wrap=True)
+    if check.undetermined:
+        console.print(f"Import check: the profiles do not determine whether {', or '.join(check.undetermined)}", soft_wrap=True)
     if check.note:
         console.print(f"Import check: {check.note}", soft_wrap=True)

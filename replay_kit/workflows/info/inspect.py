@@ -1,8 +1,8 @@
 """What is in a log, and what it can be used for."""
 
-from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +12,23 @@ from rich.table import Table
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
-from replay_kit.core.message import LogReport
+from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import open_log
-from replay_kit.logs.losses import loss_json, loss_words, unchecked_words
+from replay_kit.logs.losses import iso_time, loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class TopicInfo:
     """One topic of a log.
 
     Attributes:
         schema: Schema or message name.
-        messages: How many were met.
-        first_ns: Time of the first decoded [ns, UTC]; None when none was.
-        last_ns: Time of the last decoded.
+        messages: Number of messages in the log, decoded or not.
+        first_ns: Earliest time of a decoded message [ns, UTC]; None when none was.
+        last_ns: Latest time of one.
     """
 
     schema: str = ""
@@ -36,85 +36,88 @@ class TopicInfo:
     first_ns: int | None = None
     last_ns: int | None = None
 
+    def extended(self, message: Message) -> "TopicInfo":
+        """Return the topic with the time of one more decoded message."""
+        first_ns, last_ns = (message.time_ns if time_ns is None else time_ns for time_ns in (self.first_ns, self.last_ns))
+        return TopicInfo(message.schema, self.messages, min(first_ns, message.time_ns), max(last_ns, message.time_ns))
+
+
+@dataclass(frozen=True, slots=True)
+class LogContent:
+    """What the messages of a log measure, reduced as they come: a log may hold more positions than fit in memory.
+
+    Attributes:
+        profiles: Number of profiles of the current.
+        bins: Number of usable bins in them.
+        mean_currents: Number of mean currents between fixes.
+        positions: Number of positions.
+        box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
+        depths: Shallowest and deepest usable bin [m]; None without bins.
+        first_longitude: Of the first position [degrees]; the others are counted from it, so that a track across the antimeridian has a
+            narrow box.
+    """
+
+    profiles: int = 0
+    bins: int = 0
+    mean_currents: int = 0
+    positions: int = 0
+    box: tuple[float, float, float, float] | None = None
+    depths: tuple[float, float] | None = None
+    first_longitude: float | None = None
+
+    def extended(self, event: object) -> "LogContent":
+        """Return the content with one more measurement; other events change nothing."""
+        match event:
+            case Observation():
+                good = event.depth[usable(event.flags)]
+                shallowest, deepest = self.depths or (np.inf, -np.inf)
+                depths = (min(shallowest, float(good.min())), max(deepest, float(good.max()))) if good.size else self.depths
+                return replace(self, profiles=self.profiles + 1, bins=self.bins + good.size, depths=depths)
+            case PathMean():
+                return replace(self, mean_currents=self.mean_currents + 1)
+            case VehicleState():
+                return self._with_position(event.longitude, event.latitude)
+        return self
+
+    def _with_position(self, longitude: float, latitude: float) -> "LogContent":
+        first = longitude if self.first_longitude is None else self.first_longitude
+        if abs(longitude - first) > 180.0:
+            longitude = float(unwrap_longitude(longitude, first))
+        west, south, east, north = self.box or (longitude, latitude, longitude, latitude)
+        box = min(west, longitude), min(south, latitude), max(east, longitude), max(north, latitude)
+        return replace(self, positions=self.positions + 1, box=box, first_longitude=first)
+
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
     """One log.
 
     Attributes:
-        report: What the reader met.
+        report: What the reader found.
         topics: By name.
-        profiles: Profiles of the current it gives.
-        bins: Usable bins in them.
-        mean_currents: Mean currents between fixes that it gives.
-        positions: Positions it gives.
-        dives: Dives begun.
-        box: West, south, east, north [degrees] of the positions, east above 180 when they cross the antimeridian; None without positions.
-        depths: Shallowest and deepest usable bin [m]; None without bins.
+        content: What the messages measure.
+        dives: Number of dives begun.
         not_used: Topic to reason to count.
-        not_known: Topic to the schema's name and the last payload, for topics that no known kind and no mapping covers.
+        unknown: Topic to the schema's name and the last payload, for topics that no known kind and no mapping covers.
     """
 
     report: LogReport
-    topics: dict[str, TopicInfo]
-    profiles: int
-    bins: int
-    mean_currents: int
-    positions: int
+    topics: Mapping[str, TopicInfo]
+    content: LogContent
     dives: int
-    box: tuple[float, float, float, float] | None
-    depths: tuple[float, float] | None
-    not_used: dict[str, dict[str, int]]
-    not_known: dict[str, tuple[str, Mapping[str, Any]]]
+    not_used: Mapping[str, Mapping[str, int]]
+    unknown: Mapping[str, tuple[str, Mapping[str, Any]]]
 
     @property
     def use(self) -> str:
         """What the log can be used for, in words."""
-        if self.bins:
+        if self.content.bins:
             return "replay: it has positions and profiles of the current"
-        if self.mean_currents:
+        if self.content.mean_currents:
             return "mean currents between fixes, without profiles, for estimators that take them"
-        if self.positions:
+        if self.content.positions:
             return "positions only: no usable profile of the current"
         return "nothing yet: neither positions nor profiles of the current"
-
-
-@dataclass(slots=True)
-class _Found:
-    profiles: int = 0
-    bins: int = 0
-    mean_currents: int = 0
-    positions: int = 0
-    # what is met is folded at once: a log may hold more positions than fit in memory
-    depths: tuple[float, float] | None = None
-    box: tuple[float, float, float, float] | None = None
-    first_longitude: float | None = None
-    not_used: dict[str, dict[str, int]] = field(default_factory=lambda: defaultdict(lambda: defaultdict(int)))
-
-    def add(self, event: object) -> None:
-        if isinstance(event, Observation):
-            good = event.depth[usable(event.flags)]
-            self.profiles += 1
-            self.bins += good.size
-            if good.size:
-                low, high = self.depths or (np.inf, -np.inf)
-                self.depths = min(low, float(good.min())), max(high, float(good.max()))
-        elif isinstance(event, PathMean):
-            self.mean_currents += 1
-        elif isinstance(event, VehicleState):
-            self.positions += 1
-            self._extend_box(event.longitude, event.latitude)
-        elif isinstance(event, Skipped):
-            self.not_used[event.topic][event.reason] += 1
-
-    def _extend_box(self, longitude: float, latitude: float) -> None:
-        """Take one position in; longitudes stay near the first, so that a track across the antimeridian keeps a narrow box."""
-        if self.first_longitude is None:
-            self.first_longitude = longitude
-        if abs(longitude - self.first_longitude) > 180.0:
-            longitude = float(unwrap_longitude(longitude, self.first_longitude))
-        west, south, east, north = self.box or (np.inf, np.inf, -np.inf, -np.inf)
-        self.box = min(west, longitude), min(south, latitude), max(east, longitude), max(north, latitude)
 
 
 def inspect_log(path: Path, config: RunConfig) -> LogInfo:
@@ -123,58 +126,60 @@ def inspect_log(path: Path, config: RunConfig) -> LogInfo:
     Raises:
         LogError: The log cannot be opened.
     """
-    reader, state, found = open_log(path, 0, config.logs), initial_state(config.logs.system), _Found()
-    topics: dict[str, TopicInfo] = defaultdict(TopicInfo)
-    not_known: dict[str, tuple[str, Mapping[str, Any]]] = {}
-    for message in reader.messages():
-        topic = topics[message.topic]
-        topic.schema = message.schema
-        topic.first_ns = message.time_ns if topic.first_ns is None else min(topic.first_ns, message.time_ns)
-        topic.last_ns = message.time_ns if topic.last_ns is None else max(topic.last_ns, message.time_ns)
-        state, events = interpret(state, message, config.measurements)
+    state, content = initial_state(config.logs.system), LogContent()
+    topics: dict[str, TopicInfo] = {}
+    not_used: Counter[tuple[str, str]] = Counter()
+    unknown: dict[str, tuple[str, Mapping[str, Any]]] = {}
+
+    def count(events: Sequence[object]) -> bool:
+        """Add events to the content; return whether the message they are of is of no known kind."""
+        nonlocal content
         for event in events:
-            found.add(event)
-            if isinstance(event, Skipped) and event.reason == NOT_A_KIND and not message.topic.startswith("mavlink/"):
-                not_known[message.topic] = (message.schema, message.payload)
-    for event in finish(state, config.measurements):
-        found.add(event)
-    report = reader.report()
-    for name, count in report.read.items():
-        topics[name].messages = count
-    return LogInfo(
-        report=report,
-        topics=dict(sorted(topics.items())),
-        profiles=found.profiles,
-        bins=found.bins,
-        mean_currents=found.mean_currents,
-        positions=found.positions,
-        dives=state.dive,
-        box=found.box,
-        depths=found.depths,
-        not_used={topic: dict(reasons) for topic, reasons in found.not_used.items()},
-        not_known=not_known,
-    )
+            content = content.extended(event)
+        skipped = [event for event in events if isinstance(event, Skipped)]
+        not_used.update((event.topic, event.reason) for event in skipped)
+        return any(event.reason == NOT_A_KIND for event in skipped)
+
+    with open_log(path, 0, config.logs) as log:
+        for message in log.messages():
+            topics[message.topic] = topics.get(message.topic, TopicInfo()).extended(message)
+            state, events = interpret(state, message, config.measurements)
+            if count(events) and not message.topic.startswith("mavlink/"):
+                unknown[message.topic] = (message.schema, message.payload)
+        count(finish(state, config.measurements))
+        report = log.report()
+    topics |= {name: replace(topics.get(name, TopicInfo()), messages=number) for name, number in report.read.items()}
+    return LogInfo(report, dict(sorted(topics.items())), content, state.dive, by_topic(not_used), unknown)
+
+
+def by_topic(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:
+    """Return counts by (topic, reason) as topic to reason to count."""
+    found: dict[str, dict[str, int]] = {}
+    for (topic, reason), count in counts.items():
+        found.setdefault(topic, {})[reason] = count
+    return found
 
 
 def info_json(info: LogInfo) -> dict[str, Any]:
     """Return a log's description for JSON."""
+    content = info.content
     return {
         "file": info.report.path,
         "format": info.report.format,
         "use": info.use,
-        "profiles": info.profiles,
-        "bins": info.bins,
-        "mean_currents": info.mean_currents,
-        "positions": info.positions,
+        "profiles": content.profiles,
+        "bins": content.bins,
+        "mean_currents": content.mean_currents,
+        "positions": content.positions,
         "dives": info.dives,
-        "box": info.box,
-        "depths": info.depths,
+        "box": content.box,
+        "depths": content.depths,
         "topics": [
             {"topic": name, "schema": topic.schema, "messages": topic.messages, "first": iso(topic.first_ns), "last": iso(topic.last_ns)}
             for name, topic in info.topics.items()
         ],
         "not_used": info.not_used,
-        "undecodable": {topic: {"count": count, "reason": why} for topic, (count, why) in info.report.undecodable.items()},
+        "undecodable": undecodable_json(info.report.undecodable),
         "notes": info.report.notes,
         "losses": [loss_json(loss) for loss in info.report.losses],
         "unchecked": dict(info.report.unchecked),
@@ -182,32 +187,41 @@ def info_json(info: LogInfo) -> dict[str, Any]:
 
 
 def iso(time_ns: int | None) -> str | None:
-    """Return a time as ISO 8601 UTC to the second; one later than 64 bits with a sign can hold is given as the last that they can."""
-    return None if time_ns is None else f"{np.datetime_as_string(np.datetime64(min(time_ns, 2**63 - 1), 'ns'), unit='s')}Z"
+    """Return a time as ISO 8601 UTC to the second; None stays None, and a time that 64 bits cannot hold is given as the last they can."""
+    return None if time_ns is None else iso_time(time_ns, "s")
+
+
+def not_used_lines(not_used: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
+    """Yield a line for each reason for which messages of a topic were not used."""
+    return (f"Not used: {count} x {topic}: {reason}" for topic, reasons in not_used.items() for reason, count in reasons.items())
+
+
+def print_lines(console: Console, lines: Iterable[str]) -> None:
+    """Print lines that the terminal wraps, so that a pipe has them whole."""
+    for line in lines:
+        console.print(line, soft_wrap=True)
 
 
 def print_info(log: LogInfo, console: Console) -> None:
     """Print what a log holds."""
-    table = Table("topic", "schema", "messages", "first", "last", title=f"{log.report.path} ({log.report.format})", title_justify="left")
+    report, content = log.report, log.content
+    table = Table("topic", "schema", "messages", "first", "last", title=f"{report.path} ({report.format})", title_justify="left")
     for name, topic in log.topics.items():
         table.add_row(name, topic.schema, str(topic.messages), iso(topic.first_ns) or "", iso(topic.last_ns) or "")
     console.print(table)
-    console.print(f"Use: {log.use}. {log.profiles} profiles with {log.bins} usable bins, {log.positions} positions, {log.dives} dives")
-    if log.box is not None:
-        console.print(f"Positions: {log.box[0]:.4f}..{log.box[2]:.4f} E, {log.box[1]:.4f}..{log.box[3]:.4f} N")
-    if log.mean_currents:
-        console.print(f"Mean currents between fixes: {log.mean_currents}")
-    if log.depths is not None:
-        console.print(f"Bins: {log.depths[0]:.0f}..{log.depths[1]:.0f} m")
-    for topic_name, reasons in log.not_used.items():
-        for reason, count in reasons.items():
-            if reason != NOT_A_KIND:
-                console.print(f"Not used: {count} x {topic_name}: {reason}", soft_wrap=True)
-    for topic_name, (count, why) in log.report.undecodable.items():
-        console.print(f"Cannot be decoded: {count} x {topic_name}: {why}", soft_wrap=True)
-    if log.report.unchecked:
-        console.print(f"No checksum covers, so that damage would pass unseen: {unchecked_words(log.report)}", soft_wrap=True)
-    for note in log.report.notes:
-        console.print(f"Note: {note}", soft_wrap=True)
-    for loss in log.report.losses:
-        console.print(f"LOST: {loss_words(loss)}", soft_wrap=True)
+    console.print(
+        f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
+    )
+    if content.box is not None:
+        console.print(f"Positions: {content.box[0]:.4f}..{content.box[2]:.4f} E, {content.box[1]:.4f}..{content.box[3]:.4f} N")
+    if content.mean_currents:
+        console.print(f"Mean currents between fixes: {content.mean_currents}")
+    if content.depths is not None:
+        console.print(f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m")
+    known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
+    print_lines(console, not_used_lines(known))
+    print_lines(console, undecodable_lines(report.undecodable))
+    if report.unchecked:
+        print_lines(console, [f"Without a checksum, so that damage cannot be detected: {unchecked_words(report)}"])
+    print_lines(console, (f"Note: {note}" for note in report.notes))
+    print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))

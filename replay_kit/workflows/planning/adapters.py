@@ -15,7 +15,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing
-from replay_kit.workflows.replay.job import Planned, Planner
+from replay_kit.workflows.replay.planner import Planner, PlanResult
 
 # The estimates that a mission is planned on reach over so many times the way through still water.
 _AHEAD = 1.5
@@ -41,16 +41,16 @@ class GlidePlanner:
         """Return the planner of a configuration."""
         return cls(planners.GlideSettings(speed=config.speed, tolerance=config.tolerance, max_duration=config.max_duration))
 
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Planned | None) -> Planned:
+    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
         """Return the best glide found from start towards goal."""
         before = None if warm is None else warm.plan
-        return Planned(planners.plan(flow, start, goal, settings=self.settings, start_time_ns=start_time_ns, warm=before))
+        return PlanResult(planners.plan(flow, start, goal, settings=self.settings, start_time_ns=start_time_ns, warm=before))
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land."""
         locate(region_of(flow.grid), goal, "goal")
 
-    def closest_approach(self, flow: FlowEstimate, planned: Planned) -> float:
+    def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
         """Return how close [m] a plan passes its goal when it is flown in a flow."""
         _, _, closest_approach = planners.fly(flow, planned.plan)
         return closest_approach
@@ -96,7 +96,7 @@ class MissionPlanner:
         glider = planners.Glider(config.speed, flight, config.min_angle, config.max_angle)
         return cls(glider, settings, config.flow_step, config.samples, config.seed)
 
-    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: Planned | None) -> Planned:
+    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
         """Return the best mission found from start to goal, begun at once; its memory is the mission."""
         before = None if warm is None else warm.memory
         settings = self.settings
@@ -104,14 +104,10 @@ class MissionPlanner:
             settings = replace(settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns)))
         mission = planners.plan_mission(
             self._over_time(flow, start, goal, start_time_ns),
-            start,
-            goal,
-            vehicle=self.vehicle,
-            settings=settings,
-            start_time_ns=start_time_ns,
+            planners.MissionRequest(start, (goal,), vehicle=self.vehicle, settings=settings, start_time_ns=start_time_ns),
             warm=before,
         )
-        return Planned(as_glide(mission, flow.grid.projection), self._next_surfacing(flow, mission), mission)
+        return PlanResult(as_glide(mission, flow.grid.projection), self._next_surfacing(flow, mission), mission)
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
@@ -123,7 +119,7 @@ class MissionPlanner:
                 f"deepest level's, {region.deepest:g} m"
             )
 
-    def closest_approach(self, flow: FlowEstimate, planned: Planned) -> float:
+    def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
         """Return how far from its goal [m] a mission ends when it is flown in a flow."""
         return float(fly_mission(flow, planned.memory).miss[0, -1])
 
@@ -143,7 +139,7 @@ class MissionPlanner:
 
     def _next_surfacing(self, flow: FlowEstimate, mission: planners.MissionPlan) -> Surfacing | None:
         """Return where the first leg ends at the surface; None when there is no leg, or it ends below."""
-        if len(mission.headings_deg) == 0 or mission.turns[0][-1] > 0.0:
+        if len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
             return None
         first = _first_leg(mission)
         at = [float(np.interp(first.surfacing_times[0], mission.track_time, mission.track[:, k])) for k in (0, 1)]
@@ -167,7 +163,7 @@ def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:
         headings_deg=mission.headings_deg[:1],
         glide_angles_deg=mission.glide_angles_deg[:1],
         pitches_deg=mission.pitches_deg[:1],
-        turns=mission.turns[:1],
+        yo_depths=mission.yo_depths[:1],
         surfacings=mission.surfacings[:1],
         surfacing_times=surfaces,
         goals=mission.goals[-1:],

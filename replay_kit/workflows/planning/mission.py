@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from planners import Glider, MissionPlan, MissionSettings, fly_scenarios, plan_scenarios, waypoints_of
+from planners import Glider, MissionPlan, MissionRequest, MissionSettings, fly_scenarios, plan_scenarios, waypoints_of
 from planners.mission.flights import fly_mission, surfacing_ellipses
 from planners.mission.waypoints import Waypoints
 from replay_kit.config.planner import PlannerConfig
@@ -15,7 +15,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry, read_flow
-from replay_kit.workflows.planning.request import MissionKind, MissionRequest, objective_of
+from replay_kit.workflows.planning.request import MissionKind, PlanJob, objective_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +37,11 @@ class PlannedMission:
     waypoints: Waypoints | None
 
 
-def make_mission(request: MissionRequest, config: PlannerConfig) -> PlannedMission:
-    """Return the mission of a request.
+def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
+    """Return the mission of a job.
 
     Args:
-        request: What is asked for, checked.
+        job: What is asked for, checked.
         config: ``[planner]`` with the command's options laid over it.
 
     Raises:
@@ -49,27 +49,31 @@ def make_mission(request: MissionRequest, config: PlannerConfig) -> PlannedMissi
         PlanError: A goal cannot be planned for, or a file of areas is unusable.
         ForecastError: The bathymetry is unusable.
     """
-    request.check_samples(config.samples)
-    vehicle, settings = mission_settings(config, request.kind.objective, request.spline)
-    estimates = [read_flow(path) for path in request.flows]
+    job.check_samples(config.samples)
+    vehicle, settings = mission_settings(config, job.kind.objective, job.spline)
+    estimates = [read_flow(path) for path in job.flows]
     drawn = estimates[0].sample(config.samples, config.seed) if config.samples else ()
-    hazards: dict[str, Any] = {
-        "no_go": () if request.no_go is None else read_areas(request.no_go),
-        "bathymetry": None if request.bathymetry is None else read_bathymetry(request.bathymetry),
-    }
-    conditions = {"vehicle": vehicle, "settings": settings, "start_time_ns": estimates[0].time_ns or 0, **hazards}
-    flow, chances = estimates[0] if len(estimates) == 1 else estimates, None
-    if request.risk is None:
-        made = request.kind.plan(flow, request.start, request.goals, conditions)
+    request = MissionRequest(
+        job.start,
+        job.goals,
+        vehicle=vehicle,
+        settings=settings,
+        no_go=() if job.no_go is None else read_areas(job.no_go),
+        bathymetry=None if job.bathymetry is None else read_bathymetry(job.bathymetry),
+        start_time_ns=estimates[0].time_ns or 0,
+    )
+    flow, summary = estimates[0] if len(estimates) == 1 else estimates, None
+    if job.risk is None:
+        made = job.kind.plan(flow, request)
     else:
-        made, chances = plan_scenarios(estimates[0], drawn, request.start, request.goals, allowed=request.risk, **conditions)
+        made, summary = plan_scenarios(estimates[0], drawn, request, allowed=job.risk)
     projection, n_legs = estimates[0].grid.projection, len(made.headings_deg)
-    few = waypoints_of(flow, made, request.waypoint_tolerance) if request.waypoints and n_legs else None
+    few = waypoints_of(flow, made, job.waypoint_tolerance) if job.waypoints and n_legs else None
     if not drawn or not n_legs:
         return PlannedMission(made, projection, None, None, few)
-    ellipses, figures = _figures_in_samples(drawn, made, request.kind)
-    chances = chances or fly_scenarios(estimates[0], drawn, made, **hazards)
-    figures |= {"safe": chances.safe, "violations": dict(chances.trespass), "allowed": request.risk}
+    ellipses, figures = _figures_in_samples(drawn, made, job.kind)
+    summary = summary or fly_scenarios(estimates[0], drawn, made, no_go=request.no_go, bathymetry=request.bathymetry)
+    figures |= {"safe": summary.safe, "violations": dict(summary.violations), "allowed": job.risk}
     return PlannedMission(made, projection, ellipses, figures, few)
 
 

@@ -14,7 +14,7 @@ from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.run import RunConfig
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.mission import PlannedMission, mission_settings
-from replay_kit.workflows.planning.request import MissionRequest
+from replay_kit.workflows.planning.request import PlanJob
 from replay_kit.workflows.replay.provenance import plan_metadata, run_settings_toml
 
 
@@ -78,7 +78,7 @@ def waypoint_file(waypoints: Waypoints, path: Path) -> str:
 
 
 def write_mission(
-    path: Path, overwrite: bool, planned: PlannedMission, request: MissionRequest, options: Mapping[str, object], config: RunConfig
+    path: Path, overwrite: bool, planned: PlannedMission, job: PlanJob, options: Mapping[str, object], config: RunConfig
 ) -> None:
     """Write a mission as a result MCAP of its own.
 
@@ -86,7 +86,7 @@ def write_mission(
         path: The result.
         overwrite: Replace an existing one.
         planned: The mission.
-        request: What was asked for; its files are recorded with their hashes.
+        job: What was asked for; its files are recorded with their hashes.
         options: What was asked for beyond the configuration, recorded as it was given; None for what was not.
         config: All settings; those that the mission was planned with are attached as ``config.toml``.
 
@@ -94,18 +94,18 @@ def write_mission(
         ConfigError: The result exists and may not be replaced, or cannot be written.
         ReplayKitError: It could not be written whole.
     """
-    read = {**{f"flow{k}": flow for k, flow in enumerate(request.flows)}, "no_go": request.no_go, "bathymetry": request.bathymetry}
+    read = {**{f"flow{k}": flow for k, flow in enumerate(job.flows)}, "no_go": job.no_go, "bathymetry": job.bathymetry}
     mission = planned.plan
     legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
     about = {**plan_metadata(read, options), "mission": {"status": mission.status, "message": mission.message}, "legs": legs}
     with ResultWriter(path, overwrite) as writer:
-        writer.start(planned.projection, mission.start_time_ns, about, run_settings_toml(_effective_config(config, request)))
+        writer.start(planned.projection, mission.start_time_ns, about, run_settings_toml(_effective_config(config, job)))
         writer.plan(as_glide(mission, planned.projection), planned.projection)
 
 
-def _effective_config(config: RunConfig, request: MissionRequest) -> RunConfig:
+def _effective_config(config: RunConfig, job: PlanJob) -> RunConfig:
     """Return the configuration that a mission was planned with; weights of an objective have no place in a configuration."""
-    _, settings = mission_settings(config.planner, request.kind.objective, request.spline)
+    _, settings = mission_settings(config.planner, job.kind.objective, job.spline)
     planned: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
     if isinstance(settings.objective, str):
         planned["objective"] = settings.objective

@@ -1,11 +1,11 @@
-"""What a mission is asked for, with the options that exclude each other refused."""
+"""What the command ``plan`` is asked for, with the options that exclude each other refused."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
-from planners import MissionPlan, Weights, plan_line, plan_mission, plan_mooring
+from planners import Line, MissionPlan, MissionRequest, Mooring, Weights, plan_line, plan_mission, plan_mooring
 from planners.mission.values import Objective
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -62,28 +62,24 @@ class MissionKind:
             if refused:
                 raise ConfigError(message)
 
-    def plan(
-        self, flow: FlowEstimate | Sequence[FlowEstimate], start: Place, goals: tuple[Place, ...], conditions: dict[str, Any]
-    ) -> MissionPlan:
+    def plan(self, flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest) -> MissionPlan:
         """Return the mission of this kind.
 
         Args:
             flow: The current, or its estimates for increasing times.
-            start: Where it begins.
-            goals: Where it goes.
-            conditions: Vehicle, settings, areas, bathymetry and start time, as the planners name them.
+            request: Start, goals, vehicle, settings and constraints.
         """
         if self.mooring is not None:
             radius, hours = self.mooring
-            return plan_mooring(flow, start, goals[0], radius, 3600.0 * hours, surfacings_only=self.surfacings_only, **conditions)
+            return plan_mooring(flow, request, Mooring(radius, 3600.0 * hours, self.surfacings_only))
         if self.cross_track_weight is not None:
-            return plan_line(flow, start, goals[0], weight=self.cross_track_weight, **conditions)
-        return plan_mission(flow, start, goals, **conditions)
+            return plan_line(flow, request, Line(weight=self.cross_track_weight))
+        return plan_mission(flow, request)
 
 
 @dataclass(frozen=True, slots=True)
-class MissionRequest:
-    """A mission to plan.
+class PlanJob:
+    """A mission to plan, and the files that it is planned on.
 
     Attributes:
         flows: Files of the estimate; several hold for increasing times.

@@ -1,9 +1,10 @@
-"""What the quality control makes of a mission's logs: each test, what it found, which pings lose everything, and the dives."""
+"""Quality control of a mission's logs: the results of each test, the pings that lose every bin, and the dives."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,73 +17,87 @@ from replay_kit.core.observation import Flag, Observation, Reason
 from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import merge
 from replay_kit.measurements import NOT_A_KIND, MeasurementState, Skipped, Used, finish, initial_state, interpret
-from replay_kit.measurements.ping.payload import depth_of_pressure, number
-from replay_kit.measurements.ping.pings import PING_SCHEMA
+from replay_kit.measurements.messages.fields import number
+from replay_kit.measurements.messages.profiles import PING_SCHEMA
 from replay_kit.measurements.quality.ping import Check
+from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 from replay_kit.measurements.vehicle.segments import Segments, segments
-from replay_kit.workflows.replay.job import open_readers
+from replay_kit.workflows.info.inspect import by_topic
+from replay_kit.workflows.replay.inputs import open_readers
 
-# a depth that stays the same is noted again after a minute
+# a depth that stays the same is sampled again after a minute
 _REPEATED_NS = 60 * 10**9
 _NO_NUMBER = "no number in the bin"
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class TestCount:
-    """What one test said of all bins of a topic that have a velocity.
+    """Results of one test over all bins of a topic that have a velocity.
 
     Attributes:
-        reason: What it marks bins with.
-        evaluated: Bins judged.
+        reason: The reason that the test gives to bins.
+        evaluated: Number of bins tested.
         suspect: Of these, suspect ones.
         failed: Of these, failed ones.
-        not_evaluated: Why to count of the others.
+        not_evaluated: Reason to number of the others.
     """
 
     reason: Reason
     evaluated: int = 0
     suspect: int = 0
     failed: int = 0
-    not_evaluated: Counter[str] = field(default_factory=Counter)
+    not_evaluated: Mapping[str, int] = field(default_factory=dict)
 
-    def add(self, check: Check, present: NDArray[np.bool_]) -> None:
-        """Count a ping's bins."""
-        flags = check.flags[present]
-        judged = int(np.count_nonzero(flags != Flag.NOT_EVALUATED))
-        self.evaluated += judged
-        self.suspect += int(np.count_nonzero(flags == Flag.SUSPECT))
-        self.failed += int(np.count_nonzero(flags == Flag.FAIL))
-        if judged < flags.size:
-            self.not_evaluated[check.why_not or _NO_NUMBER] += flags.size - judged
+    def extended(self, check: Check, present: NDArray[np.bool_]) -> "TestCount":
+        """Return the count with a ping's bins added.
+
+        Args:
+            check: The test's result for the ping.
+            present: Which bins have a velocity, shape (n,).
+        """
+        flags = Counter(check.flags[present].tolist())
+        skipped = flags[Flag.NOT_EVALUATED]
+        why = check.why_not or _NO_NUMBER
+        return TestCount(
+            self.reason,
+            self.evaluated + flags.total() - skipped,
+            self.suspect + flags[Flag.SUSPECT],
+            self.failed + flags[Flag.FAIL],
+            {**self.not_evaluated, why: self.not_evaluated.get(why, 0) + skipped} if skipped else self.not_evaluated,
+        )
 
 
-@dataclass(slots=True)
+class LostPing(NamedTuple):
+    """A ping without a usable bin: its time [ns, UTC], log, position in the log, and the reasons of its bins."""
+
+    time_ns: int
+    input: int
+    position: int
+    reasons: Reason
+
+
+@dataclass(frozen=True, slots=True)
 class TopicQuality:
     """One topic's pings.
 
     Attributes:
-        pings: How many were tested.
-        flags: QARTOD flag to count of bins, after all tests.
+        pings: Number of pings tested.
+        flags: QARTOD flag to number of bins, after all tests.
         tests: By name, in the order in which they are made.
-        lost: Pings without a bin that can be used: time [ns, UTC], log, position in it, reasons.
+        lost: Pings without a usable bin.
     """
 
     pings: int = 0
-    flags: Counter[int] = field(default_factory=Counter)
-    tests: dict[str, TestCount] = field(default_factory=dict)
-    lost: list[tuple[int, int, int, Reason]] = field(default_factory=list)
+    flags: Mapping[int, int] = field(default_factory=Counter)
+    tests: Mapping[str, TestCount] = field(default_factory=dict)
+    lost: Sequence[LostPing] = ()
 
-    def add(self, checks: Sequence[Check], observation: Observation) -> None:
-        """Count a ping."""
-        self.pings += 1
-        self.flags.update(observation.flags.tolist())
+    def extended(self, checks: Sequence[Check], observation: Observation) -> "TopicQuality":
+        """Return the counts with a ping added, save that ``lost`` stays."""
         present = observation.flags != Flag.MISSING
-        for check in checks:
-            self.tests.setdefault(check.test, TestCount(check.reason)).add(check, present)
-        if not usable(observation.flags).any():
-            source = observation.source
-            reasons = Reason(int(np.bitwise_or.reduce(observation.reasons)))
-            self.lost.append((source.time_ns, source.input, source.position, reasons))
+        tests = {check.test: self.tests.get(check.test, TestCount(check.reason)).extended(check, present) for check in checks}
+        flags = Counter(self.flags) + Counter(observation.flags.tolist())
+        return replace(self, pings=self.pings + 1, flags=flags, tests={**self.tests, **tests})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,14 +105,14 @@ class QualityReport:
     """The quality control of some logs.
 
     Attributes:
-        logs: What the readers met.
+        logs: What the readers found.
         settings: The thresholds.
         topics: By name.
         not_used: Topic to reason to count, of messages that give no profile.
         track: The dives, yos and profiles of the vehicle's depths.
         time_ns: shape (n,) [ns, UTC], of the depths.
         depth: shape (n,) [m], the vehicle's.
-        late: Messages left out because they came later than the reorder window allows.
+        late: Number of messages left out because they came later than the reorder window allows.
     """
 
     logs: tuple[LogReport, ...]
@@ -116,7 +131,7 @@ class QualityReport:
 
 
 def check_quality(logs: Sequence[Path], config: RunConfig, on_message: Callable[[int], None] | None = None) -> QualityReport:
-    """Return what each test makes of the pings in one mission's logs; they are read to their end.
+    """Return the results of each test on the pings of one mission's logs, which are read to their end.
 
     Args:
         logs: Logs, merged by time.
@@ -129,53 +144,64 @@ def check_quality(logs: Sequence[Path], config: RunConfig, on_message: Callable[
     """
     settings, readers = config.measurements, open_readers(logs, config)
     merged = merge(readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
-    topics: dict[str, TopicQuality] = defaultdict(TopicQuality)
-    not_used: dict[str, Counter[str]] = defaultdict(Counter)
-    state, track = initial_state(config.logs.system), _Track()
+    topics: dict[str, TopicQuality] = {}
+    lost: dict[str, list[LostPing]] = defaultdict(list)
+    not_used: Counter[tuple[str, str]] = Counter()
+    samples: list[tuple[int, float]] = []
+    state = initial_state(config.logs.system)
+
+    def count(events: Sequence[object]) -> None:
+        for checks, observation in _tested(events):
+            topic = observation.source.topic
+            topics[topic] = topics.get(topic, TopicQuality()).extended(checks, observation)
+            lost[topic] += _lost(observation)
+        not_used.update((e.topic, e.reason) for e in events if isinstance(e, Skipped) and e.reason != NOT_A_KIND)
+
     for message in merged:
         state, events = interpret(state, message, settings)
-        track.add(message, state)
-        _count(events, topics, not_used)
+        depth = _depth(message, state)
+        # many messages come between two depths
+        if np.isfinite(depth) and (not samples or depth != samples[-1][1] or message.time_ns - samples[-1][0] >= _REPEATED_NS):
+            samples.append((message.time_ns, depth))
+        count(events)
         if on_message is not None:
             on_message(message.time_ns)
-    _count(finish(state, settings), topics, not_used)
+    count(finish(state, settings))
     if not topics:
-        raise MeasurementError(_nothing(logs, not_used))
-    time_ns, depth = np.array(track.time_ns, np.int64), np.array(track.depth)
-    found = segments(time_ns, depth, settings.surface_depth, settings.quality.leg, settings.quality.gap)
+        raise MeasurementError(_nothing(logs, by_topic(not_used)))
+    time_ns, depths = np.array([time for time, _ in samples], np.int64), np.array([depth for _, depth in samples])
+    track = segments(time_ns, depths, settings.surface_depth, settings.quality.leg, settings.quality.gap)
+    quality = {topic: replace(topics[topic], lost=tuple(lost[topic])) for topic in sorted(topics)}
     reports = tuple(reader.report() for reader in readers)
-    return QualityReport(reports, settings, dict(sorted(topics.items())), not_used, found, time_ns, depth, sum(merged.late.values()))
+    return QualityReport(reports, settings, quality, by_topic(not_used), track, time_ns, depths, sum(merged.late.values()))
 
 
-@dataclass(slots=True)
-class _Track:
-    time_ns: list[int] = field(default_factory=list)
-    depth: list[float] = field(default_factory=list)
-
-    def add(self, message: Message, state: MeasurementState) -> None:
-        """Take in the depth after a message: the vehicle's, or that of the ping's own pressure where a log states nothing else."""
-        depth = state.depth
-        if not np.isfinite(depth) and message.schema == PING_SCHEMA:
-            depth = depth_of_pressure(number(message.payload.get("pressure")), state.latitude)
-        # many messages come between two depths
-        if np.isfinite(depth) and (not self.depth or depth != self.depth[-1] or message.time_ns - self.time_ns[-1] >= _REPEATED_NS):
-            self.time_ns.append(message.time_ns)
-            self.depth.append(depth)
+def _depth(message: Message, state: MeasurementState) -> float:
+    """Return the depth after a message [m]: the vehicle's, or that of the ping's own pressure where a log states nothing else."""
+    if np.isfinite(state.depth) or message.schema != PING_SCHEMA:
+        return state.depth
+    return depth_of_pressure(number(message.payload.get("pressure")), state.latitude)
 
 
-def _count(events: Sequence[object], topics: dict[str, TopicQuality], not_used: dict[str, Counter[str]]) -> None:
-    """Count the events of a message; a ping's tests come right before its bins."""
+def _tested(events: Sequence[object]) -> Iterator[tuple[Sequence[Check], Observation]]:
+    """Yield the profiles among the events of a message with their tests, which come right before the profile."""
     checks: Sequence[Check] = ()
     for event in events:
         if isinstance(event, Used) and event.checks:
             checks = event.checks
         elif isinstance(event, Observation):
-            topics[event.source.topic].add(checks, event)
-        elif isinstance(event, Skipped) and event.reason != NOT_A_KIND:
-            not_used[event.topic][event.reason] += 1
+            yield checks, event
 
 
-def _nothing(logs: Sequence[Path], not_used: Mapping[str, Counter[str]]) -> str:
+def _lost(observation: Observation) -> list[LostPing]:
+    """Return the ping when it has no usable bin, else nothing."""
+    if usable(observation.flags).any():
+        return []
+    source = observation.source
+    return [LostPing(source.time_ns, source.input, source.position, Reason(int(np.bitwise_or.reduce(observation.reasons))))]
+
+
+def _nothing(logs: Sequence[Path], not_used: Mapping[str, Mapping[str, int]]) -> str:
     names = ", ".join(map(str, logs))
     why = "; ".join(f"{count} x {topic}: {reason}" for topic, reasons in not_used.items() for reason, count in reasons.items())
     return f"{names}: expected ADCP pings whose bins can be tested, got none; not used: {why or 'nothing that could be a ping'}"

@@ -1,4 +1,4 @@
-"""How the quality control of logs is told: tables for a person, JSON for a program."""
+"""The report on the quality control of logs: tables for a person, JSON for a program."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,18 +9,18 @@ from rich.table import Table
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.logs.losses import loss_json, loss_words
-from replay_kit.measurements.vehicle.segments import What
-from replay_kit.workflows.info.inspect import iso
+from replay_kit.logs.losses import loss_json, loss_lines
+from replay_kit.measurements.vehicle.segments import SegmentClass
+from replay_kit.workflows.info.inspect import iso, not_used_lines, print_lines
 from replay_kit.workflows.qc.check import QualityReport, TestCount, TopicQuality
 
 # of a topic, printed; JSON has all
 _LOST_SHOWN = 5
 _WHAT = {
-    What.SURFACE: "at the surface",
-    What.NO_DEPTH: "without a depth",
-    What.TIME_BACK: "not later than the one before",
-    What.NOT_TOLD: "in no leg that can be told",
+    SegmentClass.SURFACE: "at the surface",
+    SegmentClass.NO_DEPTH: "without a depth",
+    SegmentClass.TIME_BACK: "not later than the one before",
+    SegmentClass.UNDETERMINED: "in an undetermined leg",
 }
 
 
@@ -62,11 +62,11 @@ def _topic_json(name: str, topic: TopicQuality, settings: MeasurementConfig) -> 
     return {
         "topic": name,
         "pings": topic.pings,
-        "bins": {flag.name.lower(): topic.flags[flag] for flag in Flag},
+        "bins": {flag.name.lower(): topic.flags.get(flag, 0) for flag in Flag},
         "tests": [_test_json(test, count, settings) for test, count in topic.tests.items()],
         "pings_lost": [
-            {"time": iso(time_ns), "input": log, "position": position, "reasons": names_of(reasons)}
-            for time_ns, log, position, reasons in topic.lost
+            {"time": iso(ping.time_ns), "input": ping.input, "position": ping.position, "reasons": names_of(ping.reasons)}
+            for ping in topic.lost
         ],
     }
 
@@ -88,7 +88,7 @@ def _test_json(test: str, count: TestCount, settings: MeasurementConfig) -> dict
 
 def _track_json(report: QualityReport) -> dict[str, Any]:
     track, legs = report.track, []
-    # the samples of a leg stand together
+    # the samples of a leg are consecutive
     numbers, first = np.unique(track.profile, return_index=True)
     for number, begin in zip(numbers.tolist(), first.tolist(), strict=True):
         if number:
@@ -120,7 +120,7 @@ def _numbers(report: QualityReport) -> dict[str, int]:
 
 
 def print_quality(report: QualityReport, console: Console) -> None:
-    """Print a table for each topic, and what is to be known beside it."""
+    """Print a table for each topic, then the track, messages not used and losses."""
     for name, topic in report.topics.items():
         _print_topic(name, topic, report.settings, console)
     track, numbers = report.track, _numbers(report)
@@ -129,12 +129,9 @@ def print_quality(report: QualityReport, console: Console) -> None:
         f"in {len(report.depth)} depths; in no profile: {_counts({words: track.count(what) for what, words in _WHAT.items()})}",
         soft_wrap=True,
     )
-    for topic_name, reasons in report.not_used.items():
-        for reason, count in reasons.items():
-            console.print(f"Not used: {count} x {topic_name}: {reason}", soft_wrap=True)
+    print_lines(console, not_used_lines(report.not_used))
     for log in report.logs:
-        for loss in log.losses:
-            console.print(f"LOST: {log.path}: {loss_words(loss)}", soft_wrap=True)
+        print_lines(console, loss_lines(log))
     if report.late:
         console.print(f"LOST: {report.late} messages came later than the reorder window allows; widen logs.reorder_window", soft_wrap=True)
 
@@ -146,18 +143,15 @@ def _print_topic(name: str, topic: TopicQuality, settings: MeasurementConfig, co
         numbers = (str(number) for number in (count.evaluated, count.suspect, count.failed))
         table.add_row(test, *limits_of(test, settings), *numbers, _counts(count.not_evaluated, nothing=""))
     console.print(table)
-    use = "used" if settings.quality.use_suspect else "not used, as quality.use_suspect says"
-    flags = topic.flags
-    console.print(
-        f"Bins: {flags[Flag.GOOD]} good, {flags[Flag.SUSPECT]} suspect ({use}), {flags[Flag.FAIL]} failed, {flags[Flag.MISSING]} missing",
-        soft_wrap=True,
-    )
-    if topic.lost:
-        console.print(f"Pings that lose every bin: {len(topic.lost)}", soft_wrap=True)
-    for time_ns, log, position, reasons in topic.lost[:_LOST_SHOWN]:
-        console.print(f"  {iso(time_ns)} (log {log}, position {position}): {', '.join(names_of(reasons))}", soft_wrap=True)
+    use = "used" if settings.quality.use_suspect else "not used, as quality.use_suspect is false"
+    good, suspect, failed, missing = (topic.flags.get(flag, 0) for flag in (Flag.GOOD, Flag.SUSPECT, Flag.FAIL, Flag.MISSING))
+    console.print(f"Bins: {good} good, {suspect} suspect ({use}), {failed} failed, {missing} missing", soft_wrap=True)
+    lines = [f"Pings that lose every bin: {len(topic.lost)}"] if topic.lost else []
+    for ping in topic.lost[:_LOST_SHOWN]:
+        lines.append(f"  {iso(ping.time_ns)} (log {ping.input}, position {ping.position}): {', '.join(names_of(ping.reasons))}")
     if len(topic.lost) > _LOST_SHOWN:
-        console.print(f"  and {len(topic.lost) - _LOST_SHOWN} more, all in --json", soft_wrap=True)
+        lines.append(f"  and {len(topic.lost) - _LOST_SHOWN} more, all in --json")
+    print_lines(console, lines)
 
 
 def _counts(counts: Mapping[str, int], nothing: str = "none") -> str:

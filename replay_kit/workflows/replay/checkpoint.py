@@ -1,8 +1,8 @@
-"""Checkpoints: a replay that was killed goes on where it was, to the same bytes.
+"""Checkpoints: a replay that was killed continues where it was, to the same bytes.
 
-A checkpoint holds what the loop knows after a message, without the prior, which the ensemble and the configuration give again, and how much
-of the result's journal belongs to it. It is made between two blocks of observations only, so that a run with checkpoints and one without
-assimilate in the same blocks. The messages before it are read again and passed over.
+A checkpoint holds the states of all stages after a message, without the prior, which the ensemble and the configuration give again, and
+the length of the result's journal at that time. It is made between two blocks of observations only, so that a run with checkpoints and one
+without assimilate the same blocks. The messages before it are read again and passed over.
 """
 
 import hashlib
@@ -21,37 +21,34 @@ from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.dual import RowLog
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
-from replay_kit.workflows.replay.job import checkpoint_files
-from replay_kit.workflows.replay.session import Run
+from replay_kit.workflows.replay.inputs import checkpoint_files
+from replay_kit.workflows.replay.session import ReplayState, Session
 
 #: Begins the file; then the run's identity, the SHA-256 of the rest, and the rest.
-_MAGIC = b"replay-kit checkpoint 3\n"
+_MAGIC = b"replay-kit checkpoint 4\n"
 _HEAD = len(_MAGIC) + 64 + 32
-_OF_RUN = (
-    *("tally", "state", "dive_start", "dive", "vehicle", "planned", "plan_note"),
-    *("next_plan_ns", "next_grid_ns", "last_ns", "positions"),
-    *("expected", "outcomes", "watch", "surfaced"),
-)
-# What a pickle of these values is made of; nothing else is loaded.
+# The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
-_CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("collections", "Counter"), ("collections", "defaultdict"), ("builtins", "float")}
+_CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float")}
 
 
-@dataclass(frozen=True, slots=True)
-class Resumed:
-    """Where a replay goes on.
+@dataclass(frozen=True, slots=True, eq=False)
+class Checkpoint:
+    """Where an interrupted replay continues.
 
     Attributes:
-        measurement: What the measurement step remembered.
-        messages: Number of messages taken before.
-        journal_bytes: How much of the journal is the result's.
-        writer_memory: What the result's writer knew.
+        state: Of all stages.
+        measurement: Of the measurement step.
+        messages: Number of messages read before.
+        journal_bytes: How much of the journal belongs to the result.
+        writer_state: Of the result's writer.
     """
 
+    state: ReplayState
     measurement: MeasurementState
     messages: int
     journal_bytes: int
-    writer_memory: tuple[int, float | None]
+    writer_state: tuple[int, float | None]
 
 
 def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) -> str:
@@ -60,32 +57,34 @@ def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) 
 
 
 def journal_path(path: Path) -> Path:
-    """Return where the journal of a checkpoint is."""
+    """Return the journal of a checkpoint."""
     return checkpoint_files(path)[1]
 
 
-class Checkpoints:
-    """The checkpoint file of one run."""
+class CheckpointFile:
+    """The checkpoint file of one run, and its journal."""
 
-    def __init__(self, path: Path, identity: str, interval_s: float) -> None:
-        """Remember where and how often.
+    def __init__(self, path: Path, identity: str, interval_s: float, prior: object | None) -> None:
+        """Bind the file to a run.
 
         Args:
             path: The file.
             identity: Of the run.
             interval_s: Between checkpoints [s, in the log's time].
+            prior: The estimator's prior, which is not stored; None when the estimator has none.
         """
         self.path = path
         self._identity = identity
         self._interval_ns = int(interval_s * 1e9)
+        self._prior = prior
         self._next_ns: int | None = None
         self._journal: Journal | None = None
 
-    def resume(self, run: Run) -> Resumed | None:
-        """Put a run where the checkpoint was made and return the rest; None when there is none yet.
+    def read(self) -> Checkpoint | None:
+        """Return the checkpoint; None when there is none yet.
 
         Raises:
-            ConfigError: It is no checkpoint, or that of another run, or of another version of its inputs or settings.
+            ConfigError: The file is no checkpoint, or of another run, or of another version of its inputs or settings.
             LogError: It cannot be read, or is damaged.
         """
         if not self.path.exists():
@@ -104,46 +103,40 @@ class Checkpoints:
                 f"{self.path}: the checkpoint of another run: inputs, options, versions or settings differ; delete it, or name another"
             )
         try:
-            kept = _Loader(io.BytesIO(body), _prior_of(run)).load()
+            checkpoint = _Loader(io.BytesIO(body), self._prior).load()
+            if not isinstance(checkpoint, Checkpoint):
+                raise TypeError(f"expected a checkpoint, got {type(checkpoint).__name__}")
         except (ValueError, LookupError, TypeError, pickle.UnpicklingError, AttributeError, ImportError, EOFError) as error:
             raise LogError(f"{self.path}: the checkpoint cannot be used: {error}; delete it to begin anew") from error
-        for name in _OF_RUN:
-            setattr(run, name, kept[name])
-        self._next_ns = run.last_ns + self._interval_ns
-        return Resumed(kept["measurement"], kept["messages"], kept["journal_bytes"], kept["writer_memory"])
+        self._next_ns = checkpoint.state.last_ns + self._interval_ns
+        return checkpoint
 
-    def open_journal(self, resumed: Resumed | None) -> Journal:
-        """Return the journal, which keeps what belongs to the checkpoint."""
-        self._journal = Journal(journal_path(self.path), 0 if resumed is None else resumed.journal_bytes)
+    def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
+        """Return the journal, cut to what belongs to the checkpoint."""
+        self._journal = Journal(journal_path(self.path), 0 if checkpoint is None else checkpoint.journal_bytes)
         return self._journal
 
-    def write_again(self, writer: ResultWriter, resumed: Resumed, copy_again: Callable[[], None]) -> None:
-        """Give a writer what the interrupted run's had been given; ``copy_again`` copies the inputs into it."""
-        writer.write_again(read_journal(journal_path(self.path), resumed.journal_bytes), resumed.writer_memory, copy_again)
+    def restore_result(self, writer: ResultWriter, checkpoint: Checkpoint, copy_inputs: Callable[[], None]) -> None:
+        """Write again what the interrupted run had written; ``copy_inputs`` copies the inputs into the result."""
+        writer.replay_journal(read_journal(journal_path(self.path), checkpoint.journal_bytes), checkpoint.writer_state, copy_inputs)
 
-    def keep_when_due(self, run: Run, measurement: MeasurementState, messages: int) -> None:
-        """Make a checkpoint when it is time and nothing waits.
+    def write_when_due(self, session: Session, measurement: MeasurementState, messages: int) -> None:
+        """Write a checkpoint when it is time and no observation waits.
 
         Args:
-            run: The run.
-            measurement: What the measurement step remembers.
-            messages: Number of messages taken.
+            session: The replay.
+            measurement: State of the measurement step.
+            messages: Number of messages read.
         """
-        if run.waiting or run.writer is None or self._journal is None:
+        if session.writer is None or self._journal is None:
             return
         if self._next_ns is None:
-            self._next_ns = run.last_ns + self._interval_ns
-        if run.last_ns < self._next_ns:
+            self._next_ns = session.last_ns + self._interval_ns
+        if session.last_ns < self._next_ns or (state := session.state) is None:
             return
-        self._next_ns = run.last_ns + self._interval_ns
-        kept = {name: getattr(run, name) for name in _OF_RUN} | {
-            "measurement": measurement,
-            "messages": messages,
-            "journal_bytes": self._journal.flushed(),
-            "writer_memory": run.writer.memory,
-        }
+        self._next_ns = state.last_ns + self._interval_ns
         body = io.BytesIO()
-        _Dumper(body, _prior_of(run)).dump(kept)
+        _Dumper(body, self._prior).dump(Checkpoint(state, measurement, messages, self._journal.flushed(), session.writer.state))
         part = self.path.with_name(self.path.name + ".part")
         with part.open("wb") as file:
             file.write(_MAGIC + self._identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
@@ -152,29 +145,25 @@ class Checkpoints:
         os.replace(part, self.path)
 
     def close(self) -> None:
-        """Close the journal; without a checkpoint nothing can go on from it, and it is deleted."""
+        """Close the journal; without a checkpoint no run can continue from it, and it is deleted."""
         if self._journal is not None:
             self._journal.close()
             if not self.path.exists():
                 self._journal.path.unlink(missing_ok=True)
 
     def remove(self) -> None:
-        """Delete the checkpoint and its journal: the result is whole."""
+        """Delete the checkpoint and its journal: the result is complete."""
         self.path.unlink(missing_ok=True)
         journal_path(self.path).unlink(missing_ok=True)
 
 
 def _is_value(kind: type) -> bool:
-    """Return whether making one of a kind does no more than hold values."""
+    """Return whether constructing an object of a class does no more than hold values."""
     return is_dataclass(kind) or issubclass(kind, (Enum, tuple)) or kind in (RowLog, Buffer)
 
 
-def _prior_of(run: Run) -> Any:
-    return getattr(run.estimator, "prior", None)
-
-
 class _Dumper(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, prior: Any) -> None:
+    def __init__(self, file: io.BytesIO, prior: object | None) -> None:
         super().__init__(file, protocol=5)
         self._prior = prior
 
@@ -183,9 +172,9 @@ class _Dumper(pickle.Pickler):
 
 
 class _Loader(pickle.Unpickler):
-    """Loads this project's values and arrays; nothing whose making acts."""
+    """Loads this project's values and arrays; nothing whose construction has side effects."""
 
-    def __init__(self, file: io.BytesIO, prior: Any) -> None:
+    def __init__(self, file: io.BytesIO, prior: object | None) -> None:
         super().__init__(file)
         self._prior = prior
 

@@ -15,7 +15,7 @@ from replay_kit.estimator import BLOCK
 from replay_kit.logs import merge
 from replay_kit.measurements import observations
 from replay_kit.workflows.replay.build import build, read_forecasts, weights_of
-from replay_kit.workflows.replay.job import ReplayJob, look_ahead, open_readers
+from replay_kit.workflows.replay.inputs import ReplayJob, look_ahead, open_readers
 
 # What the interpreter and the libraries take before the first array.
 _BASE_MB = 250.0
@@ -24,7 +24,7 @@ _COVARIANCES = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Rehearsal:
+class DryRun:
     """What a replay would use.
 
     Attributes:
@@ -50,7 +50,7 @@ class Rehearsal:
     seconds: float
 
 
-def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehearsal:
+def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> DryRun:
     """Return what a replay would use; the logs are read to their end, but only a few updates are made.
 
     Args:
@@ -81,7 +81,7 @@ def rehearse(job: ReplayJob, config: RunConfig, n_timed: int = BLOCK) -> Rehears
             weights_of(estimator, states)
         spent = time.perf_counter() - began
     size = estimator.state_size
-    return Rehearsal(
+    return DryRun(
         profiles=profiles,
         profiles_used=used,
         members=ensemble.n_members,
@@ -100,19 +100,19 @@ def _profiles(job: ReplayJob, config: RunConfig) -> Iterator[Observation]:
     return (found for found in observations(messages, config.measurements) if isinstance(found, Observation))
 
 
-def rehearsal_json(rehearsal: Rehearsal) -> dict[str, Any]:
-    """Return a rehearsal for JSON."""
-    return {"status": "dry run", "exit_code": 0, **asdict(rehearsal)}
+def dry_run_json(result: DryRun) -> dict[str, Any]:
+    """Return the JSON object of ``--json``."""
+    return {"status": "dry run", "exit_code": 0, **asdict(result)}
 
 
-def print_rehearsal(rehearsal: Rehearsal, console: Console) -> None:
-    """Print a rehearsal as a sentence."""
-    rows, columns = rehearsal.grid
-    levels = rehearsal.levels
+def print_dry_run(result: DryRun, console: Console) -> None:
+    """Print what a replay would use, as a sentence."""
+    rows, columns = result.grid
+    levels = result.levels
     console.print(
-        f"Would use {rehearsal.profiles_used} of {rehearsal.profiles} profiles with {rehearsal.members} members "
+        f"Would use {result.profiles_used} of {result.profiles} profiles with {result.members} members "
         f"on {rows} x {columns} points and {len(levels)} levels ({levels[0]:g} to {levels[-1]:g} m): "
-        f"{rehearsal.modes} modes a level, a state of {rehearsal.state_size} weights. "
-        f"Expected: {rehearsal.memory_mb:.0f} MB, {rehearsal.seconds:.0f} s for the updates. Nothing was written.",
+        f"{result.modes} modes a level, a state of {result.state_size} weights. "
+        f"Expected: {result.memory_mb:.0f} MB, {result.seconds:.0f} s for the updates. Nothing was written.",
         soft_wrap=True,
     )

@@ -1,11 +1,12 @@
 """One log end to end: messages in, observations, estimates and plans out.
 
-The loop is driven by the messages' own times; nothing depends on the wall clock, and the same inputs and options give the same
-bytes. Wall times go to the summary only.
+The messages' own times drive the loop; nothing depends on the wall clock, and the same inputs and options give the same bytes. Wall times
+go to the summary only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -17,16 +18,18 @@ from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.logs import merge
-from replay_kit.measurements import MeasurementState, finish, initial_state, interpret
+from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
-from replay_kit.workflows.replay.build import Forecasts, build, flow_at, read_forecasts
-from replay_kit.workflows.replay.checkpoint import Checkpoints, run_identity
-from replay_kit.workflows.replay.job import Planner, ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
+from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
+from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
+from replay_kit.workflows.replay.planner import Planner
+from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.provenance import bias_notes, prior_notes, run_metadata, run_settings_toml
 from replay_kit.workflows.replay.scoring import score_against_truth
-from replay_kit.workflows.replay.session import Run, handle, make_plan, settle_surfacing, work_off, write_grids
-from replay_kit.workflows.replay.statistics import Stopwatch, Tally
+from replay_kit.workflows.replay.session import Session
+from replay_kit.workflows.replay.stopwatch import Stopwatch
 
 
 def replay(
@@ -57,6 +60,27 @@ def replay(
         return _replay(job, config, planner, on_message or (lambda time_ns: None), on_digest)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Inputs:
+    """What a replay has read before its first message.
+
+    Attributes:
+        job: Inputs and outputs.
+        readers: The opened logs.
+        forecasts: The forecast that the estimator is built from.
+        prior_flow: The estimate before any observation.
+        truth: What the estimate is scored against; None without.
+        metadata: Records of the result: inputs, options, versions, region.
+    """
+
+    job: ReplayJob
+    readers: Sequence[LogReader]
+    forecasts: Forecasts
+    prior_flow: FlowEstimate
+    truth: Ensemble | None
+    metadata: Mapping[str, Mapping[str, str]]
+
+
 def _replay(
     job: ReplayJob,
     config: RunConfig,
@@ -64,37 +88,25 @@ def _replay(
     on_message: Callable[[int], None],
     on_digest: Callable[[Digest], None] | None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
-    clock, tally = Stopwatch(), Tally()
-    place_at, near_ns = look_ahead(job.logs, config)
-    readers = open_readers(job.logs, config)
-    with clock.stage("forecast"):
-        forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
-        ensemble = forecasts.ensemble
-        truth = open_truth(job, config, near_ns, ensemble)
-    with clock.stage("basis"):
-        estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
-        prior_flow = estimator.flow(estimator.initial())
-    if job.goal is not None and planner is not None:
-        planner.check(prior_flow, job.goal)
-    run = Run(estimator, None, planner, job, config, ensemble.grid.levels, clock, tally, estimator.initial(), estimator.initial())
-    metadata = {} if job.out is None else run_metadata(job.logs, job.ensemble, ensemble, _options(job, prior_flow))
+    session, inputs = _prepare(job, config, planner)
     checkpoints = None
     if job.checkpoint is not None:
-        identity = run_identity(metadata, run_settings_toml(config))
-        checkpoints = Checkpoints(job.checkpoint, identity, config.output.checkpoint_interval)
+        identity = run_identity(inputs.metadata, run_settings_toml(config))
+        prior = getattr(session.estimator, "prior", None)
+        checkpoints = CheckpointFile(job.checkpoint, identity, config.output.checkpoint_interval, prior)
     try:
-        begin = _begin(run, forecasts, prior_flow, metadata, checkpoints, on_digest)
-        _loop(run, begin, readers, checkpoints, on_message)
-        summary, flow = _conclude(run, forecasts, prior_flow, readers, truth)
+        checkpoint = _open_result(session, inputs, checkpoints, on_digest)
+        _loop(session, inputs, checkpoints, checkpoint, on_message)
+        summary, flow = _conclude(session, inputs)
     except (ConfigError, MeasurementError, LogError, PlanError):
         # the input was unusable: there is no result worth keeping
-        if run.writer is not None:
-            run.writer.discard()
+        if session.writer is not None:
+            session.writer.discard()
         raise
     except BaseException:
         # anything else, an interrupt first of all, leaves OUT.part with every whole chunk
-        if run.writer is not None:
-            run.writer.abandon()
+        if session.writer is not None:
+            session.writer.abandon()
         raise
     finally:
         if checkpoints is not None:
@@ -104,77 +116,88 @@ def _replay(
     return summary, flow
 
 
-@dataclass(frozen=True, slots=True)
-class _Begin:
-    """How a loop begins.
+def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None) -> tuple[Session, _Inputs]:
+    """Return a replay before its first message, and what was read for it."""
+    place_at, near_ns = look_ahead(job.logs, config)
+    readers = open_readers(job.logs, config)
+    clock = Stopwatch()
+    with clock.stage("forecast"):
+        forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+        ensemble = forecasts.ensemble
+        truth = open_truth(job, config, near_ns, ensemble)
+    with clock.stage("basis"):
+        estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
+        prior_flow = estimator.flow(estimator.initial())
+    problem = None
+    if job.goal is not None and planner is not None:
+        planner.check(prior_flow, job.goal)
+        problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
+    metadata = {} if job.out is None else run_metadata(job.logs, job.ensemble, ensemble, _options(job, prior_flow))
+    session = Session(estimator, ensemble.grid.levels, config, problem, clock)
+    return session, _Inputs(job, readers, forecasts, prior_flow, truth, metadata)
 
-    Attributes:
-        first: Called with the time of the first message [ns, UTC], when no result was begun before.
-        measurement: What the measurement step remembers.
-        skip: Number of messages taken before.
-    """
 
-    first: Callable[[int], None]
-    measurement: MeasurementState
-    skip: int = 0
-
-
-def _begin(
-    run: Run,
-    forecasts: Forecasts,
-    prior_flow: FlowEstimate,
-    metadata: Mapping[str, Mapping[str, str]],
-    checkpoints: Checkpoints | None,
-    on_digest: Callable[[Digest], None] | None,
-) -> _Begin:
-    """Open the result and return how the loop begins: anew, or where a checkpoint was made."""
-    if run.job.out is None:
-        return _Begin(lambda time_ns: None, initial_state(run.config.logs.system))
-    resumed = checkpoints.resume(run) if checkpoints is not None else None
-    journal = checkpoints.open_journal(resumed) if checkpoints is not None else None
-    writer = run.writer = ResultWriter(run.job.out, run.job.overwrite, on_digest, journal)
-
-    def first(time_ns: int) -> None:
-        with run.clock.stage("write"):
-            writer.start(prior_flow.grid.projection, time_ns, metadata, run_settings_toml(run.config))
-            for note in forecasts.notes:
-                writer.log(time_ns, "warning", note)
-            copy_inputs(writer, run.job, run.config.logs)
-
-    if resumed is None or checkpoints is None:
-        return _Begin(first, initial_state(run.config.logs.system))
-    checkpoints.write_again(writer, resumed, lambda: copy_inputs(writer, run.job, run.config.logs))
-    return _Begin(lambda time_ns: None, resumed.measurement, resumed.messages)
+def _open_result(
+    session: Session, inputs: _Inputs, checkpoints: CheckpointFile | None, on_digest: Callable[[Digest], None] | None
+) -> Checkpoint | None:
+    """Open the result, and return the checkpoint from which the session continues; None when it begins."""
+    job = inputs.job
+    if job.out is None:
+        return None
+    checkpoint = journal = None
+    if checkpoints is not None:
+        checkpoint = checkpoints.read()
+        journal = checkpoints.open_journal(checkpoint)
+    session.writer = ResultWriter(job.out, job.overwrite, on_digest, journal)
+    if checkpoints is not None and checkpoint is not None:
+        session.restore(checkpoint.state)
+        checkpoints.restore_result(session.writer, checkpoint, partial(copy_inputs, session.writer, job, session.config.logs))
+    return checkpoint
 
 
 def _loop(
-    run: Run, begin: _Begin, readers: Sequence[LogReader], checkpoints: Checkpoints | None, on_message: Callable[[int], None]
+    session: Session,
+    inputs: _Inputs,
+    checkpoints: CheckpointFile | None,
+    checkpoint: Checkpoint | None,
+    on_message: Callable[[int], None],
 ) -> None:
-    logs = run.config.logs
-    merged = merge(readers, logs.reorder_window, logs.start_ns, logs.end_ns)
-    messages, taken, state = iter(merged), 0, begin.measurement
+    """Pass the logs' messages, those after the checkpoint, through the session."""
+    logs, measurements = session.config.logs, session.config.measurements
+    merged = merge(inputs.readers, logs.reorder_window, logs.start_ns, logs.end_ns)
+    messages, count = iter(merged), 0
+    state, skip = (initial_state(logs.system), 0) if checkpoint is None else (checkpoint.measurement, checkpoint.messages)
     while True:
-        with run.clock.stage("read"):
+        with session.clock.stage("read"):
             message = next(messages, None)
         if message is None:
             break
-        taken += 1
-        if taken <= begin.skip:
+        count += 1
+        if count <= skip:
             continue
-        if taken == 1:
-            begin.first(message.time_ns)
-        run.last_ns = message.time_ns
-        with run.clock.stage("measure"):
-            state, events = interpret(state, message, run.config.measurements)
-        for event in events:
-            handle(run, event)
+        if count == 1:
+            _begin_result(session, inputs, message.time_ns)
+        session.last_ns = message.time_ns
+        with session.clock.stage("measure"):
+            state, events = interpret(state, message, measurements)
+        session.take(events)
         if checkpoints is not None:
-            checkpoints.keep_when_due(run, state, taken)
+            checkpoints.write_when_due(session, state, count)
         on_message(message.time_ns)
-    for event in finish(state, run.config.measurements):
-        handle(run, event)
-    work_off(run)
-    run.tally.late = merged.late
+    session.take(finish(state, measurements))
+    session.assimilate_buffer()
+    session.statistics = session.statistics.with_late(merged.late)
+
+
+def _begin_result(session: Session, inputs: _Inputs, time_ns: int) -> None:
+    """Write what precedes the messages of a result: metadata, notes on the forecast, and the inputs' messages if asked for."""
+    if (writer := session.writer) is None:
+        return
+    with session.clock.stage("write"):
+        writer.start(inputs.prior_flow.grid.projection, time_ns, inputs.metadata, run_settings_toml(session.config))
+        for note in inputs.forecasts.notes:
+            writer.log(time_ns, "warning", note)
+        copy_inputs(writer, inputs.job, session.config.logs)
 
 
 def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
@@ -193,60 +216,66 @@ def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
     }
 
 
-def _conclude(
-    run: Run, forecasts: Forecasts, prior_flow: FlowEstimate, readers: Sequence[LogReader], truth: Ensemble | None
-) -> tuple[ReplaySummary, FlowEstimate]:
+def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEstimate]:
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
-    reports = [reader.report() for reader in readers]
-    run.tally.require_usable(reports, forecasts.ensemble.grid, run.vehicle)
-    settle_surfacing(run)
-    flow = flow_at(run.estimator, run.state, run.last_ns)
-    make_plan(run, run.last_ns, flow)
-    kernel = flow.kernel
-    lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
-    basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    notes = [*forecasts.notes, *run.tally.notes(reports), basis, *prior_notes(run.estimator), *bias_notes(run.estimator, run.state)]
-    if run.job.goal is None:
-        notes.append("no goal was given (--goal LON,LAT,DEPTH), so nothing was planned")
-    if run.writer is not None:
-        write_grids(run, run.last_ns, flow)
-        with run.clock.stage("write"):
-            run.writer.digest(run.last_ns)
-            run.writer.finish(flow)
-            run.writer.close()
-    with run.clock.stage("write"):
-        if run.job.netcdf is not None:
-            write_grid(flow, run.job.netcdf)
-        if run.job.save_estimate is not None:
-            flow.save(run.job.save_estimate)
+    job, reports = inputs.job, [reader.report() for reader in inputs.readers]
+    session.statistics.require_usable(reports, inputs.forecasts.ensemble.grid)
+    flow = session.conclude()
+    notes = _notes(session, inputs, flow, session.statistics.notes(reports))
+    with session.clock.stage("write"):
+        if session.writer is not None:
+            session.writer.finish(flow)
+        if job.netcdf is not None:
+            write_grid(flow, job.netcdf)
+        if job.save_estimate is not None:
+            flow.save(job.save_estimate)
     score = None
-    if truth is not None:
-        with run.clock.stage("score"):
-            if forecasts.evolves:
-                # the estimate is of the log's end, and so is what it is held against
-                truth = open_truth(run.job, run.config, flow.time_ns, forecasts.ensemble) or truth
-                prior_flow = prior_flow.at(run.last_ns)
-            score, why_not = _score(run, forecasts.nearest(flow.time_ns), flow, prior_flow, truth)
-            notes += why_not
-    plan = None if run.planned is None else run.planned.plan
-    summary = run.tally.summary(reports, run.clock.seconds, (plan, run.plan_note, tuple(run.outcomes)), score, tuple(notes))
+    if inputs.truth is not None:
+        with session.clock.stage("score"):
+            score, failures = _score(session, inputs, inputs.truth, flow)
+            notes += failures
+    planning = session.planning
+    summary = replace(
+        session.statistics.summary(reports),
+        seconds=dict(session.clock.seconds),
+        plan=None if planning.result is None else planning.result.plan,
+        plan_note=planning.failure,
+        outcomes=planning.outcomes,
+        truth=score,
+        notes=tuple(notes),
+    )
     return summary, flow
 
 
-def _score(
-    run: Run, ensemble: Ensemble, flow: FlowEstimate, prior_flow: FlowEstimate, truth: Ensemble
-) -> tuple[TruthScore | None, list[str]]:
+def _notes(session: Session, inputs: _Inputs, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
+    """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
+    kernel, estimator = flow.kernel, session.estimator
+    lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
+    basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
+    no_goal = [] if inputs.job.goal is not None else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
+    biases = bias_notes(estimator, session.estimation.current)
+    return [*inputs.forecasts.notes, *of_logs, basis, *prior_notes(estimator), *biases, *no_goal]
+
+
+def _score(session: Session, inputs: _Inputs, truth: Ensemble, flow: FlowEstimate) -> tuple[TruthScore | None, list[str]]:
     """Return the score, or as much of it as there is, and why the rest is missing."""
+    job, forecasts, prior_flow, config = inputs.job, inputs.forecasts, inputs.prior_flow, session.config
+    if forecasts.evolves:
+        # the estimate is of the log's end, and so is what it is compared with
+        truth = open_truth(job, config, flow.time_ns, forecasts.ensemble) or truth
+        prior_flow = prior_flow.at(session.last_ns)
+    positions, ensemble = session.statistics.profiles.positions, forecasts.nearest(flow.time_ns)
     try:
-        score, truth_flow = score_against_truth(flow, ensemble, truth, run.positions, run.job.truth_radius_km, run.config.estimator)
+        score, truth_flow = score_against_truth(flow, ensemble, truth, positions, job.truth_radius_km, config.estimator)
     except MeasurementError as error:
         return None, [f"no score: {error}"]
-    if run.planned is None or run.planner is None or run.planned.plan.status == "failed":
+    problem, result = session.problem, session.planning.result
+    if problem is None or result is None or result.plan.status == "failed":
         return score, []
-    plan = run.planned.plan
-    mean_plan = run.planner.plan(prior_flow, plan.start, plan.goal, plan.start_time_ns, None)
+    plan = result.plan
+    mean_plan = problem.planner.plan(prior_flow, plan.start, plan.goal, plan.start_time_ns, None)
     try:
-        closest = [run.planner.closest_approach(truth_flow, planned) for planned in (run.planned, mean_plan)]
+        closest = [problem.planner.closest_approach(truth_flow, planned) for planned in (result, mean_plan)]
     except PlanError as error:
         return score, [f"the plans cannot be flown in the truth: {error}"]
     return replace(score, closest_approach_m=closest[0], ensemble_mean_closest_approach_m=closest[1]), []

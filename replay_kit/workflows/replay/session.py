@@ -1,219 +1,146 @@
-"""A replay's moving parts: what the next message changes, and what is published when."""
+"""The driver of a replay: it passes events through the stages and hands what they publish to the writer.
 
+The stages (``estimation``, ``publishing``, ``plans``, ``statistics``) are functions of frozen states and know neither the writer nor the
+clock. Their states together are what a checkpoint keeps.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
-
-import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic, to_local
-from replay_kit.core.observation import Innovation, Measurement, PathMean, VehicleState
-from replay_kit.core.plan import Place
-from replay_kit.core.surfacing import Outcome, Surfacing, outcome_of
+from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.estimator import BLOCK, Estimator
-from replay_kit.measurements import Event, Skipped, Used
-from replay_kit.measurements.vehicle.surfacing import SurfacingWatch, watched
+from replay_kit.measurements import Event
 from replay_kit.results import ResultWriter
-from replay_kit.workflows.replay.build import flow_at, weights_of
-from replay_kit.workflows.replay.job import Planned, Planner, ReplayJob
-from replay_kit.workflows.replay.statistics import Stopwatch, Tally
+from replay_kit.workflows.replay import plans
+from replay_kit.workflows.replay.build import flow_at
+from replay_kit.workflows.replay.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.outputs import Output, write
+from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
+from replay_kit.workflows.replay.publishing import PublishingState, depth_slices, publish_step
+from replay_kit.workflows.replay.statistics import RunStatistics
+from replay_kit.workflows.replay.stopwatch import Stopwatch
 
-# A log may hold positions and nothing else.
-_WAITING = 4096
+# Events that wait at most: a log may hold positions and nothing else.
+_BUFFERED = 4096
 
 
-@dataclass(slots=True)
-class Run:
-    """The loop's moving parts: everything here is a frozen value that the next message replaces.
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayState:
+    """The states of all stages between two blocks of observations.
 
     Attributes:
-        estimator: Does the estimating.
-        writer: Takes what is published; None publishes nothing.
-        planner: Makes the plans when the job has a goal.
-        job: Inputs and outputs.
-        config: The run's settings.
-        levels: shape (Z,) [m].
-        clock: Wall time of each stage.
-        tally: What was counted.
-        state: The estimator's, after the last observation published.
-        dive_start: The state before the dive's first observation.
-        dive: Number of the dive.
-        vehicle: Last position.
-        planned: Last plan, or None, with the reason in ``plan_note``.
-        expected: When it begins [ns, UTC] and the surfacing that it says is next, until the vehicle has surfaced; None without.
-        outcomes: Surfacings that plans said would be next, beside the vehicle's.
-        watch: What tells a surfacing.
-        surfaced: Fix at which the vehicle surfaced, until all that came with it is assimilated; None at other times.
-        next_plan_ns: When the next plan is due [ns, UTC].
-        next_grid_ns: When the next depth slices are due.
-        last_ns: Time of the last message.
-        positions: Longitude and latitude of each measurement used; of a path, where it ended.
-        waiting: Positions and measurements in the order of the log, not yet published.
-        n_observations: Measurements among them.
+        estimation: Of the estimate.
+        publishing: Of the depth slices.
+        planning: Of the plans.
+        statistics: What was counted.
+        last_ns: Time of the last message [ns, UTC].
     """
 
-    # Any: each kind of estimator has a state of its own, which only it looks into
-    estimator: Estimator[Any]
-    writer: ResultWriter | None
-    planner: Planner | None
-    job: ReplayJob
-    config: RunConfig
-    levels: Array
-    clock: Stopwatch
-    tally: Tally
-    state: Any
-    dive_start: Any
-    dive: int = 0
-    vehicle: VehicleState | None = None
-    planned: Planned | None = None
-    expected: tuple[int, Surfacing] | None = None
-    outcomes: list[Outcome] = field(default_factory=list)
-    watch: SurfacingWatch = field(default_factory=SurfacingWatch)
-    surfaced: VehicleState | None = None
-    plan_note: str = ""
-    next_plan_ns: int | None = None
-    next_grid_ns: int | None = None
+    estimation: EstimationState
+    publishing: PublishingState = field(default_factory=PublishingState)
+    planning: PlanningState = field(default_factory=PlanningState)
+    statistics: RunStatistics = field(default_factory=RunStatistics)
     last_ns: int = 0
-    positions: list[tuple[float, float]] = field(default_factory=list)
-    waiting: list[VehicleState | Measurement] = field(default_factory=list)
-    n_observations: int = 0
 
 
-def handle(run: Run, event: Event) -> None:
-    """Count an event; what the estimate is made of waits for its like, because a block of observations takes little longer than one."""
-    if isinstance(event, Used):
-        run.tally.used(event.topic)
-    elif isinstance(event, Skipped):
-        run.tally.skipped(event.topic, event.reason)
-    elif isinstance(event, PathMean) and not getattr(run.estimator, "takes_paths", False):
-        run.tally.not_taken(event)
-    else:
-        run.waiting.append(event)
-        run.n_observations += isinstance(event, Measurement)
-        if run.n_observations == BLOCK or len(run.waiting) == _WAITING:
-            work_off(run)
+class Session:
+    """One replay as it runs.
 
+    It is mutable as the only one of its parts: a stream of events goes through it, and a block of them waits in it, because the estimator
+    assimilates a block of observations in little more time than one. A checkpoint is made only when none waits. Without a ``writer``
+    nothing is published.
+    """
 
-def work_off(run: Run) -> None:
-    """Assimilate the observations that wait, then publish everything in the order in which it came."""
-    # Any: only an estimator that says so is given mean currents
-    observations: list[Any] = [event for event in run.waiting if isinstance(event, Measurement)]
-    with run.clock.stage("estimate"):
-        done = list(run.estimator.steps(run.state, observations))
-        states = [state for state, _ in done]
-        means = weights_of(run.estimator, states)
-    after = iter(zip(done, means, strict=True))
-    for event in run.waiting:
-        if run.surfaced is not None and event.time_ns > run.surfaced.time_ns:
-            settle_surfacing(run)
-        if isinstance(event, Measurement):
-            (state, innovation), mean = next(after)
-            _assimilated(run, event, state, innovation, mean)
-        else:
-            run.vehicle = event
-            if run.writer is not None:
-                with run.clock.stage("write"):
-                    run.writer.fix(event)
-        run.watch, fix = watched(run.watch, event, run.config.measurements.surface_depth)
-        run.surfaced = fix or run.surfaced
-    run.waiting.clear()
-    run.n_observations = 0
+    def __init__(
+        self,
+        estimator: Estimator[Any],
+        levels: Array,
+        config: RunConfig,
+        problem: PlanningProblem | None = None,
+        clock: Stopwatch | None = None,
+    ) -> None:
+        """Begin with the prior.
 
+        Args:
+            estimator: Assimilates.
+            levels: shape (Z,) [m], of the weights.
+            config: The run's settings.
+            problem: What to plan; None plans nothing.
+            clock: Wall time of each stage so far; None for a new one.
+        """
+        self.estimator = estimator
+        self.config = config
+        self.problem = problem
+        self.writer: ResultWriter | None = None
+        self.clock = clock or Stopwatch()
+        self._levels = levels
+        paths = (PathMean,) if getattr(estimator, "takes_paths", False) else ()
+        self._inputs: tuple[type[VehicleState | Observation | PathMean], ...] = (VehicleState, Observation, *paths)
+        self._buffer: list[VehicleState | Measurement] = []
+        self._n_observations = 0
+        prior = estimator.initial()
+        self.restore(ReplayState(EstimationState(prior, prior)))
 
-def _assimilated(run: Run, observation: Any, state: Any, innovation: Innovation, mean: Array | None) -> None:
-    """Publish what a measurement said and the state after it; ``mean`` is that of the state's weights, where it has weights."""
-    if observation.dive != run.dive:
-        run.dive, run.dive_start = observation.dive, run.state
-    with run.clock.stage("estimate"):
-        predicted = run.estimator.misfit(run.dive_start, observation)
-    run.state = state
-    run.tally.observed(innovation, predicted)
-    if innovation.accepted:
-        run.positions.append(_place_of(observation))
-    if run.writer is not None:
-        with run.clock.stage("write"):
-            run.writer.innovation(innovation)
-            if innovation.accepted and mean is not None:
-                run.writer.estimate(observation.time_ns, mean, run.levels)
-    _publish_when_due(run, observation.time_ns)
+    @property
+    def state(self) -> ReplayState | None:
+        """The states of all stages; None while observations wait, for which there is no state yet."""
+        if self._buffer:
+            return None
+        return ReplayState(self.estimation, self.publishing, self.planning, self.statistics, self.last_ns)
 
+    def restore(self, state: ReplayState) -> None:
+        """Continue from a state."""
+        self.estimation, self.publishing, self.planning = state.estimation, state.publishing, state.planning
+        self.statistics, self.last_ns = state.statistics, state.last_ns
 
-def _place_of(measurement: Measurement) -> tuple[float, float]:
-    if isinstance(measurement, PathMean):
-        return float(measurement.longitude[-1]), float(measurement.latitude[-1])
-    return measurement.longitude, measurement.latitude
+    def take(self, events: Sequence[Event]) -> None:
+        """Count the messages used and skipped, and assimilate positions and measurements as soon as a block of them is complete."""
+        self.statistics = self.statistics.after_events(event for event in events if not isinstance(event, self._inputs))
+        for event in events:
+            if isinstance(event, self._inputs):
+                self._buffer.append(event)
+                self._n_observations += isinstance(event, Measurement)
+                if self._n_observations == BLOCK or len(self._buffer) == _BUFFERED:
+                    self.assimilate_buffer()
 
+    def assimilate_buffer(self) -> None:
+        """Assimilate the observations that wait, then publish everything in the order of the log."""
+        with self.clock.stage("estimate"):
+            self.estimation, steps = assimilate(self.estimator, self.estimation, self._buffer)
+        self._buffer, self._n_observations = [], 0
+        self.statistics = self.statistics.after_steps(steps)
+        for step in steps:
+            before, after = partial(flow_at, self.estimator, step.before), partial(flow_at, self.estimator, step.after)
+            self._plan(plans.before_step, step, before)
+            if self.writer is not None:
+                self.publishing, outputs = publish_step(self.publishing, step, self._levels, self.config.output, after)
+                self._write(outputs)
+            self._plan(plans.after_step, step, after)
 
-def _publish_when_due(run: Run, now_ns: int) -> None:
-    if run.next_grid_ns is None or now_ns >= run.next_grid_ns:
-        run.next_grid_ns = now_ns + int(run.config.output.interval * 1e9)
-        write_grids(run, now_ns, flow_at(run.estimator, run.state, now_ns))
-        if run.writer is not None:
-            run.writer.digest(now_ns)
-    if run.next_plan_ns is None:
-        run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
-    elif now_ns >= run.next_plan_ns:
-        run.next_plan_ns = now_ns + int(run.config.planner.interval * 1e9)
-        make_plan(run, now_ns, flow_at(run.estimator, run.state, now_ns))
+    def conclude(self) -> FlowEstimate:
+        """Finish a surfacing, plan from the last position and publish the last depth slices; return the last estimate."""
+        at = partial(flow_at, self.estimator, self.estimation.current)
+        self._plan(plans.finish_surfacing, at)
+        flow = at(self.last_ns)
+        self._plan(plans.make_plan, flow, self.last_ns)
+        self._write((depth_slices(self.last_ns, flow, self.config.output),))
+        return flow
 
+    def _plan(self, stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]], *arguments: Any) -> None:
+        """Make one step of the planning stage, if there is something to plan."""
+        if self.problem is not None:
+            with self.clock.stage("plan"):
+                self.planning, outputs = stage(self.problem, self.planning, *arguments)
+            self._write(outputs)
 
-def settle_surfacing(run: Run) -> None:
-    """Put the last plan's next surfacing beside the vehicle's, if it has surfaced, and plan anew from there when that is asked for."""
-    fix, run.surfaced = run.surfaced, None
-    if fix is None or run.planner is None or run.job.goal is None:
-        return
-    if run.expected is not None:
-        outcome, run.expected = outcome_of(*run.expected, fix), None
-        run.outcomes.append(outcome)
-        if run.writer is not None:
-            with run.clock.stage("write"):
-                run.writer.outcome(outcome)
-    if run.config.planner.at_surfacings:
-        run.next_plan_ns = fix.time_ns + int(run.config.planner.interval * 1e9)
-        flow, seconds = flow_at(run.estimator, run.state, fix.time_ns), run.config.planner.surface_time
-        make_plan(run, fix.time_ns + int(seconds * 1e9), flow, _adrift(flow, fix, seconds))
-
-
-def _adrift(flow: FlowEstimate, fix: VehicleState, seconds: float) -> Place:
-    """Return where a vehicle that has surfaced leaves the surface after some time adrift."""
-    east, north = to_local(flow.grid.projection, fix.longitude, fix.latitude)
-    current = flow.velocity(east, north, 0.0)
-    longitude, latitude = to_geographic(flow.grid.projection, east + seconds * current[0], north + seconds * current[1])
-    return Place(float(longitude), float(latitude), 0.0)
-
-
-def write_grids(run: Run, now_ns: int, flow: FlowEstimate) -> None:
-    """Write the depth slices of a flow, if there is a result to write."""
-    if run.writer is None:
-        return
-    levels = flow.levels
-    depths = run.config.output.depths or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1}))
-    with run.clock.stage("write"):
-        run.writer.grids(now_ns, flow, depths)
-
-
-def _start_place(vehicle: VehicleState) -> Place:
-    return Place(vehicle.longitude, vehicle.latitude, max(vehicle.depth, 0.0) if np.isfinite(vehicle.depth) else 0.0)
-
-
-def make_plan(run: Run, now_ns: int, flow: FlowEstimate, start: Place | None = None) -> None:
-    """Plan from a place, by default from where the vehicle is; a vehicle outside the region is said and does not end the replay."""
-    if run.planner is None or run.job.goal is None or run.vehicle is None:
-        return
-    with run.clock.stage("plan"):
-        try:
-            run.planned, run.plan_note = run.planner.plan(flow, start or _start_place(run.vehicle), run.job.goal, now_ns, run.planned), ""
-        except PlanError as error:
-            run.planned, run.plan_note = None, str(error)
-    run.expected = None
-    if run.planned is not None and run.planned.surfacing is not None:
-        run.expected = run.planned.plan.start_time_ns, run.planned.surfacing
-    if run.writer is not None:
-        with run.clock.stage("write"):
-            if run.planned is not None:
-                run.writer.plan(run.planned.plan, flow.grid.projection)
-            else:
-                run.writer.log(now_ns, "warning", f"no plan: {run.plan_note}")
+    def _write(self, outputs: Iterable[Output]) -> None:
+        """Write outputs, if there is a result."""
+        if self.writer is not None:
+            for output in outputs:
+                with self.clock.stage("write"):
+                    write(self.writer, output)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from planners.mission.flights import surfacing_ellipses
-from planners.mission.spread import Spread, tolerance_factor
+from planners.mission.safety_margin import SafetyMargin, tolerance_factor
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.estimator import build_estimator
@@ -72,7 +72,7 @@ def test_the_margin_of_a_plan_for_samples():
     """Three flights that are off by 1, 2 and 6 m towards a boundary."""
     deviations = np.zeros((3, 1, 2))
     deviations[:, 0, 0] = TIMES
-    margin = Spread(deviations, 0.9, 0.5).margins(np.array([[[1.0, 0.0]]]))
+    margin = SafetyMargin(deviations, 0.9, 0.5).margins(np.array([[[1.0, 0.0]]]))
     assert margin == pytest.approx(3.0 + tolerance_factor(3, 0.9) * np.sqrt(VARIANCE) + 0.5)
 
 

@@ -16,8 +16,8 @@ from replay_kit.estimator.update.biases import NAMES, Biases, Evidence, in_words
 from replay_kit.estimator.update.dense import DensePrior
 from replay_kit.estimator.update.dual import Dual
 from replay_kit.estimator.update.span import Span
-from replay_kit.studies.pings import random_observations
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 from tests.estimator.basis.test_paths import dive
 from tests.estimator.evolving.test_extras import faulty

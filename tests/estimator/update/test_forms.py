@@ -16,7 +16,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.estimator import FilterState, build_estimator, means_of
-from replay_kit.estimator.update import forms
+from replay_kit.estimator.update import forms, span
 from replay_kit.estimator.update.dense import DensePrior
 from replay_kit.estimator.update.directions import directions
 from replay_kit.estimator.update.dual import Dual, initial
@@ -121,6 +121,22 @@ def test_the_form_may_change_after_any_ping(switch):
         assert ours.nis == pytest.approx(theirs.nis, rel=1e-7)
         for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-9)
+
+
+@pytest.mark.usefixtures("spans_stay")
+def test_more_directions_than_there_is_room_for_are_taken_in(monkeypatch):
+    monkeypatch.setattr(span, "_MORE", 2)
+    monkeypatch.setattr(span, "_MORE_SHARE", 0.0)
+    estimator, observations = ESTIMATORS["default"], observed(places("scattered", 9))
+    state, said = run(estimator, observations[:2])
+    other = as_span(state)
+    sizes = [other.posterior.room]
+    for observation in observations[2:]:
+        other, innovation = estimator.step(other, observation)
+        said.append(innovation)
+        sizes.append(other.posterior.room)
+    assert len(set(sizes)) > 2
+    assert_is(estimator, other, *textbook(estimator, observations, [i.error_inflation for i in said]))
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)

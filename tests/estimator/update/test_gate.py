@@ -12,8 +12,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Reason
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.update.gate import Verdict, Watch, judge, softened_variance
-from replay_kit.studies.pings import random_observations
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.profiles import random_observations
 from tests import synthetic
 
 FEW = np.array([5.0, 60.0, 150.0, 300.0])
@@ -43,6 +43,7 @@ def test_the_statistic_is_the_textbook_s():
     cov, innovation = root @ root.T, rng.standard_normal(6)
     verdict = judge(innovation, cov, 0.0, 0, TRUST)
     assert verdict.statistic == pytest.approx(innovation @ np.linalg.inv(cov + np.eye(6)) @ innovation)
+    assert judge(innovation, cov, 0.0, 0, None).statistic == pytest.approx(verdict.statistic)
     assert verdict.gate == pytest.approx(chi2.isf(1e-5, 6))
     assert verdict.signal_dof(1.0) == pytest.approx(np.trace(cov @ np.linalg.inv(cov + np.eye(6))))
 

@@ -18,7 +18,8 @@ from replay_kit.core.vessel import Track, vessel_velocity
 from replay_kit.logs import open_log
 from replay_kit.logs.adcp.gps import clock_offset_ns, declination_deg
 from replay_kit.logs.adcp.profiles import raw_profiles
-from replay_kit.logs.adcp.records import AD2CP_TEXT, scan
+from replay_kit.logs.adcp.records import AD2CP_TEXT, lose_between, scan
+from replay_kit.logs.shared.statistics import ReadStatistics
 from replay_kit.measurements import observations
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_log
@@ -200,13 +201,14 @@ def test_a_horizontal_instrument_is_refused():
 def test_nortek_records_are_found_and_checked(long):
     records = [samples.nortek_record(kind, bytes(range(40 + kind % 2)), long) for kind in (0xA0, 0x15, 0x16)]
     data = b"".join([records[0], b"\xa5\x0arubbish", records[1], records[2]])
-    found, gaps = scan(data)
+    found, statistics = scan(data), ReadStatistics()
     assert [record.kind for record in found] == [0xA0, 0x15, 0x16]
-    assert [(gap.start, gap.size) for gap in gaps] == [(len(records[0]), 9)]
+    lose_between(statistics, found, len(data))
+    assert [(loss.offset, loss.bytes) for loss in statistics.report("", "").losses] == [(len(records[0]), 9)]
     for offset in range(len(records[0]), len(records[0]) + 9 + len(records[1])):
         damaged = bytearray(data)
         damaged[offset] ^= 0x40
-        kinds = [record.kind for record in scan(bytes(damaged))[0]]
+        kinds = [record.kind for record in scan(bytes(damaged))]
         assert kinds == ([0xA0, 0x15, 0x16] if offset < len(records[0]) + 9 else [0xA0, 0x16])
 
 

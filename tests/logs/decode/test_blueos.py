@@ -12,7 +12,7 @@ from replay_kit.logs.decode.blueos import mavlink_channel
 from replay_kit.measurements import Skipped, Used
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.carriers import json_mcap
-from tests.measurements.messages import only, run
+from tests.measurements.samples import only, run
 
 HEADER = {"system_id": 1, "component_id": 1, "sequence": 7}
 

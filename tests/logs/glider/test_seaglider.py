@@ -11,8 +11,8 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
-from replay_kit.logs.glider.seaglider import SeagliderReader
-from replay_kit.logs.glider.seaglider_file import open_dive
+from replay_kit.logs.glider.dive_file import open_dive
+from replay_kit.logs.glider.reader import SeagliderReader
 from replay_kit.measurements import observations
 from tests.places import DATA
 

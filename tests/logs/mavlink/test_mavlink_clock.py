@@ -105,7 +105,7 @@ def test_positions_of_several_systems_need_a_choice(tmp_path: Path) -> None:
     assert report.read == {"mavlink/1/1/GLOBAL_POSITION_INT": 3, "mavlink/2/1/GLOBAL_POSITION_INT": 3}
     messages, report = read(tmp_path, data, LogConfig(system=3), POSITION)
     assert messages == []
-    assert report.notes == ("no messages of system 3, which [logs] asks for; it holds those of 1, 2",)
+    assert report.notes == ("no messages of system 3, which [logs] chooses; it holds those of 1, 2",)
     messages, report = read(tmp_path, data)
     assert len(messages) == 6
     assert report.notes[0].startswith("positions of several systems; a replay needs one")

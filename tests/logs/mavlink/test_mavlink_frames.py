@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replay_kit.core.message import LogReport
-from replay_kit.logs.chain import chain
 from replay_kit.logs.mavlink import frames as mavlink_frames
 from replay_kit.logs.mavlink.crc import PADDING, checksums
-from replay_kit.logs.statistics import Tally
+from replay_kit.logs.shared.record_chain import chain
+from replay_kit.logs.shared.statistics import ReadStatistics
 from tests.logs.log_samples import tlog
 from tests.reference.mavlink import slow_chain, slow_crc
 
@@ -44,10 +44,10 @@ def test_a_chain_is_what_one_walk_meets(records: list[tuple[int, int]]) -> None:
 
 
 def places(data: bytes) -> tuple[list[int], LogReport, int]:
-    tally = Tally()
-    blocks = list(mavlink_frames.read_frames(BytesIO(data), tally))
+    statistics = ReadStatistics()
+    blocks = list(mavlink_frames.read_frames(BytesIO(data), statistics))
     found = [place + frames.offset for frames in blocks for place in frames.start.tolist()]
-    return found, tally.report("", ""), max(len(frames.data) for frames in blocks)
+    return found, statistics.report("", ""), max(len(frames.data) for frames in blocks)
 
 
 @pytest.mark.parametrize("block", [1, 7, 64, 700])

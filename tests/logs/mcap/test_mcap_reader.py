@@ -51,7 +51,7 @@ def test_clocks(tmp_path: Path) -> None:
     file.write_bytes(data)
     reader = McapReader(file, config=LogConfig.model_validate({"clock": "header"}))
     assert [m.time_ns for m in reader.messages()] == [4 * SECOND + 5, 1]
-    assert reader.without_stamp == 1
+    assert reader.report().without_stamp == 1
     messages, _ = read(tmp_path, json_mcap([10, 20]), clock="publish")
     assert [m.time_ns for m in messages] == [17, 27]
 

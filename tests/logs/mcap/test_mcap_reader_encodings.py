@@ -270,3 +270,9 @@ def test_the_reason_is_kept_and_nothing_printed(
     assert report.undecodable["/x"][0] == 2
     assert reason in report.undecodable["/x"][1]
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("text", ["module p { " * 5000, "struct A { " + "sequence<" * 5000])
+def test_idl_that_is_nested_too_deeply_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="IDL is nested too deeply"):
+        ros2msg_from_idl("p/msg/A", text)

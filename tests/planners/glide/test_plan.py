@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from planners import GlideSettings, fly, plan
-from planners.glide.seed import _fans, find_seeds, tabulate
-from planners.glide.track import fly_glide, fractions_of_duration
+from planners.glide.seeds import _fans, find_seeds
+from planners.glide.transcription import GlideCase
 from planners.route.region import region_of
+from planners.route.table import tabulate
+from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north
@@ -63,7 +65,7 @@ def test_the_paper_s_integration_errs_in_the_first_order_and_what_is_told_is_flo
         result = plan(flow, start, goal, settings=GlideSettings(integrator="euler", n_steps=n_steps, tolerance=1.0))
         # the optimiser takes itself to be at the goal; its path as it really is says how far off that is
         assert result.statistics["solver_distance"] < 0.1
-        assert f"promised {result.statistics['solver_distance']:.1f} m" in result.message
+        assert f"predicted {result.statistics['solver_distance']:.1f} m" in result.message
         off.append(result.closest_approach)
     exact = plan(flow, start, goal, settings=GlideSettings(tolerance=1.0))
     assert (exact.status, result.status) == ("reached", "unreachable")
@@ -97,7 +99,7 @@ def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside: str) -> None:
     start = np.array([grid.east[0, 5], grid.north[0, 5] + 100.0 if beside == "edge" else grid.north[3:5, 5].mean() + 100.0, 0.0])
     goal = start + np.array([2e3, 11e3, 200.0])
     assert not tabulate(flow, region).allowed_at(start[None] - [[0.0, 200.0, 0.0]])[0]
-    seed = find_seeds(flow, region, start, goal, 0.3, 2e5, 1)[0]
+    seed = find_seeds(flow, region, GlideCase(start, goal, region.deepest, region.sides(), 0.3, 2e5), 1)[0]
     # the fan's headings are four degrees apart
     assert seed.distance < np.deg2rad(2.0) * 11.2e3 + 50.0
     assert seed.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)

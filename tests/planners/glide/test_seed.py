@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.glide.seed import _fans, _fly_all, find_seeds, tabulate
+from planners.glide.seeds import _fans, _fly_all, find_seeds
+from planners.glide.transcription import GlideCase
 from planners.route.region import region_of
+from planners.route.table import tabulate
 from tests.planners.flow_samples import eddying_flow, still_flow
 
 SPEED, LONGEST = 0.3, 2e5
@@ -51,6 +53,27 @@ def test_the_table_allows_what_the_region_allows() -> None:
     assert not table.allowed_at(np.array([[np.nan, 0.0, 10.0]]))[0]
 
 
+def test_where_a_corner_of_a_cell_is_not_allowed_the_region_itself_is_asked() -> None:
+    flow = still_flow()
+    wet = flow.grid.wet.copy()
+    wet[1:, 3:5, 4:6] = False
+    region = region_of(replace(flow.grid, wet=wet))
+    table = tabulate(replace(flow, grid=replace(flow.grid, wet=wet)), region)
+    rng = np.random.default_rng(1)
+    # about the land, below the first level that has any
+    inner = flow.grid.east[2, 3], flow.grid.north[2, 3]
+    points = np.column_stack([rng.uniform(inner, np.add(inner, [30e3, 30e3]), (2000, 2)), rng.uniform(45.0, 400.0, 2000)])
+    cell = table.origin + table.spacing * np.floor((points[:, :2] - table.origin) / table.spacing)
+    corners = [
+        np.column_stack([cell + table.spacing * np.array(shift), points[:, 2]])
+        for shift in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
+    ]
+    mixed = ~np.all([region.allowed(corner) for corner in corners], axis=0)
+    assert set(region.allowed(points[mixed]).tolist()) == {True, False}
+    np.testing.assert_array_equal(table.allowed_at(points)[mixed], region.allowed(points)[mixed])
+    assert table.allowed_at(points)[~mixed].all()
+
+
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 300.0), (350.0, 50.0), (120.0, 120.0)])
 def test_one_fan_arrives_at_the_goal_s_depth_and_the_other_uses_the_water_there_is(begin: float, end: float) -> None:
     flow = eddying_flow(4, speed=0.25)
@@ -78,6 +101,7 @@ def test_one_fan_arrives_at_the_goal_s_depth_and_the_other_uses_the_water_there_
     assert np.all(depths <= 400.0 + 1e-9)
     assert np.all((lasting == LONGEST) | (np.abs(depths) < 1e-9) | (np.abs(depths - 400.0) < 1e-9))
     assert lasting[steady == 0.0] == LONGEST
+    assert np.all(lasting > 0.0)
 
 
 def test_in_still_water_the_closest_approach_of_each_glide_is_that_of_a_straight_line() -> None:
@@ -110,8 +134,8 @@ def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back() -> 
 def test_seeds_are_the_nearest_first_and_no_more_than_asked_for() -> None:
     flow = eddying_flow(6, speed=0.2)
     region, start, goal = region_of(flow.grid), np.array([-1e4, -6e3, 0.0]), np.array([9e3, 5e3, 250.0])
-    every = find_seeds(flow, region, start, goal, SPEED, LONGEST, 1000)
-    few = find_seeds(flow, region, start, goal, SPEED, LONGEST, 3)
+    case = GlideCase(start, goal, region.deepest, region.sides(), SPEED, LONGEST)
+    every, few = (find_seeds(flow, region, case, count) for count in (1000, 3))
     distances = [seed.distance for seed in every]
     assert distances == sorted(distances)
     assert few == every[:3]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import Glider
-from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refined
+from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refine_steps
 from planners.mission.leg import DRIFT_STEPS, fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, step_stops, steps_needed
 from replay_kit.core.flow.depth import depth_weights
 from tests.planners.flow_samples import LEVELS, eddying_flow
@@ -37,8 +37,8 @@ def test_steps_also_end_at_goals_below_the_surface() -> None:
 
 
 def test_a_step_cut_in_parts_goes_evenly_through_its_depths() -> None:
-    np.testing.assert_allclose(refined(np.array([0.0, 10.0, 40.0]), 2), [0.0, 5.0, 10.0, 25.0, 40.0])
-    np.testing.assert_array_equal(refined(np.array([0.0, 10.0]), 1), [0.0, 10.0])
+    np.testing.assert_allclose(refine_steps(np.array([0.0, 10.0, 40.0]), 2), [0.0, 5.0, 10.0, 25.0, 40.0])
+    np.testing.assert_array_equal(refine_steps(np.array([0.0, 10.0]), 1), [0.0, 10.0])
 
 
 @pytest.mark.parametrize(("method", "power"), [(fly_steps, 3), (fly_midpoints, 1)])

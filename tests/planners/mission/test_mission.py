@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Bathymetry, Glider, MissionPlan, MissionSettings, NoGo, Weights, plan_mission
-from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refined
+from planners import Bathymetry, Glider, MissionPlan, MissionRequest, MissionSettings, NoGo, Weights, plan_mission
+from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refine_steps
 from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
-from planners.mission.plan import goal_legs_of, one_leg_more
-from planners.mission.task import MissionTask, mission_task, out_of_reach
+from planners.mission.search import add_leg, goal_legs_of
+from planners.mission.task import MissionTask, is_out_of_reach, mission_task
 from planners.route.hazards import Ring, half_planes, no_go_ring
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -35,13 +35,13 @@ def _local(flow: FlowEstimate, plan: MissionPlan) -> np.ndarray:
 
 def test_a_leg_is_flown_as_by_an_adaptive_method():
     flow = eddying_flow(3)
-    for turns in ((0.0, 300.0, 0.0), (60.0, 350.0, 0.0, 200.0)):
-        depths = leg_depths(turns, flow.levels, steps_needed(turns, flow.levels, 1))
-        assert set(turns) <= set(depths)
+    for yo_depths in ((0.0, 300.0, 0.0), (60.0, 350.0, 0.0, 200.0)):
+        depths = leg_depths(yo_depths, flow.levels, steps_needed(yo_depths, flow.levels, 1))
+        assert set(yo_depths) <= set(depths)
         flight = fly_legs(currents_of(flow), GLIDER, np.array([3e3, -4e3]), Legs(np.array([1.0]), np.array([0.3]), (depths,), np.zeros(1)))
-        slowly = fly_leg_slowly(flow, np.array([3e3, -4e3]), 1.0, 0.3, GLIDER.speed, turns)
+        slowly = fly_leg_slowly(flow, np.array([3e3, -4e3]), 1.0, 0.3, GLIDER.speed, yo_depths)
         np.testing.assert_allclose(flight.place[0, -1], slowly, atol=0.05)
-        assert flight.time[-1] == pytest.approx(np.sum(np.abs(np.diff(turns))) / (0.3 * np.sin(0.3)), rel=1e-12)
+        assert flight.time[-1] == pytest.approx(np.sum(np.abs(np.diff(yo_depths))) / (0.3 * np.sin(0.3)), rel=1e-12)
 
 
 def test_the_integrators_have_their_order_and_the_optimiser_s_ends_within_a_metre():
@@ -50,7 +50,7 @@ def test_the_integrators_have_their_order_and_the_optimiser_s_ends_within_a_metr
     velocity = currents_of(flow)
 
     def end(method: Callable[..., list], cut: int) -> np.ndarray:
-        depths = refined(steps, cut)
+        depths = refine_steps(steps, cut)
 
         def rate(at: np.ndarray, depth: float, _: float) -> np.ndarray:
             return np.array([0.2, 0.1]) + velocity.velocity(at[None], velocity.weights(np.array([depth]))[0], 0.0)[0]
@@ -86,7 +86,7 @@ def test_many_currents_are_flown_at_once_and_a_drift_is_the_surface_current():
 
 def test_still_water_is_crossed_straight_at_the_shallowest_angle_that_fits():
     flow = still_flow()
-    result = plan_mission(flow, place(flow, -12e3, 0.0, 0.0), place(flow, 4e3, 9e3, 0.0), settings=SETTINGS)
+    result = plan_mission(flow, MissionRequest(place(flow, -12e3, 0.0, 0.0), (place(flow, 4e3, 9e3, 0.0),), settings=SETTINGS))
     way, legs = float(np.hypot(16e3, 9e3)), len(result.headings_deg)
     # n dives to 300 m at the glide angle a lead 600 n / tan(a) metres far
     assert result.status == "reached"
@@ -100,7 +100,7 @@ def test_still_water_is_crossed_straight_at_the_shallowest_angle_that_fits():
 
 def test_a_uniform_current_is_headed_off():
     flow, begin, end = uniform_flow(0.08, -0.04), np.array([-10e3, -2e3]), np.array([6e3, 4e3])
-    result = plan_mission(flow, place(flow, *begin, 0.0), place(flow, *end, 0.0), settings=SETTINGS)
+    result = plan_mission(flow, MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=SETTINGS))
     made_good = (end - begin) / result.duration - [0.08, -0.04]
     along = 600.0 * len(result.headings_deg) / result.duration
     assert result.status == "reached"
@@ -110,12 +110,14 @@ def test_a_uniform_current_is_headed_off():
 def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_surfacing():
     flow = eddying_flow(6)
     goal = place(flow, 9e3, 6e3, 0.0)
-    cold = plan_mission(flow, place(flow, -9e3, -6e3, 0.0), goal, settings=SETTINGS)
-    again = plan_mission(flow, place(flow, -9e3, -6e3, 0.0), goal, settings=SETTINGS, warm=cold)
+    cold = plan_mission(flow, MissionRequest(place(flow, -9e3, -6e3, 0.0), (goal,), settings=SETTINGS))
+    again = plan_mission(flow, MissionRequest(place(flow, -9e3, -6e3, 0.0), (goal,), settings=SETTINGS), warm=cold)
     assert again.duration == pytest.approx(cold.duration, rel=1e-4)
     assert again.statistics["attempts"] == 1
     here = Place(*(float(x) for x in cold.surfacings[1]), 0.0)
-    later = plan_mission(flow, here, goal, settings=SETTINGS, warm=cold, start_time_ns=int(cold.surfacing_times[1] * 1e9))
+    later = plan_mission(
+        flow, MissionRequest(here, (goal,), settings=SETTINGS, start_time_ns=int(cold.surfacing_times[1] * 1e9)), warm=cold
+    )
     assert len(later.headings_deg) == len(cold.headings_deg) - 2
     assert later.duration == pytest.approx(cold.duration - cold.surfacing_times[1], rel=1e-3)
 
@@ -123,12 +125,12 @@ def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_sur
 def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_end():
     flow = eddying_flow(7)
     goals = (place(flow, -4e3, 8e3, 0.0), place(flow, 2e3, 4e3, 120.0), place(flow, 10e3, 2e3, 200.0))
-    result = plan_mission(flow, place(flow, -12e3, -4e3, 40.0), goals, settings=replace(SETTINGS, surface_time=600.0))
+    result = plan_mission(flow, MissionRequest(place(flow, -12e3, -4e3, 40.0), goals, settings=replace(SETTINGS, surface_time=600.0)))
     assert result.status == "reached"
     # thirteen dives of the optimiser's coarser steps
     assert np.all(result.closest_approach < 3.0)
-    assert result.turns[0][0] == 40.0
-    assert result.track[-1, 2] == result.turns[-1][-1] == 200.0
+    assert result.yo_depths[0][0] == 40.0
+    assert result.track[-1, 2] == result.yo_depths[-1][-1] == 200.0
     assert result.goal_legs[0] < result.goal_legs[1] < result.goal_legs[2] == len(result.headings_deg)
     # at its time the track is at the second goal's depth, within a leg
     met = [np.interp(result.goal_times, result.track_time, result.track[:, axis]) for axis in range(3)]
@@ -138,7 +140,9 @@ def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_
     # from the surfacing after the first goal, at the same steps of the legs that are left
     begun = result.goal_legs[0]
     here, now = Place(*(float(x) for x in result.surfacings[begun - 1]), 0.0), result.surfacing_times[begun - 1]
-    later = plan_mission(flow, here, goals[1:], settings=replace(SETTINGS, surface_time=600.0), warm=result, start_time_ns=int(now * 1e9))
+    later = plan_mission(
+        flow, MissionRequest(here, goals[1:], settings=replace(SETTINGS, surface_time=600.0), start_time_ns=int(now * 1e9)), warm=result
+    )
     assert (later.status, later.statistics["attempts"]) == ("reached", 1)
     np.testing.assert_allclose(later.goal_times + now, result.goal_times[1:], rtol=1e-3)
 
@@ -149,8 +153,8 @@ def test_coming_close_is_weighed_against_time(worth_of_a_kilometre: float, comes
     # a kilometre more at the glide angle a takes cos(a) / 0.3 / 3.6 hours: for less it is not gone, and no second dive is worth it
     angle = np.arccos(0.8 * 0.3 * 3.6)
     weights = Weights(time=1.0, closest=worth_of_a_kilometre)
-    ask = (flow, place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0))
-    result = plan_mission(*ask, settings=replace(SETTINGS, objective=weights))
+    request = MissionRequest(place(flow, -2e3, 0.0, 0.0), (place(flow, 2e3, 0.0, 0.0),), settings=replace(SETTINGS, objective=weights))
+    result = plan_mission(flow, request)
     assert (result.status == "reached") == comes_close
     assert len(result.headings_deg) == (2 if comes_close else 1)
     assert result.closest_approach[0] == pytest.approx(0.0 if comes_close else 4e3 - 600.0 / np.tan(angle), abs=15.0)
@@ -170,14 +174,14 @@ def test_each_goal_has_a_leg_of_its_own():
     assert goal_legs_of(np.array([38.0, 39.0, 40.0]), 5) == (3, 4, 5)
     assert goal_legs_of(np.array([1.0, 40.0]), 2) == (1, 2)
     # the way that is flown flattest gets the leg more
-    assert one_leg_more((1, 3, 4), np.array([0.4, 0.3, 0.3, 0.5])) == (1, 4, 5)
+    assert add_leg((1, 3, 4), np.array([0.4, 0.3, 0.3, 0.5])) == (1, 4, 5)
 
 
 def test_a_single_dive_from_below_the_surface_may_end_at_the_depth_it_began():
     flow = still_flow()
     way = place(flow, 1.2e3, 0.0, 150.0)
-    result = plan_mission(flow, place(flow, -0.4e3, 0.0, 150.0), way, settings=replace(SETTINGS, legs=1))
-    assert result.turns == ((150.0, 300.0, 150.0),)
+    result = plan_mission(flow, MissionRequest(place(flow, -0.4e3, 0.0, 150.0), (way,), settings=replace(SETTINGS, legs=1)))
+    assert result.yo_depths == ((150.0, 300.0, 150.0),)
     assert result.status == "unreachable"
     assert result.closest_approach[0] == pytest.approx(1600.0 - 300.0 / np.tan(FLAT), abs=1.0)
 
@@ -186,7 +190,7 @@ def test_a_flow_that_changes_is_planned_in_as_it_will_be():
     first = replace(uniform_flow(0.0, 0.0), time_ns=0)
     later = replace(uniform_flow(0.0, 0.12), time_ns=int(6e4 * 1e9))
     start, goal = place(first, -8e3, 0.0, 0.0), place(first, 8e3, 0.0, 0.0)
-    result = plan_mission((first, later), start, goal, settings=SETTINGS)
+    result = plan_mission((first, later), MissionRequest(start, (goal,), settings=SETTINGS))
     drift = 0.12 * result.duration**2 / 2.0 / 6e4
     assert result.status == "reached"
     east, north = 0.3 * np.cos(np.deg2rad(result.glide_angles_deg)), np.deg2rad(result.headings_deg)
@@ -197,11 +201,11 @@ def test_a_flow_that_changes_is_planned_in_as_it_will_be():
 def test_a_forbidden_area_is_gone_round_or_passed_under(surface_only: bool):
     flow = eddying_flow(8, speed=0.1)
     area = _area(flow, -0.7e3, -6e3, 0.7e3, -1e3, surface_only=surface_only)
-    ask = (flow, place(flow, -5e3, -3e3, 0.0), place(flow, 6e3, -3e3, 0.0))
-    free, clear = (plan_mission(*ask, settings=replace(SETTINGS, depth=390.0), no_go=areas) for areas in ((), (area,)))
+    request = MissionRequest(place(flow, -5e3, -3e3, 0.0), (place(flow, 6e3, -3e3, 0.0),), settings=replace(SETTINGS, depth=390.0))
+    free, clear = (plan_mission(flow, replace(request, no_go=areas)) for areas in ((), (area,)))
     assert clear.status == "reached"
     assert clear.duration >= free.duration * (1.0 - 1e-4)
-    ring = no_go_ring(flow.grid.projection, area.polygon, area.name)
+    ring = no_go_ring(flow.grid.projection, area)
     track = np.vstack([np.linspace(a, b, 100) for a, b in zip(clear.track[:-1], clear.track[1:], strict=True)])
     assert not ring.forbids(_local(flow, clear)).any()
     assert ring.forbids(track[:, :2]).any() == surface_only
@@ -212,27 +216,28 @@ def test_land_and_shallows_are_gone_round():
     wet = flow.grid.wet.copy()
     wet[3:, 2:, 4] = False
     dry = replace(flow, grid=replace(flow.grid, wet=wet))
-    ask = (place(dry, -16e3, -17e3, 0.0), place(dry, -1e3, -17e3, 0.0))
     deep = replace(SETTINGS, depth=390.0)
-    result = plan_mission(dry, *ask, settings=deep)
+    request = MissionRequest(place(dry, -16e3, -17e3, 0.0), (place(dry, -1e3, -17e3, 0.0),), settings=deep)
+    result = plan_mission(dry, request)
     assert result.status == "reached"
     assert result.track[:, 1].min() < -22e3
     # dives that end above the shelf pass over it
-    assert plan_mission(dry, *ask, settings=replace(deep, depth=200.0, legs=14)).track[:, 1].min() > -18e3
+    shallow = replace(request, settings=replace(deep, depth=200.0, legs=14))
+    assert plan_mission(dry, shallow).track[:, 1].min() > -18e3
     bottom = np.where(wet[3], 1000.0, 250.0)
-    ask = (*ask, Bathymetry(flow.grid.longitude, flow.grid.latitude, bottom))
-    same = plan_mission(flow, *ask[:2], settings=replace(deep, legs=len(result.headings_deg)), bathymetry=ask[2])
+    bathymetry = Bathymetry(flow.grid.longitude, flow.grid.latitude, bottom)
+    same = plan_mission(flow, replace(request, settings=replace(deep, legs=len(result.headings_deg)), bathymetry=bathymetry))
     assert same.duration == pytest.approx(result.duration, rel=1e-3)
 
 
 def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
     flow = still_flow()
     start, goal = place(flow, -20e3, 0.0, 0.0), place(flow, 20e3, 0.0, 0.0)
-    few = plan_mission(flow, start, goal, settings=replace(SETTINGS, legs=3))
+    few = plan_mission(flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=3)))
     assert (few.status, few.closest_approach[0]) == ("unreachable", pytest.approx(40e3 - 3 * 600.0 / np.tan(FLAT), abs=1.0))
     assert "limit: 3 legs" in few.message
     assert f"misses the goal by {few.closest_approach[0]:.1f} m" in few.message
-    strong = plan_mission(uniform_flow(-0.4, 0.0), start, goal, settings=SETTINGS)
+    strong = plan_mission(uniform_flow(-0.4, 0.0), MissionRequest(start, (goal,), settings=SETTINGS))
     assert strong.status == "unreachable"
     # at 15 degrees it makes 0.29 m/s of the current's 0.4
     assert "current" in strong.message
@@ -243,18 +248,18 @@ def test_what_is_far_out_of_reach_is_told_from_what_may_be_and_takes_few_iterati
     def task(east: float, settings: MissionSettings) -> MissionTask:
         flow = uniform_flow(east, 0.0)
         places = place(flow, -20e3, 0.0, 0.0), (place(flow, -30e3, 0.0, 0.0),)
-        return mission_task(flow, places, GLIDER, settings, ((), None), 0)
+        return mission_task(flow, MissionRequest(*places, GLIDER, settings))
 
     # twice as fast it makes 0.58 m/s, 13 km in 3 legs
-    assert out_of_reach(task(0.65, SETTINGS))
-    assert not out_of_reach(task(0.5, SETTINGS))
-    assert not out_of_reach(task(0.0, replace(SETTINGS, legs=3)))
-    assert out_of_reach(task(0.3, replace(SETTINGS, legs=2)))
-    assert not out_of_reach(task(0.65, replace(SETTINGS, objective=Weights(time=1.0, closest=1.0))))
+    assert is_out_of_reach(task(0.65, SETTINGS))
+    assert not is_out_of_reach(task(0.5, SETTINGS))
+    assert not is_out_of_reach(task(0.0, replace(SETTINGS, legs=3)))
+    assert is_out_of_reach(task(0.3, replace(SETTINGS, legs=2)))
+    assert not is_out_of_reach(task(0.65, replace(SETTINGS, objective=Weights(time=1.0, closest=1.0))))
     # without and within half-planes at the region's edge, thirty for as many legs each
     flow = uniform_flow(0.9, 0.0)
     goal = place(flow, -30e3, 0.0, 0.0)
-    result = plan_mission(flow, place(flow, -20e3, 0.0, 0.0), goal, settings=replace(SETTINGS, legs=30))
+    result = plan_mission(flow, MissionRequest(place(flow, -20e3, 0.0, 0.0), (goal,), settings=replace(SETTINGS, legs=30)))
     assert result.status == "unsafe"
     assert "edge of the region" in result.message
     assert "limit: 30 legs" in result.message
@@ -264,7 +269,9 @@ def test_what_is_far_out_of_reach_is_told_from_what_may_be_and_takes_few_iterati
 def test_a_way_that_is_walled_off_is_not_called_reached():
     flow = still_flow()
     wall = _area(flow, -2e3, -60e3, 2e3, 60e3)
-    result = plan_mission(flow, place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 0.0, 0.0), settings=SETTINGS, no_go=(wall,))
+    result = plan_mission(
+        flow, MissionRequest(place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=SETTINGS, no_go=(wall,))
+    )
     assert result.status in ("unreachable", "unsafe")
     assert result.status == "unreachable" or "range" in result.message
 
@@ -272,7 +279,7 @@ def test_a_way_that_is_walled_off_is_not_called_reached():
 def test_a_flow_that_is_not_a_number_fails_as_a_value():
     flow = still_flow()
     bad = replace(flow, latent=np.full_like(flow.latent, np.nan))
-    result = plan_mission(bad, place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 0.0, 0.0), settings=SETTINGS)
+    result = plan_mission(bad, MissionRequest(place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=SETTINGS))
     assert (result.status, len(result.headings_deg)) == ("failed", 0)
     assert "not a number" in result.message
 
@@ -294,14 +301,14 @@ def test_missions_that_cannot_be_asked_for(goals: tuple[Place, ...], settings: M
     flow = still_flow()
     area = _area(flow, -5e3, -16e3, 5e3, -6e3)
     with pytest.raises(PlanError, match=words):
-        plan_mission(flow, Place(152.4, -40.0, 0.0), goals, settings=settings, no_go=(area,))
+        plan_mission(flow, MissionRequest(Place(152.4, -40.0, 0.0), goals, settings=settings, no_go=(area,)))
 
 
 def test_areas_that_leave_no_water_are_said():
     flow = still_flow()
     areas = (_area(flow, -90e3, -90e3, 90e3, -0.2e3), _area(flow, -90e3, 0.2e3, 90e3, 90e3))
     with pytest.raises(PlanError, match="leaves no water"):
-        plan_mission(flow, place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 0.0, 0.0), settings=SETTINGS, no_go=areas)
+        plan_mission(flow, MissionRequest(place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=SETTINGS, no_go=areas))
 
 
 @pytest.mark.parametrize("wrong", [{"depth": 0.0}, {"legs": 0}, {"surface_time": -1.0}, {"tolerance": float("nan")}])
@@ -309,7 +316,7 @@ def test_settings_that_cannot_be_are_refused(wrong: dict[str, float]):
     with pytest.raises(PlanError, match="expected"):
         MissionSettings(**wrong)
     with pytest.raises(PlanError, match="three pairs"):
-        no_go_ring(still_flow().grid.projection, ((152.0, -40.0), (152.1, -40.0)), "line")
+        no_go_ring(still_flow().grid.projection, NoGo(((152.0, -40.0), (152.1, -40.0)), "line"))
 
 
 def test_half_planes_keep_a_point_on_its_side_and_lead_out():

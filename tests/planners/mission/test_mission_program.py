@@ -6,13 +6,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from planners import Glider, MissionSettings
+from planners import Glider, MissionRequest, MissionSettings
+from planners.mission.attempt import GoalSteps
 from planners.mission.flight import Flight
-from planners.mission.guide import GuideTerms, along_line, near_place
-from planners.mission.program import HOUR, KM, MissionData, MissionGuess, MissionShape, _unknowns, solve_mission
-from planners.mission.solve import GoalSteps, _along, _guide_places
+from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, _unknowns, solve_mission
+from planners.mission.reference_path import ReferencePathTerms, along_line, near_place
+from planners.mission.solve import LegsProblem, _points_along, _reference_weights_and_limits
 from planners.mission.task import REFINED, MissionTask, mission_task
-from planners.route.front import Route
+from planners.route.graph import Route
+from planners.solver import HOUR, KM
 from tests.planners.flow_samples import place, still_flow
 
 GLIDER = Glider()
@@ -51,8 +53,8 @@ def test_a_guess_begins_with_the_times_of_its_dives_and_drifts_and_with_what_it_
     np.testing.assert_allclose(upper[:15].reshape(3, 5)[:, 4], np.deg2rad(35.0))
     assert lower[15:].tolist() == [0.0] * 4
     # a mooring has to last, which is a bound on the end of its last leg alone; it and half-planes have a slack each
-    data = replace(_data(goal, 3), guide=near_place(np.zeros(2), 1e3, 5.0 * HOUR, False))
-    unknowns, lower, _ = _unknowns(GLIDER, _shape(3, guided=True, n_planes=2), data, guess)
+    data = replace(_data(goal, 3), reference_path=near_place(np.zeros(2), 1e3, 5.0 * HOUR, False))
+    unknowns, lower, _ = _unknowns(GLIDER, _shape(3, has_reference=True, n_planes=2), data, guess)
     assert lower[:15].reshape(3, 5)[:, 2].tolist() == [-np.inf, -np.inf, 5.0]
     assert unknowns[15:].tolist() == pytest.approx([0.0, 0.8, 0.5, 0.0, 0.0, 0.0])
 
@@ -61,21 +63,21 @@ def test_time_is_the_objective_where_the_goal_is_met_and_the_penalty_is_added_wh
     flattest = float(np.cos(np.deg2rad(15.0)) / np.sin(np.deg2rad(15.0))) * 600.0
     for goal_at, short in ((0.8 * 2 * flattest, 0.0), (2 * flattest + 1e3, 1.0)):
         goal = np.array([0.0, goal_at])
-        found = solve_mission(FLOW, GLIDER, _shape(2), _data(goal, 2), _straight(goal, 2), None)
+        found = solve_mission(MissionModel(FLOW, GLIDER, _shape(2)), _data(goal, 2), _straight(goal, 2))
         angle = float(np.mean(found.guess.angles))
         hours = (2 * 600.0 / 0.3 / np.sin(angle) + 600.0) / HOUR
         assert found.objective == pytest.approx(hours + 50.0 * short, rel=1e-3)
         assert found.guess.places[-1, 1] == pytest.approx(goal_at - 1e3 * short, abs=2.0)
-        assert found.trespass == 0.0
+        assert found.plane_violation == 0.0
     # weighed, the distance itself costs, with a bowl of ten metres at the goal
     weighed = replace(_data(goal, 2), distance_weight=0.5)
-    found = solve_mission(FLOW, GLIDER, _shape(2), weighed, _straight(goal, 2), None)
+    found = solve_mission(MissionModel(FLOW, GLIDER, _shape(2)), weighed, _straight(goal, 2))
     off = abs(found.guess.places[-1, 1] - goal_at) / KM
     hours = sum(600.0 / 0.3 / np.sin(found.guess.angles)) / HOUR + 600.0 / HOUR
     assert found.objective == pytest.approx(hours + 0.5 * np.hypot(off, 0.01), rel=1e-3)
     # the closest approach is a square
     closest = replace(_data(goal, 2), time_weight=0.0, miss_weight=2.0, penalty=0.0)
-    found = solve_mission(FLOW, GLIDER, _shape(2), closest, _straight(goal, 2), None)
+    found = solve_mission(MissionModel(FLOW, GLIDER, _shape(2)), closest, _straight(goal, 2))
     assert found.objective == pytest.approx(2.0 * 1.0**2, rel=1e-2)
 
 
@@ -85,16 +87,16 @@ def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_
     planes = np.zeros((1, 11, 1, 3))
     planes[0, 9] = [[0.0, 1.0, 1000.0]]
     data = replace(_data(goal, 1, planes=planes), drifts=np.zeros(1))
-    found = solve_mission(FLOW, GLIDER, _shape(1, n_planes=1), data, _straight(goal, 1), None)
+    found = solve_mission(MissionModel(FLOW, GLIDER, _shape(1, n_planes=1)), data, _straight(goal, 1))
     assert found.guess.places[0, 1] == pytest.approx(1000.0, abs=5.0)
-    assert found.trespass == pytest.approx(0.0, abs=5.0)
+    assert found.plane_violation == pytest.approx(0.0, abs=5.0)
     # the steepest leads 857 m: wherever it heads it comes out of a box of 600 m by 200 m, least of all objectives towards the goal
     planes = np.zeros((1, 11, 4, 3))
     planes[0, 9] = [[0.0, 1.0, 300.0], [0.0, -1.0, 300.0], [1.0, 0.0, 100.0], [-1.0, 0.0, 100.0]]
-    found = solve_mission(FLOW, GLIDER, _shape(1, n_planes=4), replace(data, planes=planes), _straight(goal, 1), None)
+    found = solve_mission(MissionModel(FLOW, GLIDER, _shape(1, n_planes=4)), replace(data, planes=planes), _straight(goal, 1))
     hop = 600.0 / np.tan(np.deg2rad(35.0))
     np.testing.assert_allclose(found.guess.places[0], [0.0, hop], atol=5.0)
-    assert found.trespass == pytest.approx(hop - 300.0, abs=5.0)
+    assert found.plane_violation == pytest.approx(hop - 300.0, abs=5.0)
     # a kilometre beyond costs as much as four kilometres missed
     assert found.objective == pytest.approx(50.0 * (4.0 * (hop - 300.0) + 3e3 - hop) / KM, rel=0.01)
 
@@ -106,19 +108,19 @@ def test_a_guide_costs_the_squared_distance_of_each_place_by_its_weight_and_limi
     rng = np.random.default_rng(2)
     places = rng.uniform(-3e3, 3e3, (2, 3, 2))
     weights, limits, stray = rng.uniform(0.1, 1.0, (2, 3)), rng.uniform(500.0, 2e3, (2, 3)), 0.7
-    terms = GuideTerms(2, 3)
+    terms = ReferencePathTerms(2, 3)
     for leg in range(2):
         terms.add(leg, ca.DM(places[leg].T / KM))
-    evaluate = ca.Function("terms", [*terms.parameters, terms.stray], [terms.cost, ca.horzcat(*terms.beyond), terms.strayed])
-    cost, beyond, strayed = evaluate(guide.origin / KM, guide.across, weights.ravel(), limits.ravel() / KM, stray)
+    evaluate = ca.Function("terms", [*terms.parameters, terms.slack], [terms.cost, ca.horzcat(*terms.excess), terms.slack_cost])
+    cost, beyond, excess_deviation = evaluate(guide.origin / KM, guide.across, weights.ravel(), limits.ravel() / KM, stray)
     away = np.array([guide.distances(leg) for leg in places]) / KM
     assert float(cost) == pytest.approx(np.sum(weights * away**2), rel=1e-12)
     np.testing.assert_allclose(np.asarray(beyond).T, (away**2 - (limits / KM + stray) ** 2) / (limits / KM), rtol=1e-10)
     # a kilometre astray is a fifth of a kilometre's trespass
-    assert float(strayed) == pytest.approx(0.2 * 0.7)
-    nothing = GuideTerms(2, 0)
+    assert float(excess_deviation) == pytest.approx(0.2 * 0.7)
+    nothing = ReferencePathTerms(2, 0)
     nothing.add(0, ca.DM(places[0].T))
-    assert (nothing.beyond, nothing.stray.numel()) == ([], 0)
+    assert (nothing.excess, nothing.slack.numel()) == ([], 0)
     assert float(ca.evalf(nothing.cost)) == 0.0
 
 
@@ -134,49 +136,49 @@ def test_guides_weigh_hours_and_distances_as_they_were_asked_to() -> None:
 
 def _task(**more: float) -> MissionTask:
     settings = MissionSettings(depth=300.0, **more)
-    return mission_task(FLOW, (place(FLOW, -1e3, 0.0, 0.0), (place(FLOW, 3e3, 2e3, 0.0),)), GLIDER, settings, ((), None), 0)
+    return mission_task(FLOW, MissionRequest(place(FLOW, -1e3, 0.0, 0.0), (place(FLOW, 3e3, 2e3, 0.0),), GLIDER, settings))
 
 
 def test_a_guide_s_weight_goes_by_the_time_of_each_step_and_its_limit_stops_short_of_what_is_checked() -> None:
-    task = replace(_task(surface_time=900.0), guide=near_place(np.zeros(2), 2e3, 4.0 * HOUR, False))
-    shape = _shape(2, guided=True)
+    task = replace(_task(surface_time=900.0), reference_path=near_place(np.zeros(2), 2e3, 4.0 * HOUR, False))
+    shape = _shape(2, has_reference=True)
     angles = np.array([0.3, 0.5])
     hours = np.abs(np.diff(DIVE)) / (0.3 * np.sin(angles))[:, None] / HOUR
-    weights, limits = _guide_places(task, angles, shape, [DIVE, DIVE], 2.0)
+    weights, limits = _reference_weights_and_limits(task, angles, shape, [DIVE, DIVE], 2.0)
     np.testing.assert_allclose(weights[:, :10], 2.0 * hours)
     # the drift after the first leg lasts a quarter of an hour, and there is none after the last
     np.testing.assert_allclose(weights[:, 10], [2.0 * 0.25, 0.0])
     np.testing.assert_allclose(limits, 2e3 - 50.0)
     # of a narrow limit the margin takes half at most
-    narrow = replace(task, guide=replace(task.guide, limit=60.0))
-    np.testing.assert_allclose(_guide_places(narrow, angles, shape, [DIVE, DIVE], 2.0)[1], 30.0)
+    narrow = replace(task, reference_path=replace(task.reference_path, limit=60.0))
+    np.testing.assert_allclose(_reference_weights_and_limits(narrow, angles, shape, [DIVE, DIVE], 2.0)[1], 30.0)
     # surfacings alone have the weight of their whole legs, and nothing limits what is between them
-    few = replace(task, guide=replace(task.guide, surfacings_only=True))
-    weights, limits = _guide_places(few, angles, shape, [DIVE, DIVE], 2.0)
+    few = replace(task, reference_path=replace(task.reference_path, surfacings_only=True))
+    weights, limits = _reference_weights_and_limits(few, angles, shape, [DIVE, DIVE], 2.0)
     assert np.all(weights[:, :10] == 0.0)
     np.testing.assert_allclose(weights[:, 10], 2.0 * (hours.sum(axis=1) + np.array([0.25, 0.0])))
     np.testing.assert_allclose(limits[:, 10], 2e3 - 50.0)
     assert np.all(limits[:, :10] >= 1e6)
-    assert _guide_places(_task(), angles, shape, [DIVE, DIVE], 2.0)[0].size == 0
+    assert _reference_weights_and_limits(_task(), angles, shape, [DIVE, DIVE], 2.0)[0].size == 0
 
 
 def test_half_planes_are_first_laid_along_the_route_and_then_straight_from_leg_to_leg() -> None:
     task = _task()
-    turns = task.turns(2)
+    yo_depths = task.yo_depths(2)
     guess = MissionGuess(np.array([[1e3, 0.0], [3e3, 2e3]]), np.zeros(2), np.full(2, 0.3))
-    n_places = task.n_steps(turns)
-    straight = _along(task, guess, turns, None)
+    n_places, problem = task.n_steps(yo_depths), LegsProblem(task, 2, GoalSteps((2,), (0,)))
+    straight = _points_along(problem, guess)
     share = np.arange(1, n_places + 1)[:, None] / n_places
     np.testing.assert_allclose(straight[0], task.start[:2] + share * (guess.places[0] - task.start[:2]), rtol=1e-12)
     np.testing.assert_allclose(straight[1], guess.places[0] + share * (guess.places[1] - guess.places[0]), rtol=1e-12)
     # by a route with a corner, gone at its own pace: half of the time for the first leg
     route = Route(np.array([[-1e3, 0.0], [-1e3, 3e3], [3e3, 3e3]]), np.array([0.0, 1e4, 4e4]), True)
-    along = _along(task, guess, turns, route).reshape(-1, 2)
+    along = _points_along(problem, guess, route).reshape(-1, 2)
     times = 4e4 * np.arange(1, 2 * n_places + 1) / (2 * n_places)
     expected = [np.interp(times, route.times, route.points[:, i]) for i in (0, 1)]
     np.testing.assert_allclose(along, np.column_stack(expected), rtol=1e-9, atol=1e-6)
     # a drift is one more place after each leg
-    assert _along(_task(surface_time=600.0), guess, turns, None).shape == (2, n_places + 1, 2)
+    assert _points_along(replace(problem, task=_task(surface_time=600.0)), guess).shape == (2, n_places + 1, 2)
 
 
 def test_goals_are_met_at_the_end_of_a_leg_or_after_so_many_of_its_steps() -> None:

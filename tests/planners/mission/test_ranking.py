@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Glider, MissionSettings, Weights
-from planners.mission.check import Finding
-from planners.mission.guide import near_place
-from planners.mission.plan import attempts_of
-from planners.mission.solve import Attempt, _weights, energy_of, goals_met, strayed, worth
+from planners import Glider, MissionRequest, MissionSettings, Weights
+from planners.mission.attempt import Attempt, energy_of, excess_deviation, goals_met, ranking_key
+from planners.mission.check import Violation
+from planners.mission.reference_path import near_place
+from planners.mission.search import solve_attempts
+from planners.mission.solve import _weights
 from planners.mission.task import MissionTask, mission_task
 from planners.vehicle import SteadyFlight
 from tests.planners.flow_samples import place, still_flow
@@ -25,14 +26,18 @@ def solved() -> tuple[MissionTask, Attempt, Attempt]:
     flow, tasks = still_flow(), []
     ask = (place(flow, -3e3, 0.0, 0.0), (place(flow, 3e3, 0.0, 0.0),))
     for legs in (5, 7):
-        task = mission_task(flow, ask, GLIDER, MissionSettings(depth=DEPTH, legs=legs), ((), None), 0)
-        tasks.append((task, attempts_of(task, None, 0)[0]))
+        task = mission_task(flow, MissionRequest(*ask, GLIDER, MissionSettings(depth=DEPTH, legs=legs)))
+        tasks.append((task, solve_attempts(task)[0]))
     (task, few), (_, many) = tasks
     return task, few, many
 
 
+def with_settings(task: MissionTask, **changed: object) -> MissionTask:
+    return replace(task, request=replace(task.request, settings=replace(task.settings, **changed)))
+
+
 def weighed(task: MissionTask, **weights: float) -> MissionTask:
-    return replace(task, settings=replace(task.settings, legs=None, objective=Weights(**weights)))
+    return with_settings(task, legs=None, objective=Weights(**weights))
 
 
 def test_energy_is_of_the_hotel_load_for_the_time_and_of_the_pump_at_each_apogee(solved) -> None:
@@ -44,7 +49,7 @@ def test_energy_is_of_the_hotel_load_for_the_time_and_of_the_pump_at_each_apogee
 
 def test_a_dive_s_apogee_is_counted_once_however_many_dives_a_leg_has(solved) -> None:
     task, few, _ = solved
-    twice = replace(task, settings=replace(task.settings, yos=2))
+    twice = with_settings(task, yos=2)
     below = replace(task, start=np.array([-3e3, 0.0, 100.0]), goals=np.array([[3e3, 0.0, 200.0]]))
     hotel = 0.5 * few.flight.time[-1]
     assert energy_of(twice, few) == pytest.approx(hotel + 10 * GLIDER.pump_work(DEPTH), rel=1e-12)
@@ -64,31 +69,31 @@ def test_time_prefers_steep_legs_and_energy_few(solved) -> None:
     even = (hours[0] - hours[1]) / (kilojoules[1] - kilojoules[0])
     for energy, best in ((0.0, many), (0.9 * even, many), (1.1 * even, few)):
         asked = weighed(task, time=1.0, energy=energy)
-        assert min((few, many), key=lambda attempt: worth(asked, attempt)) is best
+        assert min((few, many), key=lambda attempt: ranking_key(asked, attempt)) is best
         for attempt, lasts, spent in zip((few, many), hours, kilojoules, strict=True):
-            assert worth(asked, attempt) == (False, 0.0, pytest.approx(lasts + energy * spent, rel=1e-12))
+            assert ranking_key(asked, attempt) == (False, 0.0, pytest.approx(lasts + energy * spent, rel=1e-12))
 
 
 def test_what_is_safe_and_at_the_goal_comes_first_and_the_others_by_how_far_they_miss(solved) -> None:
     task, few, many = solved
     within, beyond = (replace(few, miss=np.array([miss])) for miss in (task.settings.tolerance, task.settings.tolerance + 1.0))
-    found = Finding("range", 10.0, 1, 152.5, -40.0)
-    unsafe = replace(few, finding=found)
+    found = Violation("range", 10.0, 1, 152.5, -40.0)
+    unsafe = replace(few, violation=found)
     # the order of a list that time alone would turn round: the slower mission is at the goal
-    assert worth(task, within)[:2] == (False, 0.0)
-    assert worth(task, beyond)[:2] == (True, task.settings.tolerance + 1.0)
-    ranked = sorted([unsafe, replace(many, miss=np.array([900.0])), beyond, within], key=lambda attempt: worth(task, attempt))
+    assert ranking_key(task, within)[:2] == (False, 0.0)
+    assert ranking_key(task, beyond)[:2] == (True, task.settings.tolerance + 1.0)
+    ranked = sorted([unsafe, replace(many, miss=np.array([900.0])), beyond, within], key=lambda attempt: ranking_key(task, attempt))
     assert [ranked.index(attempt) for attempt in (within, beyond)] == [0, 1]
     assert ranked[-1] is unsafe
     # of several goals the one missed most decides, and every one has to be met
     two = replace(few, miss=np.array([0.0, task.settings.tolerance + 5.0]))
     assert not goals_met(task, two)
-    assert worth(task, two)[1] == task.settings.tolerance + 5.0
+    assert ranking_key(task, two)[1] == task.settings.tolerance + 5.0
     # coming close is all that counts for a mission that only comes close; its time decides among equals
-    closest = replace(task, settings=replace(task.settings, objective="closest"))
-    assert worth(closest, replace(few, miss=np.array([3.0])))[:2] == (False, 3.0)
+    closest = with_settings(task, objective="closest")
+    assert ranking_key(closest, replace(few, miss=np.array([3.0])))[:2] == (False, 3.0)
     # weighed against time, a goal that is missed is no failure, and all that are missed count
-    assert worth(weighed(task, time=1.0, closest=2.0), replace(few, miss=np.array([900.0, 600.0]))) == (
+    assert ranking_key(weighed(task, time=1.0, closest=2.0), replace(few, miss=np.array([900.0, 600.0]))) == (
         *(False, 0.0),
         pytest.approx(few.flight.time[-1] / HOUR + 2.0 * 1.5, rel=1e-12),
     )
@@ -96,13 +101,13 @@ def test_what_is_safe_and_at_the_goal_comes_first_and_the_others_by_how_far_they
 
 def test_straying_from_a_mooring_is_a_failure_and_its_mean_square_costs(solved) -> None:
     task, few, _ = solved
-    guide = replace(near_place(np.zeros(2), 1000.0, 5.0 * HOUR, False), weight=0.3)
-    moored = replace(task, guide=guide)
-    near, far = (replace(few, away=(farthest, 500.0), miss=np.zeros(1)) for farthest in (1000.0, 1200.0))
-    assert (strayed(task, far), strayed(moored, near), strayed(moored, far)) == (0.0, 0.0, 200.0)
+    reference = replace(near_place(np.zeros(2), 1000.0, 5.0 * HOUR, False), weight=0.3)
+    moored = replace(task, reference_path=reference)
+    near, far = (replace(few, deviation=(farthest, 500.0), miss=np.zeros(1)) for farthest in (1000.0, 1200.0))
+    assert (excess_deviation(task, far), excess_deviation(moored, near), excess_deviation(moored, far)) == (0.0, 0.0, 200.0)
     hours = few.flight.time[-1] / HOUR
-    assert worth(moored, near) == (False, 0.0, pytest.approx(hours + 0.3 * hours * 0.5**2, rel=1e-12))
-    assert worth(moored, far)[:2] == (True, 200.0)
+    assert ranking_key(moored, near) == (False, 0.0, pytest.approx(hours + 0.3 * hours * 0.5**2, rel=1e-12))
+    assert ranking_key(moored, far)[:2] == (True, 200.0)
 
 
 def test_the_solver_weighs_time_and_hotel_load_against_misses_and_straying(solved) -> None:
@@ -110,5 +115,5 @@ def test_the_solver_weighs_time_and_hotel_load_against_misses_and_straying(solve
     # 0.5 W for an hour are 1.8 kJ; the largest weight is 1
     assert _weights(weighed(task, time=1.0, energy=0.1)) == (1.0, None, 0.0)
     assert _weights(weighed(task, time=1.0, energy=0.1, closest=2.0)) == (pytest.approx(1.18 / 2.0), 1.0, 0.0)
-    guided = replace(weighed(task, time=1.0, energy=0.1), guide=replace(near_place(np.zeros(2), 1000.0, HOUR, False), weight=4.0))
+    guided = replace(weighed(task, time=1.0, energy=0.1), reference_path=replace(near_place(np.zeros(2), 1000.0, HOUR, False), weight=4.0))
     assert _weights(guided) == (pytest.approx(1.18 / 4.0), None, 1.0)

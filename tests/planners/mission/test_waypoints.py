@@ -11,19 +11,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planners import MissionSettings, plan_mission, plan_mooring
+from planners import MissionRequest, MissionSettings, Mooring, plan_mission, plan_mooring
 from planners.mission import waypoints
-from planners.mission.waypoints import _distance_to_legs, _reckoned, heading_for, kept_surfacings, waypoints_of
+from planners.mission.waypoints import _dead_reckoned_current, _distance_to_legs, heading_for, kept_surfacings, waypoints_of
 from planners.output.waypoints import _minutes, waypoint_json, waypoint_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
-from tests.reference.guide import farthest_left_out
+from tests.reference.reference_path import farthest_left_out
 
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
 FLOW = eddying_flow(7)
 PLAN = plan_mission(
-    FLOW, place(FLOW, -8e3, -6e3, 0.0), (place(FLOW, -1e3, 4e3, 0.0), place(FLOW, 8e3, 1e3, 0.0)), settings=replace(SETTINGS, legs=8)
+    FLOW,
+    MissionRequest(
+        place(FLOW, -8e3, -6e3, 0.0), (place(FLOW, -1e3, 4e3, 0.0), place(FLOW, 8e3, 1e3, 0.0)), settings=replace(SETTINGS, legs=8)
+    ),
 )
 PLACES = np.column_stack(to_local(FLOW.grid.projection, *np.vstack([[PLAN.start.longitude, PLAN.start.latitude], PLAN.surfacings]).T))
 
@@ -44,7 +47,7 @@ def test_what_is_left_out_is_within_the_tolerance_and_goals_are_kept():
 @pytest.mark.parametrize("depth", [0.0, 120.0])
 def test_in_a_uniform_current_one_waypoint_loses_nothing(depth: float):
     flow = uniform_flow(0.1, 0.05)
-    plan = plan_mission(flow, place(flow, -6e3, -3e3, depth), place(flow, 6e3, 3e3, 0.0), settings=SETTINGS)
+    plan = plan_mission(flow, MissionRequest(place(flow, -6e3, -3e3, depth), (place(flow, 6e3, 3e3, 0.0),), settings=SETTINGS))
     one = waypoints_of(flow, plan)
     assert one.times.size == 1
     assert one.off_end < 20.0
@@ -90,7 +93,7 @@ def test_the_current_reckoned_of_a_leg_is_the_one_that_carried_it():
     angle, heading, lasts, current = 0.4, 1.1, 9000.0, np.array([0.05, -0.12])
     under = lasts - PLAN.settings.surface_time
     way = 0.3 * np.cos(angle) * under * np.array([np.sin(heading), np.cos(heading)]) + current * lasts
-    np.testing.assert_allclose(_reckoned(PLAN, way, lasts, heading, angle), current, rtol=1e-12)
+    np.testing.assert_allclose(_dead_reckoned_current(PLAN, way, lasts, heading, angle), current, rtol=1e-12)
 
 
 def test_files_hold_the_waypoints():
@@ -130,7 +133,7 @@ def test_a_mooring_and_a_mission_without_legs_have_no_waypoints():
     flow = still_flow()
     here = place(flow, 0.0, 0.0, 0.0)
     with pytest.raises(PlanError, match="a mooring has no waypoints"):
-        waypoints_of(flow, plan_mooring(flow, here, here, 2e3, 6e3, settings=SETTINGS))
+        waypoints_of(flow, plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(2e3, 6e3)))
     with pytest.raises(PlanError, match="without legs"):
         waypoints_of(flow, replace(PLAN, headings_deg=np.zeros(0)))
 
@@ -159,9 +162,9 @@ def test_the_current_reckoned_of_a_leg_is_its_drift_beside_the_way_through_water
     angle, heading, lasts = np.deg2rad(20.0), 0.8, 5000.0
     through = 0.3 * np.cos(angle) * (lasts - 600.0) * np.array([np.sin(heading), np.cos(heading)])
     current = np.array([0.07, -0.02])
-    np.testing.assert_allclose(_reckoned(PLAN, through + current * lasts, lasts, heading, angle), current, atol=1e-12)
+    np.testing.assert_allclose(_dead_reckoned_current(PLAN, through + current * lasts, lasts, heading, angle), current, atol=1e-12)
     # a leg shorter than its drift went nowhere through water
-    np.testing.assert_allclose(_reckoned(PLAN, 300.0 * current, 300.0, heading, angle), current, atol=1e-12)
+    np.testing.assert_allclose(_dead_reckoned_current(PLAN, 300.0 * current, 300.0, heading, angle), current, atol=1e-12)
 
 
 def test_a_goal_below_the_surface_keeps_both_ends_of_its_leg():
@@ -180,14 +183,15 @@ def test_the_distance_to_legs_is_to_the_nearest_and_no_farther_than_their_ends()
 def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_not_waited_for():
     flow = still_flow()
     here, there = place(flow, 0.0, 0.0, 60.0), place(flow, 0.0, 3e3, 0.0)
-    plan = plan_mission(flow, here, there, settings=replace(SETTINGS, legs=2))
+    plan = plan_mission(flow, MissionRequest(here, (there,), settings=replace(SETTINGS, legs=2)))
     few = waypoints_of(flow, plan)
     assert few.times.size == 1
     # 540 m of depth in the first dive and, after a drift, what is left of the way in the second, at the mean glide angle
     angle = np.mean(np.deg2rad(plan.glide_angles_deg))
     first = 540.0 / 0.3 / np.sin(angle)
     second = (3e3 - 0.3 * np.cos(angle) * first) / (0.3 * np.cos(angle))
-    assert few.surfacings.shape == (2, 2)
+    surfaced = np.column_stack(to_local(flow.grid.projection, *few.surfacings.T))
+    np.testing.assert_allclose(surfaced, [[0.0, 0.3 * np.cos(angle) * first], [0.0, 3e3]], atol=5.0)
     assert few.times[0] == pytest.approx(first + 600.0 + second, rel=1e-3)
     assert few.delay == pytest.approx(few.times[0] - plan.duration, abs=1e-6)
     assert few.off_end < 5.0

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from planners import MissionSettings, plan_mission
+from planners import MissionRequest, MissionSettings, plan_mission
 from planners.mission.flights import MissionFlights, fly_mission, surfacing_ellipses
 from planners.output.mission import as_glide, ellipse_outline, legs_table, to_csv, to_geojson, to_json
 from replay_kit.core.errors import PlanError
@@ -19,8 +19,8 @@ from tests.planners.flow_samples import eddying_flow, place, still_flow
 
 FLOW = eddying_flow(11)
 SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
-PLAN = plan_mission(FLOW, place(FLOW, -6e3, -4e3, 0.0), place(FLOW, 5e3, 4e3, 100.0), settings=SETTINGS)
-FAILED = plan_mission(replace(FLOW, latent=np.nan * FLOW.latent), PLAN.start, PLAN.goals, settings=SETTINGS)
+PLAN = plan_mission(FLOW, MissionRequest(place(FLOW, -6e3, -4e3, 0.0), (place(FLOW, 5e3, 4e3, 100.0),), settings=SETTINGS))
+FAILED = plan_mission(replace(FLOW, latent=np.nan * FLOW.latent), MissionRequest(PLAN.start, PLAN.goals, settings=SETTINGS))
 
 
 def test_a_mission_flown_in_its_own_flow_goes_as_planned():
@@ -75,7 +75,7 @@ def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_nort
 def test_tables_say_what_the_plan_says():
     rows = legs_table(PLAN, None)
     assert [row["surfacing_s"] for row in rows] == PLAN.surfacing_times.tolist()
-    assert rows[-1]["depth_m"] == max(PLAN.turns[-1])
+    assert rows[-1]["depth_m"] == max(PLAN.yo_depths[-1])
     assert all(row["dives"] == 1 for row in rows)
     parsed = list(csv.DictReader(io.StringIO(to_csv(PLAN, np.ones((len(rows), 5))))))
     assert [float(row["heading_deg"]) for row in parsed] == pytest.approx(PLAN.headings_deg.tolist(), abs=1e-6)
@@ -93,7 +93,7 @@ def test_tables_say_what_the_plan_says():
 
 def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
     ellipse = np.array([152.5, -40.0, 300.0, 100.0, 90.0])
-    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, np.tile(ellipse, (len(PLAN.turns), 1))))["features"]
+    features = json.loads(to_geojson(PLAN, FLOW.grid.projection, np.tile(ellipse, (len(PLAN.yo_depths), 1))))["features"]
     outline = np.array(features[-1]["geometry"]["coordinates"][0])
     np.testing.assert_array_equal(outline[0], outline[-1])
     east, north = to_local(FLOW.grid.projection, *outline.T)
@@ -112,10 +112,10 @@ def test_polygons_are_closed_and_run_counter_clockwise(bearing, longitude, latit
 
 
 def test_the_rings_of_a_mission_s_geojson_run_counter_clockwise():
-    ellipses = np.tile([152.5, -40.0, 300.0, 100.0, 20.0], (len(PLAN.turns), 1))
+    ellipses = np.tile([152.5, -40.0, 300.0, 100.0, 20.0], (len(PLAN.yo_depths), 1))
     features = json.loads(to_geojson(PLAN, FLOW.grid.projection, ellipses))["features"]
     polygons = [feature["geometry"]["coordinates"] for feature in features if feature["geometry"]["type"] == "Polygon"]
-    assert len(polygons) == len(PLAN.turns)
+    assert len(polygons) == len(PLAN.yo_depths)
     for (ring,) in polygons:
         assert ring[0] == ring[-1]
         assert sum(a[0] * b[1] - b[0] * a[1] for a, b in pairwise(np.array(ring) - ring[0])) > 0.0
@@ -125,7 +125,7 @@ def test_what_is_counted_is_written_as_an_integer():
     features = json.loads(to_geojson(PLAN, FLOW.grid.projection, None))["features"]
     told = [feature["properties"] for feature in features if "leg" in feature["properties"]]
     surfacings = [properties for properties in told if properties["name"].startswith("surfacing")]
-    assert [repr(properties["leg"]) for properties in surfacings] == [str(k + 1) for k in range(len(PLAN.turns))]
+    assert [repr(properties["leg"]) for properties in surfacings] == [str(k + 1) for k in range(len(PLAN.yo_depths))]
     answer = json.loads(json.dumps(to_json(PLAN, None)))
     rows = [*told, *answer["legs"], *answer["goals"], json.loads(str(as_glide(PLAN, FLOW.grid.projection).statistics["leg_001"]))]
     assert {type(row[name]) for row in rows for name in ("leg", "dives") if name in row} == {int}

@@ -5,7 +5,7 @@ import pytest
 
 from planners import Auv, AuvPlan, AuvSettings, plan_path
 from planners.path.plan import _crossed
-from planners.route.hazards import no_go_ring, region_rings
+from planners.route.hazards import hazard_rings
 from planners.route.region import region_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -85,7 +85,7 @@ def test_a_way_round_an_area_goes_down_as_steadily_as_the_straight_one():
 def test_a_crossing_between_two_points_of_a_track_is_seen_in_its_first_and_its_last_part(backward: bool):
     flow = still_flow()
     region, area = region_of(flow.grid), _area(flow, -2e3, -8e3, 2e3, 3e3)
-    rings = (*region_rings(region, 20.0), no_go_ring(flow.grid.projection, area.polygon, area.name))
+    rings = hazard_rings(region, 20.0, (area,))
     # six kilometres between the points, of which the area takes four
     track = np.array([[-9e3, 0.0, 20.0], [-3e3, 0.0, 20.0], [3e3, 0.0, 20.0]])
     past = track + np.array([0.0, 4e3, 0.0])

@@ -25,9 +25,9 @@ from replay_kit.studies.missions import bias as bias_module
 from replay_kit.studies.missions import coverage as coverage_module
 from replay_kit.studies.missions.dac import _spread
 from replay_kit.studies.missions.flights import fly_dives, fly_pings, measurements, staying
-from replay_kit.studies.missions.follow import due, follow
+from replay_kit.studies.missions.follow import evaluated_after, follow
 from replay_kit.studies.missions.rows import Figure, over_missions
-from replay_kit.studies.missions.sea import withhold
+from replay_kit.studies.missions.scene import withhold
 from replay_kit.studies.twins.faults import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import GliderLimits
@@ -36,7 +36,7 @@ from tests import synthetic
 DAY = 86_400 * 10**9
 LEVELS = np.array([5.0, 90.0, 220.0])
 CONFIG = RunConfig(estimator=EstimatorConfig(modes=12, sample_share=0.6))
-JOB = MissionJob("1,3", pings=10, days=20.0, dives=2, looks=3)
+JOB = MissionJob("1,3", pings=10, days=20.0, dives=2, evaluations=3)
 
 
 def series(n_times=3, days=0.6, speed=0.3) -> list[Ensemble]:
@@ -68,12 +68,12 @@ def value_of(result, study, method, figure):
 
 
 def test_parts_add_up_over_their_wholes():
-    missions = [[Figure("s", "m", "ratio", 1.0, 2.0, at_most=0.3)], [Figure("s", "m", "ratio", 1.0, 6.0, at_most=0.3)]]
-    (row,) = over_missions(missions)
+    missions = [[Figure("m", "ratio", 1.0, 2.0, at_most=0.3)], [Figure("m", "ratio", 1.0, 6.0, at_most=0.3)]]
+    (row,) = over_missions("s", missions)
     assert (row.value, row.by_mission, row.met) == (0.25, (0.5, 1.0 / 6.0), True)
     assert math.isnan(row.at_least)
     below, undefined, unasked = over_missions(
-        [[Figure("s", "m", "a", 1.0, at_least=2.0), Figure("s", "m", "b", 1.0, 0.0, at_most=9.0), Figure("s", "m", "c", 7.0)]]
+        "s", [[Figure("m", "a", 1.0, at_least=2.0), Figure("m", "b", 1.0, 0.0, at_most=9.0), Figure("m", "c", 7.0)]]
     )
     assert (below.met, undefined.met, unasked.met) == (False, False, None)
     assert math.isnan(undefined.value)
@@ -140,7 +140,7 @@ def test_a_course_that_leaves_the_water_is_tried_elsewhere():
 
 def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
     forecasts = series()
-    job = replace(JOB, studies=("outliers",), looks=1)
+    job = replace(JOB, studies=("outliers",), evaluations=1)
     torrents = [replace(f, velocity=np.where(np.arange(6)[:, None, None, None, None] == 3, 4.0, f.velocity)) for f in forecasts]
     left = run_missions(torrents, CONFIG, job)
     assert len(left.lost) == 1
@@ -151,24 +151,24 @@ def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
         run_missions(torrents, CONFIG, replace(job, leave_out="3"))
 
 
-def test_looks_are_spread_evenly_and_end_with_the_mission():
-    assert due(10, 3) == (3, 7, 10)
-    assert due(2, 20) == (1, 2)
+def test_evaluations_are_spread_evenly_and_end_with_the_mission():
+    assert evaluated_after(10, 3) == (3, 7, 10)
+    assert evaluated_after(2, 20) == (1, 2)
 
 
-def test_what_was_said_is_counted_and_a_covariance_grows_by_its_factor():
+def test_innovations_are_counted_and_a_covariance_grows_by_its_factor():
     given = measurements(FLIGHT)
     estimator = build_evolving([CASE.forecasts[1]], CONFIG.estimator, TimeConfig(scale="static", dropped_std=0.0))
     place = CASE.at.place
     plain = follow(estimator, given, 2, lambda flow, time_ns: flow.velocity(*place))
     static = follow(build_estimator(CASE.forecasts[1], CONFIG.estimator), given, 2, lambda flow, time_ns: flow.velocity(*place))
     # what is compared with as a static filter is one
-    np.testing.assert_allclose(plain.looks[-1], static.looks[-1], atol=1e-6)
-    nis, inside = static.nis("s", "m", asked=True)
-    dof = sum(said.dof for said in static.said)
-    assert nis.part / nis.whole == pytest.approx(sum(said.nis for said in static.said) / dof)
+    np.testing.assert_allclose(plain.values[-1], static.values[-1], atol=1e-6)
+    nis, inside = static.nis("m", required=True)
+    dof = sum(one.dof for one in static.innovations)
+    assert nis.part / nis.whole == pytest.approx(sum(one.nis for one in static.innovations) / dof)
     assert chi2.cdf([nis.at_least * dof, nis.at_most * dof], dof) == pytest.approx([0.025, 0.975])
-    within = [0.025 <= chi2.cdf(said.nis, said.dof) <= 0.975 for said in static.said]
+    within = [0.025 <= chi2.cdf(one.nis, one.dof) <= 0.975 for one in static.innovations]
     assert (inside.part, inside.whole) == (sum(within), len(within))
 
     # the same by hand
@@ -177,10 +177,10 @@ def test_what_was_said_is_counted_and_a_covariance_grows_by_its_factor():
         if before is not None:
             state = replace(state, covariance=factor ** ((observation.time_ns - before.time_ns) / DAY) * state.cov)
         state, _ = estimator.step(state, observation)
-    grown = follow(estimator, given, 1, lambda flow, time_ns: time_ns, grown_a_day=factor)
+    grown = follow(estimator, given, 1, lambda flow, time_ns: time_ns, daily_inflation=factor)
     np.testing.assert_allclose(grown.state.mean, state.mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(grown.state.cov, state.cov, rtol=1e-9, atol=1e-12)
-    assert grown.looks == (given[-1].time_ns,)
+    assert grown.values == (given[-1].time_ns,)
 
 
 def test_intervals_are_counted_apart_near_to_pings_and_far():
@@ -209,7 +209,7 @@ def test_some_of_the_dives_are_spread_over_the_mission():
     assert _spread(tuple(range(3)), 5) == (0, 1, 2)
 
 
-def test_every_study_says_its_figures_beside_what_is_asked(result):
+def test_every_study_has_figures_with_limits(result):
     assert tuple(dict.fromkeys(row.study for row in result.rows)) == STUDIES
     for study in STUDIES:
         assert any(row.met is not None for row in result.rows if row.study == study)

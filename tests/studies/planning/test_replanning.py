@@ -12,21 +12,22 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator import embed_member
-from replay_kit.studies.planning.legs import Leg, distance_to, fly_leg, measured, place_at
-from replay_kit.studies.planning.replan_rows import Flown, ReplanJob, ReplanRow, summarise
-from replay_kit.studies.planning.replanning import run_replanning
+from replay_kit.studies.planning.legs import Leg, distance_to, fly_leg, measured, plan_legs
+from replay_kit.studies.planning.replan_rows import Outcome, ReplanJob, ReplanRow, summarise
+from replay_kit.studies.planning.twin_missions import run_replanning
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.reachable import place_at
 from replay_kit.studies.twins.vehicle import EPOCH_NS
-from replay_kit.workflows.planning import MissionPlanner, legs_planner
+from replay_kit.workflows.planning import MissionPlanner
 from tests import synthetic
 from tests.studies.twins.truths import CENTRE, make_truth
 
-PLANNER = legs_planner(MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0)))
+PLANNER = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0))
 UNIFORM = build_field(make_truth(lambda east, north, depth: (0.12 + 0.0 * (east + depth), -0.07 + 0.0 * (east + depth))))
 
 
 def test_a_leg_in_a_uniform_current_ends_where_the_velocities_add_up():
-    leg = Leg(heading_deg=60.0, along=0.28, down=0.1, turns=(0.0, 300.0, 0.0, 200.0, 0.0), drift=700.0)
+    leg = Leg(heading_deg=60.0, along=0.28, down=0.1, depths=(0.0, 300.0, 0.0, 200.0, 0.0), drift=700.0)
     flight = fly_leg(UNIFORM, np.array([2e3, -3e3]), EPOCH_NS, leg)
     under, current = 1000.0 / 0.1, np.array([0.12, -0.07])
     bearing = np.arctan2(*flight.through_water)
@@ -64,8 +65,8 @@ def test_a_plan_made_on_the_truth_ends_where_it_says_when_it_is_flown_in_the_tru
     truth = make_truth(rows=9, columns=9, cell=9000.0)
     sea, flow = build_field(truth), embed_member(truth, 0, EstimatorConfig())
     begin = np.array([-1e4, -5e3])
-    start, goal = place_at(sea, begin), place_at(sea, np.array([3e3, 7e3]))
-    planned = PLANNER(flow, start, goal, EPOCH_NS, None, 40)
+    start, goal = place_at(sea.grid, begin), place_at(sea.grid, np.array([3e3, 7e3]))
+    planned = plan_legs(PLANNER, flow, (start, goal), EPOCH_NS, 40)
     at, now, off = begin, EPOCH_NS, []
     for leg, end in zip(planned.legs, planned.ends, strict=True):
         flight = fly_leg(sea, at, now, leg)
@@ -75,29 +76,29 @@ def test_a_plan_made_on_the_truth_ends_where_it_says_when_it_is_flown_in_the_tru
     assert max(off) < 10.0
     assert distance_to(sea, at, goal) < 10.0 + planned.miss
     # no more legs than are left may be planned
-    few = PLANNER(flow, start, goal, EPOCH_NS, planned, 2)
+    few = plan_legs(PLANNER, flow, (start, goal), EPOCH_NS, 2, planned)
     assert len(few.legs) <= 2
     assert few.miss > 5e3
 
 
-def test_two_missions_end_nearer_to_the_goal_when_they_are_planned_anew():
+def test_two_missions_end_nearer_to_the_goal_when_they_are_replanned():
     ensemble = synthetic.ensemble(seed=3, n_members=9, shape=(7, 8))
     config = RunConfig(estimator=EstimatorConfig(modes=20, sample_share=0.5))
-    told = []
+    reported = []
     job = ReplanJob(missions=2, legs=3, most_legs=6, depth=300.0)
-    rows = run_replanning([ensemble], config, job, PLANNER, lambda done, total, what: told.append((done, total, what)))
+    rows = run_replanning([ensemble], config, job, PLANNER, lambda done, total, what: reported.append((done, total, what)))
     assert [row.member for row in rows] == [0, 4]
-    assert [entry[:2] for entry in told] == [(0, 2), (1, 2)]
+    assert [entry[:2] for entry in reported] == [(1, 2), (2, 2)]
     for row in rows:
-        assert row.replanned.miss < 0.5 * row.once.miss
+        assert row.replanned.miss < 0.5 * row.single.miss
         assert row.replanned.closest <= row.replanned.miss
         assert len(row.prediction_errors) == row.replanned.legs <= 6
         # the first leg is flown by the same plan in both
         assert row.prediction_errors[-1] < row.prediction_errors[0]
 
 
-def flown(miss: float, hours: float) -> Flown:
-    return Flown(miss, miss**0.5, hours * 3600.0, 5, "arrived")
+def flown(miss: float, hours: float) -> Outcome:
+    return Outcome(miss, miss**0.5, hours * 3600.0, 5, "arrived")
 
 
 def test_the_figures_count_every_mission_and_compare_times_only_where_both_arrive():
@@ -112,7 +113,7 @@ def test_the_figures_count_every_mission_and_compare_times_only_where_both_arriv
     assert found.closest_ratio_median == pytest.approx((0.3**0.5 + 0.5**0.5) / 2.0)
     assert found.closest_ratio_90 == 1.0
     assert found.time_ratio_median == pytest.approx(1.1)
-    assert (found.once_near, found.replanned_near) == (0.5, 0.75)
+    assert (found.single_near, found.replanned_near) == (0.5, 0.75)
     assert math.isnan(summarise([rows[0]]).time_ratio_median)
 
 

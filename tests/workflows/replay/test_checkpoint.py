@@ -19,49 +19,31 @@ from replay_kit.config.run import OutputConfig, RunConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.plan import Place
-from replay_kit.forecast import read_truth
 from replay_kit.results.journal import Journal, read_journal
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.checkpoint import journal_path
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
-from tests import synthetic
+from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
 
 CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
 GOAL = Place(152.3, -39.8, 150.0)
 
 
-class Killed(BaseException):
-    """What stops a run in these tests and no code of the project knows."""
-
-
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("ocean")
-    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
-    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
-    truth = read_truth(str(folder / "truth.nc"), CONFIG.forecast)
-    make_twin(truth, "glider", 90, 0.05, 1, folder / "glider.mcap")
-    make_twin(truth, "vessel", 40, 0.05, 2, folder / "survey.mcap")
+    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 90)
+    make_twin(truth_in(folder, CONFIG), "vessel", 40, 0.05, 2, folder / "survey.mcap")
     return folder
 
 
 def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL, logs=("glider.mcap",), include_inputs=False):
     paths = tuple(ocean / log for log in logs)
     job = ReplayJob(paths, ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True, include_inputs=include_inputs)
-    seen = 0
-
-    def on_message(_):
-        nonlocal seen
-        seen += 1
-        if seen == stop_after:
-            raise Killed
-
-    return replay(job, config, planner_of(config.planner), on_message)
+    return run_until(job, config, stop_after)
 
 
 @pytest.fixture(scope="module")
@@ -126,16 +108,8 @@ def test_a_resumed_run_scores_the_truth_near_all_profiles_used_not_only_those_si
     )
     whole, _ = replay(job, CONFIG)
     resumed = replace(job, checkpoint=tmp_path / "run.ck", overwrite=True)
-    left = 200
-
-    def on_message(_):
-        nonlocal left
-        left -= 1
-        if left == 0:
-            raise Killed
-
     with pytest.raises(Killed):
-        replay(resumed, CONFIG, on_message=on_message)
+        run_until(resumed, CONFIG, 200)
     assert resumed.checkpoint.exists()
     summary, _ = replay(resumed, CONFIG)
     assert summary.truth is not None

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rich.console import Console
 
-from planners import plan_mission
+from planners import MissionRequest, plan_mission
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError
@@ -24,17 +24,15 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing, outcome_of
 from replay_kit.estimator import embed_member
-from replay_kit.forecast import read_truth
-from replay_kit.measurements.vehicle.surfacing import SurfacingWatch, watched
+from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
 from replay_kit.results.summary import print_summary, to_json
-from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.planning import MissionPlanner, planner_of
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml
-from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke
+from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
 PLANNER = PlannerConfig(kind="mission", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0)
 CONFIG = RunConfig(
@@ -43,32 +41,14 @@ CONFIG = RunConfig(
 GOAL = Place(152.42, -39.66, 0.0)
 
 
-class Killed(BaseException):
-    """What stops a run in these tests and no code of the project knows."""
-
-
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("ocean")
-    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
-    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
-    truth = read_truth(str(folder / "truth.nc"), CONFIG.forecast)
-    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.mcap")
-    return folder
+    return make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 40)
 
 
 def run(ocean, out, checkpoint=None, stop_after=None, config=CONFIG, goal=GOAL):
     job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc", out, goal=goal, checkpoint=checkpoint, overwrite=True)
-    seen = 0
-
-    def on_message(_):
-        nonlocal seen
-        seen += 1
-        if seen == stop_after:
-            raise Killed
-
-    return replay(job, config, planner_of(config.planner), on_message)[0]
+    return run_until(job, config, stop_after)[0]
 
 
 @pytest.fixture(scope="module")
@@ -138,9 +118,9 @@ def position(seconds: float, depth: float, dead_reckoned: bool = False) -> Vehic
 
 def seen_in(events) -> list[float]:
     """Return the times [s] of the fixes at which surfacings were seen."""
-    watch, found = SurfacingWatch(), []
+    watch, found = SurfacingState(), []
     for event in events:
-        watch, fix = watched(watch, event, 3.0)
+        watch, fix = detect_surfacing(watch, event, 3.0)
         if fix is not None:
             found.append(fix.time_ns / 1e9)
     return found
@@ -219,8 +199,8 @@ def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0))
     # 14 km take 13.4 h at 0.29 m/s, and half as long again: steps to 10, 20 and 30 h
     flows = [growing, *(growing.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3))]
-    expected = plan_mission(flows, start, goal, vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15)
+    expected = plan_mission(flows, MissionRequest(start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15))
     np.testing.assert_array_equal(planner.plan(growing, start, goal, 10**15, None).plan.track, expected.track)
-    once = plan_mission(still, start, goal, vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15)
+    once = plan_mission(still, MissionRequest(start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15))
     np.testing.assert_array_equal(planner.plan(same, start, goal, 10**15, None).plan.track, once.track)
     assert np.abs(once.track[: len(expected.track)] - expected.track[: len(once.track)]).max() > 50.0

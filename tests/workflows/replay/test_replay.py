@@ -21,7 +21,7 @@ from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.job import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
@@ -110,7 +110,7 @@ def test_a_glider_s_dives_are_told_apart(ocean):
     assert [row.dive for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
     assert sum(row.profiles for row in summary.by_dive) <= summary.profiles_used
     first = summary.by_dive[0]
-    assert first.rms_predicted <= first.rms_prior * (1 + 1e-12)
+    assert first.rms_innovation_predicted <= first.rms_innovation_prior * (1 + 1e-12)
 
 
 def test_several_logs_are_one_mission(ocean, tmp_path):

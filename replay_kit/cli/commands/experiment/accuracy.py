@@ -44,8 +44,7 @@ def accuracy(
     check_paths([*truths.files, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
-    from replay_kit.studies.accuracy import METHODS, AccuracyJob, run_accuracy
-    from replay_kit.studies.accuracy_text import print_accuracy, to_json
+    from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
 
     truths.check("accuracy")
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))

@@ -25,7 +25,7 @@ def dives(
     from replay_kit.estimator.evolving import build_evolving
     from replay_kit.studies.dives import print_dives, read_dives, run_dives, to_json
     from replay_kit.workflows.replay.build import read_forecasts
-    from replay_kit.workflows.replay.job import look_ahead
+    from replay_kit.workflows.replay.inputs import look_ahead
 
     if config.estimator.name != "reduced_basis" or config.estimator.preset != "default":
         raise ConfigError("experiment dives predicts with the project's own estimator and its default preset; leave name and preset out")

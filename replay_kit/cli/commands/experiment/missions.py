@@ -56,7 +56,7 @@ def missions(
     """Return 0."""
     from replay_kit.forecast import read_series
     from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
-    from replay_kit.studies.paper import check_folder
+    from replay_kit.studies.reports.write import check_folder
 
     out = outputs.out
     if out is not None:

@@ -36,8 +36,8 @@ def paper(
     seed: Annotated[int, option("--seed", "Seed of places, noise, starts and targets.", least=0)] = 0,
 ) -> int:
     """Return 0."""
-    from replay_kit.studies.bindings import glide_calls
-    from replay_kit.studies.paper import FILES, PaperJob, check_folder, print_paper, run_paper, to_json, write_paper
+    from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
+    from replay_kit.studies.reports.write import check_folder
 
     truths.check("paper")
     out = outputs.out
@@ -50,7 +50,7 @@ def paper(
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
     with working(config.output.threads) as advance:
-        tables, shown = run_paper(members, withheld, config.estimator, job, glide_calls(), advance)
+        tables, shown = run_paper(members, withheld, config.estimator, job, advance)
         write_paper(out, tables, shown)
     console = console_beside(outputs.json_file)
     print_paper(tables, console)

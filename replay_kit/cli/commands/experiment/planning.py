@@ -68,9 +68,8 @@ def planning(
     Raises:
         EstimatorError: Every part of the study failed.
     """
-    from replay_kit.studies import bindings
     from replay_kit.studies import planning as study
-    from replay_kit.studies.paper import check_folder
+    from replay_kit.studies.reports.write import check_folder
 
     out = outputs.out
     possible = [name for name in study.STUDIES if truths.truth is None or name != study.WITHOUT_TRUTH]
@@ -98,15 +97,15 @@ def planning(
     def keep(partial: "PlanningResult") -> None:
         # made before the first study, so that a folder that cannot be made is reported at once
         out.mkdir(exist_ok=True)
-        if partial.told:
+        if partial.reports:
             study.write_planning(out, partial)
 
     with working(config.output.threads) as advance:
-        result = study.run_planning(members, withheld, config.estimator, job, bindings.PLANNING_CALLS, advance, keep)
+        result = study.run_planning(members, withheld, config.estimator, job, advance, keep)
     console = console_beside(outputs.json_file)
     study.print_planning(result, console)
     console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
     write_json(outputs.json_file, study.to_json(result))
-    if all(told.failed for told in result.told):
-        raise EstimatorError(f"experiment planning: every study failed, the first with {result.told[0].failed}")
+    if all(report.failed for report in result.reports):
+        raise EstimatorError(f"experiment planning: every study failed, the first with {result.reports[0].failed}")
     return 0

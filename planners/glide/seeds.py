@@ -1,0 +1,109 @@
+"""Global search before the optimiser: a fan of glides flown at once through a table of the flow.
+
+The table is linear between its points, so a seed's distance is approximate; only the optimiser's starts come from here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import minimum_filter
+
+from planners.glide.transcription import GlideCase
+from planners.route.region import Region
+from planners.route.table import FlowTable, tabulate
+from planners.track import rk4_step, velocity_through_water
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+
+_N_HEADINGS, _N_TIMES, _N_DRIFTS, _N_STEPS = 90, 32, 8, 48
+
+
+@dataclass(frozen=True, slots=True)
+class Seed:
+    """An initial guess for the optimiser.
+
+    Attributes:
+        heading: Clockwise from local north [rad].
+        glide_angle: Below the horizontal [rad].
+        duration: To its closest approach [s].
+        distance: Closest approach [m].
+    """
+
+    heading: float
+    glide_angle: float
+    duration: float
+    distance: float
+
+
+def find_seeds(flow: FlowEstimate, region: Region, case: GlideCase, count: int) -> list[Seed]:
+    """Return the best distinct glides found, nearest to the goal first.
+
+    Two fans over all headings are searched: glides that reach the goal's depth after some time, and glides of any steady depth rate
+    for goals that no such glide can reach. Each local minimum of closest approach over a fan is one candidate.
+
+    Args:
+        flow: The current.
+        region: Where a path may be.
+        case: Places and limits.
+        count: Most seeds returned.
+    """
+    table, seeds = tabulate(flow, region), list[Seed]()
+    for depth_rates, durations in _fans(table, case.start, case.goal, case.speed, case.max_duration):
+        if depth_rates.size:
+            seeds += _search_fan(table, case, depth_rates, durations)
+    return sorted((seed for seed in seeds if np.isfinite(seed.distance)), key=lambda seed: seed.distance)[:count]
+
+
+def _fans(table: FlowTable, start: Array, goal: Array, speed: float, max_duration: float) -> list[tuple[Array, Array]]:
+    """Return (vertical speeds [m/s], durations [s]) of the two fans."""
+    to_goal = goal[2] - start[2]
+    fastest = speed + float(np.nanmax(np.linalg.norm(table.velocity, axis=0), initial=0.0))
+    # No glide arrives sooner than the strongest current could carry it.
+    soonest = max(float(np.linalg.norm((goal - start)[:2])) / fastest, abs(to_goal) / speed, 1.0)
+    times = np.geomspace(soonest, max_duration, _N_TIMES) if soonest < max_duration else np.array([max_duration])
+    times = times[abs(to_goal) <= speed * times] if to_goal else np.empty(0)
+    # Rates that use up the water column within the longest glide, and steeper ones; a horizontal glide among them.
+    steeper = np.geomspace(1.0, 0.1, _N_DRIFTS) * max_duration
+    rooms = [-start[2], table.region.deepest - start[2]]
+    rates = np.concatenate([[0.0], *(room / steeper for room in rooms if room)])
+    rates = np.unique(rates[np.abs(rates) < speed])
+    room = np.where(rates > 0.0, rooms[1], rooms[0])
+    lasting = np.full(rates.size, float(max_duration))
+    np.divide(room, rates, out=lasting, where=rates != 0.0)
+    lasting = np.minimum(lasting, max_duration)
+    return [(to_goal / times, times), (rates, lasting)]
+
+
+def _search_fan(table: FlowTable, case: GlideCase, depth_rates: Array, durations: Array) -> list[Seed]:
+    headings = np.linspace(0.0, 2.0 * np.pi, _N_HEADINGS, endpoint=False)
+    angles = np.arcsin(np.clip(depth_rates / case.speed, -1.0, 1.0))
+    heading, angle = (a.ravel() for a in np.meshgrid(headings, angles, indexing="ij"))
+    velocity = np.column_stack(velocity_through_water(np, heading, angle, case.speed))
+    time, distance = _fly_all(table, case.start, case.goal, velocity, np.tile(durations, headings.size))
+    by_heading = distance.reshape(headings.size, -1)
+    # Headings are periodic; the other axis is not.
+    lowest = minimum_filter(by_heading, size=3, mode=("wrap", "nearest")).ravel()
+    # Glides that only lead away all have the distance of the start: the first of them represents all.
+    useful = time > 0.0 if np.any(time > 0.0) else np.arange(time.size) == 0
+    found = np.flatnonzero((distance <= lowest) & np.isfinite(distance) & useful)
+    return [Seed(float(heading[i]), float(angle[i]), float(time[i]), float(distance[i])) for i in found]
+
+
+def _fly_all(table: FlowTable, start: Array, goal: Array, velocity: Array, duration: Array) -> tuple[Array, Array]:
+    """Return (time [s], distance [m]) of each glide's closest approach while it stays in allowed water; NaN flows give infinity."""
+    step = (duration / _N_STEPS)[:, None]
+    position = np.tile(start, (len(velocity), 1))
+    best_distance = np.full(len(velocity), float(np.linalg.norm(start - goal)))
+    best_time = np.zeros(len(velocity))
+    alive = np.full(len(velocity), True)
+    for i in range(_N_STEPS):
+        first = velocity + table.velocity_at(position)
+        after = rk4_step(lambda at: velocity + table.velocity_at(at), position, step, first)
+        alive[alive] = table.allowed_at(after[alive])
+        leg = after - position
+        along = np.clip(np.sum((goal - position) * leg, axis=1) / np.maximum(np.sum(leg**2, axis=1), 1e-12), 0.0, 1.0)
+        distance = np.linalg.norm(position + along[:, None] * leg - goal, axis=1)
+        better = alive & (distance < best_distance)
+        best_distance[better], best_time[better] = distance[better], ((i + along) * step[:, 0])[better]
+        position = after
+    return best_time, np.where(np.isfinite(position).all(axis=1), best_distance, np.inf)

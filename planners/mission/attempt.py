@@ -1,0 +1,102 @@
+"""One number of legs solved and flown, and how attempts are ranked."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.mission.check import Violation
+from planners.mission.flight import Flight, Legs
+from planners.mission.program import MissionGuess
+from planners.mission.task import REFINED, MissionTask
+from planners.solver import HOUR, KM
+from replay_kit.core.arrays import Array
+
+# An attempt that violates a constraint ranks behind all that do not [m of miss distance].
+_UNSAFE = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class GoalSteps:
+    """When goals are met.
+
+    Attributes:
+        legs: In which leg, counted from 1.
+        steps: After which of its steps, counted from 1; 0 for its end.
+    """
+
+    legs: tuple[int, ...]
+    steps: tuple[int, ...]
+
+    def points(self, flight: Flight) -> NDArray[np.intp]:
+        """Return the numbers of a flight's points at which the goals are met."""
+        begins, legs = np.concatenate([[0], flight.ends[:-1]]), np.array(self.legs) - 1
+        return np.asarray(np.where(np.array(self.steps) == 0, flight.ends[legs], begins[legs] + REFINED * np.array(self.steps)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attempt:
+    """One number of legs solved and flown.
+
+    Attributes:
+        legs: The commands of each leg.
+        flight: Where they lead.
+        goals: When each goal is met.
+        miss: shape (G,) [m], miss distances as flown.
+        deviation: Largest distance from the reference path and its root mean square [m]; zeros without one.
+        violation: The first constraint violation; None when there is none.
+        guess: The solver's solution.
+        iterations: IPOPT's, over all rounds.
+        return_status: IPOPT's last.
+        plane_violation: Largest distance of the solution beyond a half-plane [m].
+    """
+
+    legs: Legs
+    flight: Flight
+    goals: GoalSteps
+    miss: Array
+    deviation: tuple[float, float]
+    violation: Violation | None
+    guess: MissionGuess
+    iterations: int
+    return_status: str
+    plane_violation: float
+
+
+def goals_met(task: MissionTask, attempt: Attempt) -> bool:
+    """Return whether every miss distance is within the tolerance, unless it has no weight, and the track near enough to its reference."""
+    indifferent = task.settings.weights.closest == 0.0
+    return excess_deviation(task, attempt) == 0.0 and (indifferent or bool(np.all(attempt.miss <= task.settings.tolerance)))
+
+
+def excess_deviation(task: MissionTask, attempt: Attempt) -> float:
+    """Return how much farther from the reference path an attempt leads than allowed [m]."""
+    return 0.0 if task.reference_path is None else max(0.0, attempt.deviation[0] - task.reference_path.limit)
+
+
+def is_feasible(task: MissionTask, attempt: Attempt) -> bool:
+    """Return whether an attempt violates no constraint and meets its goals, unless the miss distance is weighed against other costs."""
+    return attempt.violation is None and (task.settings.weighs_distance or goals_met(task, attempt))
+
+
+def energy_of(task: MissionTask, attempt: Attempt) -> float:
+    """Return the energy of an attempt [J]."""
+    yo_depths = task.yo_depths(len(attempt.legs.headings))
+    apogees = sum(leg[i] for leg in yo_depths for i in range(1, len(leg) - 1) if leg[i] > leg[i - 1])
+    return float(task.vehicle.energy(attempt.flight.time[-1], apogees))
+
+
+def ranking_key(task: MissionTask, attempt: Attempt) -> tuple[bool, float, float]:
+    """Return the key that attempts are sorted by: feasible ones first, by cost; the others by miss distance and deviation."""
+    settings, duration, feasible = task.settings, float(attempt.flight.time[-1]), is_feasible(task, attempt)
+    miss = 0.0 if feasible and settings.objective != "closest" else float(np.max(attempt.miss)) + (_UNSAFE if attempt.violation else 0.0)
+    cost = settings.weights.cost(duration, energy_of(task, attempt), float(np.sum(attempt.miss)))
+    if task.reference_path is not None:
+        cost += task.reference_path.weight * duration / HOUR * (attempt.deviation[1] / KM) ** 2
+        miss += excess_deviation(task, attempt)
+    return not feasible, miss, cost
+
+
+def best_of(task: MissionTask, attempts: list[Attempt]) -> Attempt:
+    """Return the attempt that ranks first."""
+    return min(attempts, key=lambda attempt: ranking_key(task, attempt))

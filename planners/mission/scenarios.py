@@ -1,0 +1,212 @@
+"""A mission that keeps clear of hazards in most samples of the estimate, not in the estimate alone.
+
+Headings that are held whatever the current cannot make the deviations of the track smaller: such a plan can only keep farther away,
+place by place by the deviations of the samples there. A pilot who corrects the mission at each surfacing makes the deviations smaller.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtr
+
+from planners.mission.attempt import Attempt, best_of, is_feasible
+from planners.mission.check import clearances
+from planners.mission.feedback import Pilot, fly_corrected
+from planners.mission.flight import Currents, Flight, Legs, currents_of_samples, fly_legs
+from planners.mission.flights import legs_of_plan
+from planners.mission.program import MissionGuess
+from planners.mission.result import to_plan
+from planners.mission.safety_margin import SafetyMargin
+from planners.mission.search import goal_legs_of, goal_steps_of, solve_attempts
+from planners.mission.solve import solve_with_margin
+from planners.mission.task import MissionTask, mission_task
+from planners.mission.values import MissionPlan, MissionRequest
+from planners.route.hazards import Bathymetry, NoGo
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+
+# Plans made with wider and wider margins at most; each margin grows by this factor of what is missing, and by so much at least [m].
+_PLANS, _GROWTH, _LEAST = 4, 1.15, 50.0
+# Significance of the binomial test: the probability of so few violations among the samples if the allowed share of all violated.
+_SIGNIFICANCE = 0.15
+# Additional legs that are tried where a wider margin leaves the goal out of reach.
+_LONGER = 2
+# A margin kept this well is kept [m].
+_KEPT = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class MonteCarloSummary:
+    """A mission flown in samples of the current.
+
+    Attributes:
+        reached: Share of the samples in which every goal is met within the tolerance.
+        safe: Share without a constraint violation.
+        miss_median: Median miss distance of the last goal [m].
+        miss_90_percent: 90th percentile of the miss distance of the last goal [m].
+        violations: Share that violates a constraint, by the name of the hazard; hazards without violations are left out.
+    """
+
+    reached: float
+    safe: float
+    miss_median: float
+    miss_90_percent: float
+    violations: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    """A plan with one margin, and whether its violations pass the binomial test."""
+
+    attempt: Attempt
+    summary: MonteCarloSummary
+    extra: float
+    passes: bool
+
+
+def plan_scenarios(
+    flow: FlowEstimate, samples: Sequence[FlowEstimate], request: MissionRequest, *, allowed: float = 0.1, pilot: Pilot | None = None
+) -> tuple[MissionPlan, MonteCarloSummary]:
+    """Return the mission planned on the estimate with a margin that keeps the samples clear, and its summary over the samples.
+
+    When no margin tried keeps enough of them clear, the plan that keeps most is returned: ``MonteCarloSummary.safe`` says how many.
+
+    Args:
+        flow: The estimate.
+        samples: Flows on its nodes, as ``flow.sample`` draws them: about twenty or more.
+        request: As for ``plan_mission``; the margin of its settings is the least one.
+        allowed: Share of the samples that may violate a constraint.
+        pilot: Who corrects the mission at each surfacing; None when its headings are held whatever the current.
+
+    Raises:
+        PlanError: As for ``plan_mission``; or there are no samples, or they are not on the nodes of the estimate.
+    """
+    currents, task = _currents_of(flow, samples), mission_task(flow, request)
+    attempts = solve_attempts(task)
+    if not attempts:
+        return to_plan(task, []), MonteCarloSummary(0.0, 0.0, float("nan"), float("nan"), {})
+    attempt, trials, extra = best_of(task, attempts), list[_Trial](), 0.0
+    for _ in range(_PLANS):
+        legs = replace(attempt.legs, depths=task.depths(task.yo_depths(len(attempt.legs.headings))))
+        flight, predicted = fly_samples(task, currents, legs, pilot)
+        met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
+        summary, clear = summarise_flights(task, flight, met)
+        trials.append(_Trial(attempt, summary, extra, passes_binomial_test(int(np.sum(clear <= 0.0)), len(clear), allowed)))
+        if trials[-1].passes:
+            break
+        if len(trials) > 1:
+            # the clearance that is missing to the first sample that must not violate a constraint
+            missing = np.sort(-clear)[::-1][most_violations_allowed(len(clear), allowed)]
+            extra += max(_GROWTH * float(missing), _LEAST)
+        attempt = _widen_margin(task, attempt, SafetyMargin(flight.place[:, 1:] - predicted.place[:, 1:], 1.0 - allowed, extra))
+    # a plan that passes the test is the best, or else the safest; only the last one tried can pass
+    best = max(trials, key=lambda trial: (trial.passes, trial.summary.safe, is_feasible(task, trial.attempt)))
+    plan = to_plan(task, [best.attempt])
+    counts = {"margins_tried": len(trials), "attempts": len(attempts) + len(trials) - 1, "extra_margin_m": best.extra}
+    return replace(plan, statistics={**plan.statistics, **counts}), best.summary
+
+
+def fly_scenarios(
+    flow: FlowEstimate,
+    samples: Sequence[FlowEstimate],
+    plan: MissionPlan,
+    *,
+    pilot: Pilot | None = None,
+    no_go: tuple[NoGo, ...] = (),
+    bathymetry: Bathymetry | None = None,
+) -> MonteCarloSummary:
+    """Return the summary of a mission flown in samples of the current.
+
+    Args:
+        flow: The estimate: what a pilot knows of the current.
+        samples: Flows on its nodes.
+        plan: The mission.
+        pilot: Who corrects it at each surfacing; None when its headings are held whatever the current.
+        no_go: Areas that must not be entered.
+        bathymetry: Bottom depth.
+
+    Raises:
+        PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
+    """
+    legs = legs_of_plan(plan, flow, 1)
+    task = mission_task(flow, MissionRequest(plan.start, plan.goals, plan.vehicle, plan.settings, no_go, bathymetry, plan.start_time_ns))
+    flight, predicted = fly_samples(task, _currents_of(flow, samples), legs, pilot)
+    return summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
+
+
+def passes_binomial_test(violations: int, count: int, allowed: float) -> bool:
+    """Return whether so few violations among some samples make it unlikely that more than the allowed share of all would violate.
+
+    No violation always passes.
+    """
+    return violations == 0 or float(bdtr(violations, count, allowed)) <= _SIGNIFICANCE
+
+
+def most_violations_allowed(count: int, allowed: float) -> int:
+    """Return the largest number of violations among ``count`` samples that passes the binomial test."""
+    return max(number for number in range(count) if passes_binomial_test(number, count, allowed))
+
+
+def points_at(predicted: Flight, times: Array) -> NDArray[np.intp]:
+    """Return the numbers of a flight's points at some times, shape (G,) [s]; all flights of the same legs have the same points."""
+    return np.asarray(np.argmin(np.abs(predicted.time - times[:, None]), axis=1))
+
+
+def summarise_flights(task: MissionTask, flight: Flight, points: NDArray[np.intp]) -> tuple[MonteCarloSummary, Array]:
+    """Return the summary of K flights and the least clearance of each [m], shape (K,): 0 or less where it violates a constraint.
+
+    Args:
+        task: The problem.
+        flight: The flights.
+        points: shape (G,), numbers of their points at which the goals are to be met.
+    """
+    miss = np.linalg.norm(flight.place[:, points] - task.goals[:, :2], axis=2)
+    by_name = clearances(task, flight)
+    clear = np.min(list(by_name.values()), axis=0)
+    violations = {name: float(np.mean(one <= 0.0)) for name, one in by_name.items() if np.any(one <= 0.0)}
+    median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
+    reached = float(np.mean(np.all(miss <= task.settings.tolerance, axis=1)))
+    return MonteCarloSummary(reached, float(np.mean(clear > 0.0)), median, ninety, violations), clear
+
+
+def fly_samples(task: MissionTask, currents: Currents, legs: Legs, pilot: Pilot | None) -> tuple[Flight, Flight]:
+    """Return the flights of legs in K currents, and the predicted one."""
+    start = task.start[:2]
+    predicted = fly_legs(task.currents, task.vehicle, start, legs, task.start_time)
+    if pilot is None:
+        return fly_legs(currents, task.vehicle, start, legs), predicted
+    return fly_corrected(task.currents, currents, task.vehicle, predicted, legs, pilot).flight, predicted
+
+
+def _currents_of(flow: FlowEstimate, samples: Sequence[FlowEstimate]) -> Currents:
+    """Return the samples' currents, all on the nodes of the estimate."""
+    if not samples:
+        raise PlanError("a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)")
+    both = currents_of_samples([flow, *samples])
+    return replace(both, latent=both.latent[1:])
+
+
+def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:
+    """Return the attempt with a wider margin; with more legs where the goal is out of reach otherwise."""
+    found = solve_with_margin(task, before, margin)
+    n_legs = len(before.legs.headings)
+    for longer in range(n_legs + 1, min(n_legs + _LONGER, task.settings.max_legs) + 1):
+        if (is_feasible(task, found) and found.plane_violation < _KEPT) or task.settings.legs is not None:
+            break
+        more = solve_with_margin(task, _with_n_legs(task, before, longer), margin)
+        found = min(found, more, key=lambda one: (not is_feasible(task, one), one.plane_violation))
+    return found
+
+
+def _with_n_legs(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
+    """Return an attempt whose guess has ``n_legs`` legs of equal time along the same path."""
+    flight, duration = attempt.flight, float(attempt.flight.time[-1])
+    at = duration * np.arange(1, n_legs + 1) / n_legs
+    places = np.column_stack([np.interp(at, flight.time, flight.place[0, :, i]) for i in (0, 1)])
+    headings = np.interp(at - 0.5 * at[0], flight.time, np.unwrap(attempt.legs.headings)[flight.leg])
+    passed = flight.time[attempt.goals.points(flight)]
+    goals = goal_steps_of(task, passed, goal_legs_of(passed, n_legs))
+    return replace(attempt, guess=MissionGuess(places, headings, np.full(n_legs, task.angle_of(at[0]))), goals=goals)

@@ -1,0 +1,145 @@
+"""What the readers of all formats share: a log file as a context, read in passes, with its statistics and its copies."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, BinaryIO, ClassVar
+
+from mcap.records import Attachment, Metadata
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import LogReport, Message
+from replay_kit.logs.decode.to_json import JsonChannels
+from replay_kit.logs.raw import RawMessage
+from replay_kit.logs.shared.statistics import ReadStatistics
+
+#: A message before it has a position: time [ns], topic, schema, payload.
+Entry = tuple[int, str, str, dict[str, Any]]
+#: Called with each attachment and metadata record of a log that is copied.
+OnExtra = Callable[[Attachment | Metadata], None]
+
+
+class LogFile(AbstractContextManager["LogFile"]):
+    """A log opened for reading. Each pass reads the file anew; leaving the context closes the passes that were not finished.
+
+    Topics are renamed as ``logs.remap`` states, in messages, copies and the report.
+
+    Attributes:
+        path: The log.
+        format: As in ``LogReport.format``.
+        input: Position of the log among the run's inputs.
+        statistics: What the pass begun last has found.
+        has_own_frames: Whether a copy of ``raw_messages`` holds the log in another form than its own, so that a copy needs ``frames`` too.
+    """
+
+    format: str
+    has_own_frames: ClassVar[bool] = False
+
+    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+        """Remember what to read.
+
+        Args:
+            path: The log.
+            input: Position of the log among the run's inputs.
+            config: Which clock orders the messages, which topics are renamed; the defaults when None.
+            wanted: MAVLink message names, and schemas of DataFlash records, to decode; others are counted only. None decodes all.
+                Without effect on other formats.
+        """
+        self.path = str(path)
+        self.input = input
+        self.statistics = ReadStatistics()
+        self._config = config or LogConfig()
+        self._clock = self._config.clock
+        self._wanted = wanted
+        self._files: list[BinaryIO] = []
+
+    def __exit__(self, *error: object) -> None:
+        """Close the file of every unfinished pass."""
+        for file in self._files:
+            file.close()
+
+    @abstractmethod
+    def messages(self) -> Iterator[Message]:
+        """Yield the decoded messages in the file's order.
+
+        Raises:
+            LogError: The file cannot be read.
+        """
+
+    def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
+        """Yield the messages to copy: as they are in the file, or as JSON when an MCAP cannot hold the format's own form.
+
+        Args:
+            on_extra: Called with each attachment and metadata record.
+
+        Raises:
+            LogError: The file cannot be read, or a payload has no JSON form.
+        """
+        del on_extra
+        channels = JsonChannels()
+        yield from map(channels.raw, self.messages())
+
+    def frames(self) -> Iterator[RawMessage]:
+        """Yield the entries of a telemetry log that the file is or was made of; nothing by default. The statistics stay as they are."""
+        return iter(())
+
+    def profile(self) -> str | None:
+        """Return the profile that the header of an MCAP states; None for other formats and damaged headers."""
+        return None
+
+    def report(self) -> LogReport:
+        """Return what was found so far."""
+        return self.statistics.report(self.path, self.format)
+
+    def _topic(self, name: str) -> str:
+        """Return what a topic is called."""
+        return self._config.remap.get(name, name)
+
+    @contextmanager
+    def _opened(self) -> Iterator[BinaryIO]:
+        """Give the file for one pass."""
+        try:
+            with open(self.path, "rb") as file:
+                self._files.append(file)
+                try:
+                    yield file
+                finally:
+                    self._files.remove(file)
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+
+    def _by_time(self, entries: Iterable[Entry]) -> Iterator[Message]:
+        """Yield the entries of a file that is read whole in order of time, those of one time in the order given."""
+        for position, (time_ns, topic, schema, payload) in enumerate(sorted(entries, key=itemgetter(0))):
+            name = self._topic(topic)
+            self.statistics.read[name] += 1
+            yield Message(time_ns, name, schema, payload, self.input, position)
+
+    def _skip(self, topic: str, reason: str, count: int = 1) -> None:
+        self.statistics.skip(self._topic(topic), reason, count)
+
+
+@dataclass(frozen=True, slots=True)
+class RawLog:
+    """A log whose ``messages`` are those to copy, as ``merge`` wants them.
+
+    Attributes:
+        log: The log.
+        on_extra: Called with each attachment and metadata record.
+    """
+
+    log: LogFile
+    on_extra: OnExtra | None = None
+
+    def messages(self) -> Iterator[RawMessage]:
+        """Yield the messages to copy, in the file's order."""
+        return self.log.raw_messages(self.on_extra)
+
+
+def unreadable(path: str | Path, error: OSError) -> LogError:
+    """Return the error that says why a log cannot be read."""
+    return LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions")

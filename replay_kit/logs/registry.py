@@ -1,0 +1,136 @@
+"""The registry of log formats, and ``open_log``, which chooses the reader by a file's first bytes, never by its name."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import LogError
+from replay_kit.logs.adcp.records import AD2CP_MAGICS, PD0_MAGIC
+from replay_kit.logs.reader import LogFile, unreadable
+
+_DATAFLASH_MAGIC = b"\xa3\x95"
+_HEAD = 1 << 16
+
+
+class LogFormat(NamedTuple):
+    """A format of logs.
+
+    Attributes:
+        name: As in ``LogReport.format``.
+        recognises: Whether a file that begins with these bytes is of the format.
+        load: Imports and returns the reader.
+    """
+
+    name: str
+    recognises: Callable[[bytes], bool]
+    load: Callable[[], type[LogFile]]
+
+
+def _begins(*magics: bytes) -> Callable[[bytes], bool]:
+    return lambda head: head.startswith(magics)
+
+
+def _is_tlog(head: bytes) -> bool:
+    # a telemetry log may carry pieces of a DataFlash log that was downloaded; it never begins like one
+    if head.startswith(_DATAFLASH_MAGIC):
+        return False
+    from replay_kit.logs.mavlink.frames import is_tlog
+
+    return is_tlog(head)
+
+
+def _is_dataflash(head: bytes) -> bool:
+    from replay_kit.logs.dataflash.records import is_dataflash
+
+    return is_dataflash(head)
+
+
+# Readers are imported with the first log of their format: the libraries of one take longer to load than a small log of another to read.
+
+
+def _mcap() -> type[LogFile]:
+    from replay_kit.logs.mcap.reader import McapReader
+
+    return McapReader
+
+
+def _seaglider() -> type[LogFile]:
+    from replay_kit.logs.glider.reader import SeagliderReader
+
+    return SeagliderReader
+
+
+def _raw_adcp() -> type[LogFile]:
+    from replay_kit.logs.adcp.reader import RawAdcpReader
+
+    return RawAdcpReader
+
+
+def _tlog() -> type[LogFile]:
+    from replay_kit.logs.mavlink.reader import TlogReader
+
+    return TlogReader
+
+
+def _dataflash() -> type[LogFile]:
+    from replay_kit.logs.dataflash.reader import DataflashReader
+
+    return DataflashReader
+
+
+#: In the order in which they are tried: those with magic bytes first.
+FORMATS = (
+    LogFormat("mcap", _begins(b"\x89MCAP0\r\n"), _mcap),
+    LogFormat("seaglider", _begins(b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF"), _seaglider),
+    LogFormat("pd0", _begins(PD0_MAGIC), _raw_adcp),
+    LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _raw_adcp),
+    LogFormat("tlog", _is_tlog, _tlog),
+    LogFormat("dataflash", _is_dataflash, _dataflash),
+)
+#: Logs that are recognised only to say what to do with them.
+_FOREIGN = (
+    (b"#ROSBAG", "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap"),
+    (b"SQLite format 3", "an SQLite file, perhaps a ROS 2 bag; convert it with: ros2 bag convert, storage mcap"),
+)
+
+
+def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogFile:
+    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink, DataFlash, Seaglider NetCDF or raw ADCP.
+
+    Args:
+        path: The log.
+        input: Position of the log among the run's inputs.
+        config: How logs are read; the defaults when None.
+        wanted: MAVLink message names, and schemas of DataFlash records, to decode; others are counted only. None decodes all. Without
+            effect on other formats.
+
+    Raises:
+        LogError: The file is missing, no file, empty, unreadable, or of none of the known formats.
+    """
+    path = Path(path)
+    head = _first_bytes(path)
+    for form in FORMATS:
+        if form.recognises(head):
+            return form.load()(path, input, config, wanted)
+    foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
+    raise LogError(
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a Seaglider NetCDF file "
+        "or a raw ADCP file (PD0, AD2CP); "
+        + (f"this is {foreign}" if foreign else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats")
+    )
+
+
+def _first_bytes(path: Path) -> bytes:
+    if path.is_dir():
+        raise LogError(f"{path}: expected a log, got a directory; give the files in it")
+    try:
+        with open(path, "rb") as file:
+            head = file.read(_HEAD)
+    except FileNotFoundError as error:
+        raise LogError(f"{path}: expected a log, there is no such file; check the path") from error
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if not head:
+        raise LogError(f"{path}: expected a log, the file is empty (0 bytes); was the recording stopped before anything was written?")
+    return head

@@ -1,0 +1,1 @@
+"""What each kind of message states: payloads to positions, depths, attitudes, velocities and ADCP pings."""

@@ -1,0 +1,157 @@
+"""Positions and depths of the vehicle from the messages that vehicles write.
+
+Each function takes a payload and returns what it states, or in words why that cannot be used.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from replay_kit.measurements.messages.fields import number
+from replay_kit.measurements.ping.attitude import Orientation
+
+_ATMOSPHERE_PA = 101_325.0
+_PA_PER_DBAR = 10_000.0
+_TRUE = ("true", "1")
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """A position that a message states; NaN where it does not say.
+
+    Attributes:
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: [m], positive down.
+        dead_reckoned: True when computed, not measured.
+    """
+
+    longitude: float
+    latitude: float
+    depth: float
+    dead_reckoned: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Depth:
+    """How deep the vehicle is.
+
+    Attributes:
+        depth: [m], positive down.
+    """
+
+    depth: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pressure:
+    """The pressure at the vehicle.
+
+    Attributes:
+        pressure_dbar: Sea pressure, 0 at the surface.
+    """
+
+    pressure_dbar: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A place in a local frame of the log's own.
+
+    Attributes:
+        east: [m].
+        north: [m].
+        depth: [m], positive down.
+        orientation: Of the vehicle.
+    """
+
+    east: float
+    north: float
+    depth: float
+    orientation: Orientation
+
+
+def location_fix(payload: Mapping[str, Any]) -> Position | str:
+    """Return the position in a ``foxglove.LocationFix``, or why it is none.
+
+    ``metadata`` may carry ``depth`` [m] and ``dead_reckoned``; the altitude is above the ellipsoid and is not a depth.
+    """
+    extra = _metadata(payload.get("metadata"))
+    dead_reckoned = str(extra.get("dead_reckoned", "")).strip().lower() in _TRUE
+    return checked(payload.get("longitude"), payload.get("latitude"), number(extra.get("depth")), dead_reckoned)
+
+
+def nav_sat_fix(payload: Mapping[str, Any]) -> Position | str:
+    """Return the position in a ``sensor_msgs/NavSatFix``, or why it is none; one that states no status is taken at its word."""
+    status = payload.get("status")
+    if number(status.get("status") if isinstance(status, Mapping) else status) < 0:
+        return "no fix (status < 0)"
+    return checked(payload.get("longitude"), payload.get("latitude"), math.nan, False)
+
+
+def fluid_pressure(payload: Mapping[str, Any]) -> Pressure:
+    """Return the pressure of a ``sensor_msgs/FluidPressure`` (absolute, Pa)."""
+    return Pressure((number(payload.get("fluid_pressure")) - _ATMOSPHERE_PA) / _PA_PER_DBAR)
+
+
+def odometry(payload: Mapping[str, Any]) -> Pose | str:
+    """Return the pose of a ``nav_msgs/Odometry`` or ``geometry_msgs/PoseWithCovarianceStamped``, or why there is none."""
+    pose = payload.get("pose")
+    return _pose(payload, pose.get("pose") if isinstance(pose, Mapping) else None, "pose.pose.position")
+
+
+def pose_stamped(payload: Mapping[str, Any]) -> Pose | str:
+    """Return the pose of a ``geometry_msgs/PoseStamped``, or why there is none."""
+    return _pose(payload, payload.get("pose"), "pose.position")
+
+
+def _pose(payload: Mapping[str, Any], pose: Any, where: str) -> Pose | str:
+    """Return a pose in its frame: x east, y north, z up (ROS REP-103), or x north, y east, z down where the frame's name ends so."""
+    position = pose.get("position") if isinstance(pose, Mapping) else None
+    if not isinstance(position, Mapping):
+        return f"no {where} in it"
+    x, y, z = (number(position.get(axis)) for axis in "xyz")
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+        return "position is not a number"
+    header = payload.get("header")
+    frame = str(header.get("frame_id", "")).strip("/").lower() if isinstance(header, Mapping) else ""
+    # REP-105 gives the name to the frame whose origin is the Earth's centre
+    if frame == "earth":
+        return "position in the frame 'earth', whose axes are not east, north and up"
+    ned = frame.endswith("ned")
+    orientation = orientation_of(pose.get("orientation"), ned)
+    return Pose(y, x, z, orientation) if ned else Pose(x, y, -z, orientation)
+
+
+def orientation_of(quaternion: Any, ned: bool = False) -> Orientation:
+    """Return the orientation of a ROS ``Quaternion``; its numbers are NaN where it does not state them.
+
+    Args:
+        quaternion: The message, of whatever type.
+        ned: Whether its frames have z down; see ``Orientation``.
+    """
+    stated = quaternion if isinstance(quaternion, Mapping) else {}
+    x, y, z, w = (number(stated.get(name)) for name in "xyzw")
+    return Orientation((x, y, z, w), ned)
+
+
+def checked(longitude: Any, latitude: Any, depth: float, dead_reckoned: bool) -> Position | str:
+    """Return a position, or why its numbers are none."""
+    x, y = number(longitude), number(latitude)
+    if not (math.isfinite(x) and math.isfinite(y)):
+        return "position is not a number"
+    if x == 0.0 and y == 0.0:
+        return "position is 0, 0 (no fix)"
+    if abs(y) > 90.0 or not -180.0 <= x <= 360.0:
+        return "position is no longitude and latitude"
+    return Position(x, y, depth, dead_reckoned)
+
+
+def _metadata(pairs: Any) -> dict[str, Any]:
+    """Return key-value pairs as a dict; a plain mapping is read too, and what is no pair says nothing."""
+    if isinstance(pairs, Mapping):
+        return {str(key): value for key, value in pairs.items()}
+    if not isinstance(pairs, list | tuple):
+        return {}
+    return {str(pair.get("key")): pair.get("value") for pair in pairs if isinstance(pair, Mapping)}

@@ -1,0 +1,132 @@
+"""A ping's way through the measurement step: whether it counts, what makes it absolute, where it was."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.observation import Source, VehicleState
+from replay_kit.measurements.events import Event, Skipped, Used
+from replay_kit.measurements.messages.adcp_ping import parse_ping
+from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame, assemble, is_complete
+from replay_kit.measurements.messages.motion import Dvl, horizontal, water_track
+from replay_kit.measurements.messages.profiles import StatedPing
+from replay_kit.measurements.ping.adcp_ping import AdcpPing, PlatformVelocity
+from replay_kit.measurements.ping.attitude import attitude_within, with_attitude
+from replay_kit.measurements.ping.earth import earth_referenced
+from replay_kit.measurements.ping.platform_velocity import lacks_motion, waits_until, with_bottom_track
+from replay_kit.measurements.steps.position_matching import RELATIVE, WaitingPing, add, is_unwanted, observe, refuse
+from replay_kit.measurements.steps.positions import record_position
+from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
+from replay_kit.measurements.vehicle.pressure import depth_of_pressure
+
+# Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
+_OPEN_PINGS = 8
+_INCOMPLETE = "part of an incomplete ping"
+_ALSO_INVERTED = "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
+_INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
+_NO_REFERENCE = (
+    "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
+    "when the message has no place for it"
+)
+_NO_ATTITUDE = "DVL: no attitude within a second"
+_NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
+_NO_LAYER = "DVL: water track, whose layer's depth it does not say; state measurements.water_track_distance"
+_NO_BOTTOM = "DVL: water track without a bottom track, which says nothing of the current"
+
+
+def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> str:
+    """Return why a message would count what another message of the log holds a second time; empty when it would not."""
+    if config.use_inverted:
+        return _ALSO_INVERTED if payload.get("also_in") else ""
+    return _INVERTED if payload.get("computed_from") else ""
+
+
+def take_stated_ping(state: MeasurementState, stated: StatedPing, source: Source, config: MeasurementConfig) -> Step:
+    """Return the state after a message with a profile, and the events; a position in it counts even where the profile does not."""
+    if stated.position is not None and stated.elsewhere:
+        ping = earth_referenced(parse_ping(stated.payload, config.reference), config)
+        here = stated.position
+        place = VehicleState(source.time_ns, here.longitude, here.latitude, here.depth, False, source)
+        return state, observe(WaitingPing(ping, source, here.depth, 0, 1, source.time_ns), place, None, config)
+    events: list[Event] = []
+    if stated.position is not None:
+        # the message counts once, as the ping that it is
+        state, (_, *events) = record_position(state, stated.position, source, config)
+    if stated.payload.get("reference") is None and config.reference is None:
+        return state, [*events, Skipped(source.topic, _NO_REFERENCE)]
+    state, more = _take_payload(state, stated.payload, source, 1, config)
+    return state, [*events, *more]
+
+
+def take_ping_frame(state: MeasurementState, frame: PingFrame, source: Source, config: MeasurementConfig) -> Step:
+    """Return the state after a MAVLink frame, and the events of the ping that it completes."""
+    pings = dict(state.frames)
+    if frame.name in pings.get(frame.key, {}):
+        return state, [Skipped(source.topic, "repeated frame of a ping")]
+    pings[frame.key] = {**pings.get(frame.key, {}), frame.name: frame}
+    if is_complete(pings[frame.key]):
+        frames = pings.pop(frame.key)
+        return _take_payload(replace(state, frames=pings), assemble(frames), source, len(frames), config)
+    events: list[Event] = []
+    if len(pings) > _OPEN_PINGS:
+        oldest = next(iter(pings))
+        events = incomplete({oldest: pings.pop(oldest)})
+    return replace(state, frames=pings), events
+
+
+def incomplete(frames: Mapping[Key, Mapping[str, PingFrame]]) -> list[Event]:
+    """Return the events of frames whose pings have lost others."""
+    return [Skipped(topic, _INCOMPLETE) for (topic, _, _), parts in frames.items() for _ in parts]
+
+
+def take_dvl(state: MeasurementState, stated: Dvl, source: Source, config: MeasurementConfig) -> Step:
+    """Keep a bottom track for pings that lack one; a water track beside it is the current at one depth."""
+    attitude = attitude_within(state.orientation, source.time_ns)
+    if attitude is None or config.magnetic_declination is None:
+        return state, [Skipped(source.topic, _NO_ATTITUDE if attitude is None else _NO_DECLINATION)]
+    east, north = horizontal(stated, attitude, config.magnetic_declination)
+    if stated.mode == "bottom":
+        velocity = PlatformVelocity(east, north, stated.error_std, "dvl")
+        return replace(state, bottom=(source.time_ns, velocity)), [Used(source.topic)]
+    if config.water_track_distance is None:
+        return state, [Skipped(source.topic, _NO_LAYER)]
+    ping = parse_ping(water_track(east, north, stated.error_std, config.water_track_distance))
+    if lacks_motion(with_bottom_track(ping, state.bottom, source.time_ns)):
+        return state, [Skipped(source.topic, _NO_BOTTOM)]
+    return resolve_ping(state, ping, source, 1, config)
+
+
+def _take_payload(state: MeasurementState, payload: Mapping[str, Any], source: Source, n_messages: int, config: MeasurementConfig) -> Step:
+    try:
+        ping = with_attitude(parse_ping(payload, config.reference), state.orientation, source.time_ns)
+        return resolve_ping(state, ping, source, n_messages, config)
+    except MeasurementError as error:
+        return state, [Skipped(source.topic, str(error))] * n_messages
+
+
+def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_messages: int, config: MeasurementConfig) -> Step:
+    """Take in a whole ping, which gives as many ``Used`` or ``Skipped`` as messages carried it.
+
+    A vessel's ping that does not state its motion waits for the fixes after it, too.
+
+    Raises:
+        MeasurementError: The ping does not say what turns its velocities to the earth's axes.
+    """
+    ping = with_bottom_track(ping, state.bottom, source.time_ns)
+    until_ns = waits_until(ping, source.time_ns, () if state.submerged else state.track)
+    ping = earth_referenced(ping, config)
+    waiting = WaitingPing(ping, source, state.depth, 0, n_messages, until_ns)
+    if until_ns == source.time_ns and is_unwanted(ping, config):
+        return state, refuse(waiting, RELATIVE)
+    depth = depth_of_pressure(ping.pressure, state.latitude)
+    if not np.isfinite(state.depth) and np.isfinite(depth):
+        # a log whose only depth is the ping's own pressure still has dives
+        state = replace(at_depth(state, depth, config), depth=float("nan"))
+    waiting = replace(waiting, dive=state.dive if ping.dive is None else ping.dive)
+    if state.fix is not None and state.fix.time_ns == source.time_ns == until_ns:
+        return state, observe(waiting, state.fix, None, config)
+    return replace(state, waiting=add(state.waiting, waiting)), []

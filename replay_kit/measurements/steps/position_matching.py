@@ -1,0 +1,164 @@
+"""Pings that wait for a position, and what becomes of them: an observation, or the reason why not.
+
+The waiting pings are one tuple in the order of their times: to add a ping costs a copy of the tuple and no more.
+"""
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Observation, Source, VehicleState
+from replay_kit.measurements.events import Event, Skipped, Used
+from replay_kit.measurements.ping.adcp_ping import AdcpPing
+from replay_kit.measurements.ping.earth import added_velocity
+from replay_kit.measurements.ping.platform_velocity import Fixes, fixes_around, with_gps_velocity
+from replay_kit.measurements.ping.profile import profile_of
+from replay_kit.measurements.quality.ping import Check, checks, flags_of
+
+#: The reason of a ping that is no absolute profile, where these alone are wanted.
+RELATIVE = "velocity relative to the platform, whose own motion is not known"
+
+
+@dataclass(frozen=True, slots=True)
+class WaitingPing:
+    """A ping that was understood and has no position yet.
+
+    Attributes:
+        ping: The ping.
+        source: Its message.
+        depth: The vehicle's when it came [m]; NaN when unknown.
+        dive: The dive it belongs to.
+        n_messages: Messages that carried it: more than one in MAVLink.
+        until_ns: When the fixes are there that give its place, and its platform's velocity [ns, UTC].
+    """
+
+    ping: AdcpPing
+    source: Source
+    depth: float
+    dive: int
+    n_messages: int
+    until_ns: int
+
+
+def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
+    """Return the waiting pings with one more, in the order of their times."""
+    at = bisect_right(waiting, ping.source.time_ns, key=_time)
+    return (*waiting[:at], ping, *waiting[at:])
+
+
+def split(waiting: tuple[WaitingPing, ...], time_ns: int) -> tuple[tuple[WaitingPing, ...], tuple[WaitingPing, ...]]:
+    """Return the pings before a time, and the others."""
+    at = bisect_left(waiting, time_ns, key=_time)
+    return waiting[:at], waiting[at:]
+
+
+def ready(waiting: tuple[WaitingPing, ...], now_ns: int) -> tuple[tuple[WaitingPing, ...], tuple[WaitingPing, ...]]:
+    """Return the pings that wait no longer than a time, and the others."""
+    if not waiting or waiting[0].source.time_ns > now_ns:
+        return (), waiting
+    return tuple(ping for ping in waiting if ping.until_ns <= now_ns), tuple(ping for ping in waiting if ping.until_ns > now_ns)
+
+
+def is_unwanted(ping: AdcpPing, config: MeasurementConfig) -> bool:
+    """Return whether a ping is not used although it was understood: it is no absolute profile and these alone are wanted."""
+    return ping.reference == "platform" and not config.use_relative
+
+
+def place(
+    ping: WaitingPing, before: VehicleState | None, after: VehicleState | None, track: Fixes, config: MeasurementConfig
+) -> list[Event]:
+    """Return the events of a ping that waits no longer.
+
+    Args:
+        ping: The ping.
+        before: Last position before the one that released it.
+        after: The position that released it; None when none did.
+        track: Latest fixes at the surface, that one among them.
+        config: How messages become observations.
+    """
+    time_ns = ping.source.time_ns
+    if ping.until_ns == time_ns:
+        return observe(ping, before, after, config)
+    absolute = with_gps_velocity(ping.ping, time_ns, track, config)
+    if is_unwanted(absolute, config):
+        return refuse(ping, RELATIVE)
+    return observe(replace(ping, ping=absolute), *fixes_around(track, time_ns), config)
+
+
+def observe(ping: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig) -> list[Event]:
+    """Return the events of a ping whose neighbouring positions are known, one for each message that carried it.
+
+    Args:
+        ping: The ping.
+        before: Last position before the ping, or at its time.
+        after: First position after it; None when none came.
+        config: How messages become observations.
+    """
+    position = _interpolate(ping.source.time_ns, before, after, config.position_max_age)
+    if position is None:
+        return refuse(ping, f"no position within {config.position_max_age:g} s")
+    try:
+        observation, found = _observation(ping, position, config)
+    except MeasurementError as error:
+        return refuse(ping, str(error))
+    topic = ping.source.topic
+    return [*[Used(topic)] * (ping.n_messages - 1), Used(topic, found), observation]
+
+
+def refuse(ping: WaitingPing, reason: str) -> list[Event]:
+    """Return the events of a ping that is not used, one for each message that carried it."""
+    return [Skipped(ping.source.topic, reason)] * ping.n_messages
+
+
+def _time(ping: WaitingPing) -> int:
+    return ping.source.time_ns
+
+
+def _observation(waiting: WaitingPing, position: tuple[float, float], config: MeasurementConfig) -> tuple[Observation, tuple[Check, ...]]:
+    longitude, latitude = position
+    ping = waiting.ping
+    # a log that never states a depth is a surface vessel's
+    as_it_is = np.isfinite(waiting.depth) or ping.needs_vehicle_depth
+    profile = profile_of(ping, waiting.depth if as_it_is else 0.0, latitude, config)
+    found = checks(ping, profile, waiting.depth, waiting.dive, config)
+    flags, reasons = flags_of(profile, found, config.quality.use_suspect)
+    platform_velocity, common_std = added_velocity(ping, config)
+    observation = Observation(
+        waiting.source.time_ns,
+        longitude,
+        latitude,
+        profile.depth,
+        profile.velocity,
+        profile.error_std,
+        profile.reference,
+        flags,
+        reasons,
+        waiting.dive,
+        waiting.source,
+        common_std,
+        ping.correlation_depth if ping.correlation_depth >= 0.0 else config.correlation_depth,
+        platform_velocity,
+    )
+    return observation, found
+
+
+def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float) -> tuple[float, float] | None:
+    """Return longitude and latitude at a time, or None when neither neighbour is near enough in time."""
+    known = [fix for fix in (before, after) if fix is not None]
+    if not known or min(abs(fix.time_ns - time_ns) for fix in known) > max_age_s * 1e9:
+        return None
+    if before is not None and after is not None and before.time_ns < time_ns < after.time_ns:
+        projection = Projection(before.longitude, before.latitude)
+        east, north = to_local(projection, after.longitude, after.latitude)
+        share = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
+        longitude, latitude = to_geographic(projection, share * east, share * north)
+        # between opposite sides of the Earth there is no way that is the shortest
+        if np.isfinite(longitude) and np.isfinite(latitude):
+            return float(unwrap_longitude(longitude, before.longitude)), float(latitude)
+    nearest = min(known, key=lambda fix: abs(fix.time_ns - time_ns))
+    return nearest.longitude, nearest.latitude

@@ -1,0 +1,31 @@
+"""The estimation methods that the studies compare, by name."""
+
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.gating import TrustConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator import Estimator, build_estimator
+from replay_kit.estimator.baselines import BASELINES, build_baseline
+from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS, cell_size
+
+# ``paper_cells`` is the paper's estimator with its length in cells rather than in kilometres, for grids coarser than its own.
+METHODS = ("default", "paper", "paper_cells", *(name for name in BASELINES if name != "depth_average"))
+
+
+def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Estimator[Any]:
+    """Return the estimator that a method's name stands for.
+
+    Raises:
+        ConfigError: The name is unknown.
+    """
+    if name == "default":
+        return build_estimator(ensemble, config.model_copy(update={"preset": "default"}), TrustConfig())
+    if name not in ("paper", "paper_cells"):
+        return build_baseline(name, ensemble, config)
+    update: dict[str, Any] = {"preset": "paper"}
+    if name == "paper_cells":
+        update["length_horizontal"] = LENGTH_IN_CELLS * float(np.sqrt(np.prod(cell_size(ensemble.grid))))
+    return build_estimator(ensemble, config.model_copy(update=update))

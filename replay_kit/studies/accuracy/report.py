@@ -1,0 +1,42 @@
+"""The comparison of methods to JSON and to the console."""
+
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console
+
+from replay_kit.studies.accuracy.run import FIGURES, AccuracyResult, AccuracyRow
+from replay_kit.studies.reports.tables import Cell, Table
+from replay_kit.studies.reports.write import number, plain, print_tables, versions
+
+_COLUMNS = ("truth", "method", "pings", "rel. error", "RMSE", "bound", "NIS/dof", "cov. 50", "cov. 90", "CRPS")
+
+
+def to_json(result: AccuracyResult) -> dict[str, Any]:
+    """Return the JSON object of ``--json``; undefined figures are null."""
+    return {
+        **({"unfinished": True} if result.unfinished else {}),
+        "results": [_row_json(row) for row in result.rows],
+        "ensemble": result.ensemble,
+        "truth": result.truth,
+        "modes": result.modes,
+        "noise": result.noise,
+        "versions": versions("numpy", "scipy"),
+    }
+
+
+def print_accuracy(result: AccuracyResult, console: Console) -> None:
+    """Print the rows as a table, and below it why methods failed."""
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (result.truth if row.truth is None else str(row.truth), row.method, row.pings, *(number(getattr(row, name)) for name in FIGURES))
+        for row in result.rows
+    )
+    print_tables(console, [Table("accuracy", "Methods against the number of pings", _COLUMNS, rows)])
+    for row in result.rows:
+        if row.failed:
+            console.print(f"{row.method} after {row.pings} pings: {row.failed}", soft_wrap=True, markup=False)
+
+
+def _row_json(row: AccuracyRow) -> dict[str, Any]:
+    left_out = {name for name, absent in (("truth", row.truth is None), ("failed", not row.failed)) if absent}
+    return {name: plain(value) for name, value in asdict(row).items() if name not in left_out}

@@ -1,0 +1,82 @@
+"""Predictions of dives as tables and JSON."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from replay_kit.studies.dives.run import DivePrediction, DivesResult, rms_length
+from replay_kit.studies.reports.tables import Table
+from replay_kit.studies.reports.write import number, plain, print_tables, versions
+
+_TITLES = {"profiles": "RMS length of the error of profiles", "mean": "RMS length of the error of depth-averaged currents"}
+
+
+def print_dives(result: DivesResult, console: Console) -> None:
+    """Print what a person reads: errors by dive and method, calibration, surfacings."""
+    print_tables(console, [_table(result, kind) for kind in _TITLES if result.rmse(kind)])
+    for sentence in _sentences(result):
+        console.print(sentence, soft_wrap=True)
+
+
+def _sentences(result: DivesResult) -> list[str]:
+    out = []
+    if np.isfinite(result.nis_per_dof):
+        covered = result.coverages().values()
+        next_dive, held = (", ".join(f"{value:.0%} of {share:.0%}" for share, value in shares.items()) for shares in covered)
+        out = [
+            f"Next dives: NIS per degree of freedom {result.nis_per_dof:.2f}; bins inside their intervals: {next_dive}",
+            f"Bins withheld from a dive, given its others, inside their intervals: {held}",
+        ]
+    surfacings = [dive.surfacing for dive in result.dives if dive.surfacing is not None]
+    if surfacings:
+        inside, off = sum(found.inside for found in surfacings), np.median([found.error_m for found in surfacings])
+        out.append(f"Surfacings: {inside} of {len(surfacings)} in the predicted ellipse of 90 %; median distance {off:.0f} m")
+    if result.fitted:
+        words = ", ".join(f"{name} {value:g}" for name, value in asdict(result.dives[-1].settings).items())
+        out.append(f"Fitted to the dives before the last: {words}")
+    return out
+
+
+def _table(result: DivesResult, kind: str) -> Table:
+    overall = result.rmse(kind)
+    by_dive = [(str(dive.number), _rmse(dive, kind)) for dive in result.dives[1:]]
+    rows = tuple(
+        (dive, *(number(100.0 * rmse[method], 1) if method in rmse else "" for method in overall))
+        for dive, rmse in [*by_dive, ("all", overall)]
+    )
+    return Table(kind, f"{_TITLES[kind]}, cm/s", ("dive", *(method.replace("_", " ") for method in overall)), rows)
+
+
+def _rmse(dive: DivePrediction, kind: str) -> dict[str, float]:
+    """Return the root mean square length of a dive's error vectors [m/s], by method."""
+    return {method: rms_length([error]) for method, error in dive.errors[kind].items()}
+
+
+def to_json(result: DivesResult) -> dict[str, Any]:
+    """Return the result's figures for JSON; undefined ones are null, as is a scale that is infinite."""
+    answer: dict[str, Any] = plain(
+        {
+            "rmse": {kind: result.rmse(kind) for kind in _TITLES},
+            "nis_per_dof": result.nis_per_dof,
+            "coverage": {name: {f"{share:g}": value for share, value in shares.items()} for name, shares in result.coverages().items()},
+            "dives": [_dive_json(dive) for dive in result.dives],
+            "ensemble": result.ensemble,
+            "fitted": result.fitted,
+            "oscillators": result.oscillators,
+            "versions": versions("numpy"),
+        }
+    )
+    return answer
+
+
+def _dive_json(dive: DivePrediction) -> dict[str, Any]:
+    return {
+        "dive": dive.number,
+        "bins": len(dive.std),
+        **{f"rmse_{kind}": _rmse(dive, kind) for kind in _TITLES},
+        "nis_per_dof": dive.nis / dive.dof if dive.dof else None,
+        "surfacing": None if dive.surfacing is None else asdict(dive.surfacing),
+        "settings": asdict(dive.settings),
+    }

@@ -1,0 +1,151 @@
+"""Miss distances at arrival of plans made on each flow: rows, their order, and the reasons for it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.plan import Place
+from replay_kit.studies.reports.flows import AVERAGED, LABELS, TRUTH
+from replay_kit.studies.reports.tables import Cell, Criterion, Table, named_columns
+from replay_kit.studies.scoring.bootstrap import bootstrap_median, bootstrap_ratio
+
+NEAR = 250.0  # m, a goal met this closely counts as reached
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """One plan, flown in the truth.
+
+    Attributes:
+        flow: What it was made on.
+        member: The truth.
+        start: Where it begins.
+        goal: Where it should end.
+        status: Of the plan.
+        predicted: Its predicted miss distance [m].
+        miss: Its miss distance in the truth [m].
+        rel_error: Of the flow, against the truth, down to the plan's depth.
+        seconds: To plan.
+    """
+
+    flow: str
+    member: int
+    start: Place
+    goal: Place
+    status: str
+    predicted: float
+    miss: float
+    rel_error: float
+    seconds: float
+
+
+def misses_of(arrivals: Sequence[Arrival], flow: str) -> Array:
+    """Return the miss distances of the plans on a flow [m], case by case."""
+    return np.array([one.miss for one in arrivals if one.flow == flow])
+
+
+def tables_of(study: str, title: str, arrivals: Sequence[Arrival]) -> tuple[Table, ...]:
+    """Return the figures of each flow, those of each truth, and each plan."""
+    flows = tuple(dict.fromkeys(one.flow for one in arrivals))
+    by_truth = []
+    for member, flow in product(dict.fromkeys(one.member for one in arrivals), flows):
+        alike = [one for one in arrivals if (one.member, one.flow) == (member, flow)]
+        figures = {"relative error": alike[0].rel_error, "cases": len(alike), "median [m]": float(np.median([one.miss for one in alike]))}
+        by_truth.append({"truth": member, "planned on": LABELS[flow], **figures})
+    return (
+        named_columns(study, title, [_summary(flow, [one for one in arrivals if one.flow == flow]) for flow in flows]),
+        named_columns(f"{study}_by_truth", "Each truth", by_truth, shown=False),
+        named_columns(f"{study}_cases", "Each plan", [_case(one) for one in arrivals], shown=False),
+    )
+
+
+def _summary(flow: str, alike: Sequence[Arrival]) -> dict[str, Cell]:
+    miss = np.array([one.miss for one in alike])
+    low, high = bootstrap_median(miss)
+    lower, upper = (float(quartile) for quartile in np.quantile(miss, [0.25, 0.75]))
+    return {
+        "planned on": LABELS[flow],
+        "cases": len(alike),
+        "median [m]": float(np.median(miss)),
+        "low [m]": low,
+        "high [m]": high,
+        "lower quartile [m]": lower,
+        "upper quartile [m]": upper,
+        "within 250 m": int(np.sum(miss <= NEAR)),
+        "relative error": float(np.median([one.rel_error for one in alike])),
+        "reported as reached": sum(one.status == "reached" for one in alike),
+        "seconds a plan": float(np.median([one.seconds for one in alike])),
+    }
+
+
+def _case(one: Arrival) -> dict[str, Cell]:
+    return {
+        "planned on": LABELS[one.flow],
+        "truth": one.member,
+        "start longitude": one.start.longitude,
+        "start latitude": one.start.latitude,
+        "goal longitude": one.goal.longitude,
+        "goal latitude": one.goal.latitude,
+        "goal depth [m]": one.goal.depth,
+        "status": one.status,
+        "predicted [m]": one.predicted,
+        "miss [m]": one.miss,
+        "seconds": one.seconds,
+    }
+
+
+def order_of(arrivals: Sequence[Arrival]) -> tuple[Criterion, ...]:
+    """Return the order that is expected, as ratios of medians: truth, default, naive 3D basis, nearest member."""
+    order = (TRUTH, "default", "naive3d", "nearest")
+    return tuple(_criterion(arrivals, before, after) for before, after in pairwise(order))
+
+
+def _criterion(arrivals: Sequence[Arrival], above: str, below: str) -> Criterion:
+    ratio, low, high = _ratio(arrivals, above, below)
+    return Criterion(f"median on the {LABELS[above]} over that on the {LABELS[below]}", ratio, at_most=1.0, low=low, high=high)
+
+
+def _ratio(arrivals: Sequence[Arrival], above: str, below: str) -> tuple[float, float, float]:
+    """Return the ratio of the median miss distances on two flows, and its 90 % interval."""
+    values, others = misses_of(arrivals, above), misses_of(arrivals, below)
+    return float(np.median(values) / np.median(others)), *bootstrap_ratio(values, others)
+
+
+def _median(arrivals: Sequence[Arrival], flow: str) -> float:
+    return float(np.median(misses_of(arrivals, flow)))
+
+
+def place_of_mean(arrivals: Sequence[Arrival]) -> str:
+    """Return how plans on the ensemble mean compare with the others, in words."""
+    ratio, low, high = _ratio(arrivals, "ensemble_mean", "nearest")
+    return (
+        f"Plans on the ensemble mean, which uses no ping, miss by a median of {_median(arrivals, 'ensemble_mean'):.0f} m: {ratio:.2f} "
+        f"times that of the nearest member (90 % interval {low:.2f} to {high:.2f}). The mean is not part of the expected order."
+    )
+
+
+def place_of_average(arrivals: Sequence[Arrival], coherence: float, once: bool) -> str:
+    """Return how plans on the depth-averaged truth compare with those on the default estimate and why, in words.
+
+    Args:
+        arrivals: Each plan.
+        coherence: Share of the truths' mean squared speed that the depth average carries.
+        once: Whether each depth is passed once, as by a glide, or many times, as by dives.
+    """
+    ratio, low, high = _ratio(arrivals, AVERAGED, "default")
+    average, default = (np.median([one.rel_error for one in arrivals if one.flow == flow]) for flow in (AVERAGED, "default"))
+    why = (
+        "A glide at one vertical speed spends the same time at every depth, so the average gives the whole drift of a current that does "
+        "not change along the path. It does not resolve that the glide meets the upper current in one place and the lower one in another."
+        if once
+        else "Every dive passes all depths evenly within a few kilometres, so the average gives nearly the whole drift of each dive."
+    )
+    return (
+        f"Plans on the depth-averaged truth miss by a median of {_median(arrivals, AVERAGED):.0f} m, those on the default estimate by "
+        f"{_median(arrivals, 'default'):.0f} m: a ratio of {ratio:.2g} (90 % interval {low:.2g} to {high:.2g}). Their relative errors are "
+        f"{average:.2f} and {default:.2f}; the average carries {100.0 * coherence:.0f} % of the truths' mean squared speed. {why} "
+        "The average is computed from the truth, which an estimate has to infer; it is reported for comparison, without a criterion."
+    )

@@ -1,0 +1,88 @@
+"""The studies of planning to the console and to files: a report in Markdown, a CSV for each table, JSON, pictures."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from replay_kit.studies.planning.result import PlanningResult, StudyReport
+from replay_kit.studies.reports.pictures import drawn
+from replay_kit.studies.reports.tables import Table
+from replay_kit.studies.reports.write import criteria_table, json_text, markdown, plain, print_tables, to_csv, versions, write_files
+
+
+def replaced_files(out: Path, studies: tuple[str, ...]) -> list[Path]:
+    """Return the files in a folder that a run of some studies would replace."""
+    patterns = ["report.md", "planning.json", *(f"{study}*.{ending}" for study in studies for ending in ("csv", "png"))]
+    return sorted(path for pattern in patterns for path in out.glob(pattern))
+
+
+def to_json(result: PlanningResult) -> dict[str, Any]:
+    """Return the JSON object of ``planning.json`` and ``--json``; undefined figures are null."""
+    answer: dict[str, Any] = plain(
+        {
+            "studies": {report.study: _study_json(report, result.seconds[report.study]) for report in result.reports},
+            "ensemble": result.ensemble,
+            "truths": result.truths,
+            "n_members": result.n_members,
+            "levels": result.levels,
+            "modes": result.modes,
+            "job": asdict(result.job),
+            "versions": versions("numpy", "scipy", "casadi", "matplotlib"),
+        }
+    )
+    return answer
+
+
+def _study_json(report: StudyReport, seconds: float) -> dict[str, Any]:
+    return {
+        "criteria": [{**asdict(one), "met": one.met} for one in report.criteria],
+        "tables": {table.name: [dict(zip(table.columns, row, strict=True)) for row in table.rows] for table in report.tables},
+        "findings": report.findings,
+        "seconds": seconds,
+        **({"failed": report.failed} if report.failed else {}),
+    }
+
+
+def to_markdown(result: PlanningResult) -> str:
+    """Return the studies as Markdown."""
+    parts = ["# Plans flown in truths that the estimates do not know", conditions(result)]
+    for report in result.reports:
+        parts += [f"## {report.title}", *(markdown(table) for table in _tables(report) if table.shown), *report.findings]
+        parts += [f"![{picture.caption}]({picture.name}.png)\n\n*{picture.caption}.*" for picture in report.pictures]
+    done = {report.study for report in result.reports}
+    if left := [study for study in result.job.studies if study not in done]:
+        parts.append(f"Not done when this was written: {', '.join(left)}.")
+    return "\n\n".join(parts) + "\n"
+
+
+def conditions(result: PlanningResult) -> str:
+    """Return what the studies were made on."""
+    job, modes = result.job, "all modes" if result.modes is None else f"at most {result.modes} modes"
+    levels, truths = ", ".join(f"{level:.4g}" for level in result.levels), ", ".join(f"`{truth}`" for truth in result.truths)
+    return (
+        f"{result.n_members} members of `{result.ensemble}`, levels {levels} m; truths, in turn: {truths}. Each estimate is made from "
+        f"{job.pings} pings at random places, noise {job.noise:g} m/s, with {modes}. Seed {job.seed}. Intervals hold 90 % of the "
+        "medians of resampled cases. Cases of one truth share its estimates, which the intervals do not take into account."
+    )
+
+
+def write_planning(out: Path, result: PlanningResult) -> None:
+    """Write everything into a folder that exists, each file whole or not at all; existing ones are replaced."""
+    for report in result.reports:
+        write_files(out, {f"{table.name}.csv": to_csv(table) for table in report.tables})
+        write_files(out, {f"{picture.name}.png": drawn(picture) for picture in report.pictures})
+    write_files(out, {"planning.json": json_text(to_json(result)), "report.md": to_markdown(result)})
+
+
+def print_planning(result: PlanningResult, console: Console) -> None:
+    """Print the tables, the criteria, and the findings."""
+    for report in result.reports:
+        print_tables(console, _tables(report))
+        for finding in report.findings:
+            console.print(finding, soft_wrap=True, markup=not report.failed)
+
+
+def _tables(report: StudyReport) -> tuple[Table, ...]:
+    return (*report.tables, criteria_table(f"Acceptance criteria of {report.study}", report.criteria))

@@ -1,0 +1,188 @@
+"""Twin missions: replanned at each surfacing with the leg's measurements, and with the single plan made at the start.
+
+A member of the ensemble that is left out is the truth. Both missions begin with the plan made on the ensemble without a measurement. One
+follows it to its end; the other is replanned from each surfacing, on the estimate after the leg's profiles.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError, PlanError
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.plan import Place
+from replay_kit.studies.jobs.progress import Progress, counter
+from replay_kit.studies.missions.scene import own_estimator, withhold
+from replay_kit.studies.planning.legs import Leg, LegFlight, PlannedLegs, distance_to, fly_leg, measured, plan_legs
+from replay_kit.studies.planning.replan_rows import Outcome, ReplanJob, ReplanRow
+from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.studies.twins.reachable import place_at
+from replay_kit.studies.twins.vehicle import EPOCH_NS, random_places
+from replay_kit.workflows.planning import MissionPlanner
+from replay_kit.workflows.replay.build import flow_at
+
+# A mission drawn keeps this far from the edge of the truth's water [m], so that plans may err without leaving it.
+_MARGIN = 5_000.0
+# Legs of a mission drawn turn from its course by no more than this [degrees].
+_TURNS = 60.0
+_MAX_DRAWS = 200
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Way:
+    """A glider on its way to a goal in a truth.
+
+    Attributes:
+        sea: The truth.
+        goal: Where it should surface last.
+        start_ns: When the mission began [ns, UTC].
+        place: shape (2,) [m], where it is at the surface, local east and north.
+        time_ns: Now [ns, UTC].
+        misses: Distances from the goal [m], at the start and at each surfacing.
+    """
+
+    sea: Field
+    goal: Place
+    start_ns: int
+    place: Array
+    time_ns: int
+    misses: tuple[float, ...]
+
+    def fly(self, leg: Leg) -> tuple[LegFlight, "_Way"]:
+        """Return a leg flown from here, and the way after it.
+
+        Raises:
+            ForecastError: The current carried the glider out of the truth's water.
+        """
+        flight = fly_leg(self.sea, self.place, self.time_ns, leg)
+        place = flight.place[-1]
+        misses = (*self.misses, distance_to(self.sea, place, self.goal))
+        return flight, replace(self, place=place, time_ns=flight.end_ns, misses=misses)
+
+    def outcome(self, ended: str) -> Outcome:
+        """Return the outcome of a mission that ends here."""
+        return Outcome(self.misses[-1], min(self.misses), (self.time_ns - self.start_ns) / _NS, len(self.misses) - 1, ended)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Twin:
+    """What missions in one truth are replanned with: estimator, job, planner, and the random generator of the noise."""
+
+    # Any: each kind of estimator has a state of its own
+    estimator: Any
+    job: ReplanJob
+    planner: MissionPlanner
+    rng: np.random.Generator
+
+    def plan(self, state: Any, way: _Way, most_legs: int, warm: PlannedLegs | None = None) -> PlannedLegs:
+        """Return the plan on an estimate from where a glider is."""
+        places = place_at(way.sea.grid, way.place), way.goal
+        return plan_legs(self.planner, flow_at(self.estimator, state, way.time_ns), places, way.time_ns, most_legs, warm)
+
+
+def run_replanning(
+    series: Sequence[Ensemble], config: RunConfig, job: ReplanJob, planner: MissionPlanner, progress: Progress | None = None
+) -> tuple[ReplanRow, ...]:
+    """Return the twin missions.
+
+    Args:
+        series: The forecast at its times, in order; one alone may have no time, and the truth then stays as it is.
+        config: Settings of the estimator.
+        job: Which missions.
+        planner: Plans them.
+        progress: Called with missions done, missions in all, and what is being run.
+
+    Raises:
+        ConfigError: An option is wrong.
+        ForecastError: No mission that stays in the truth's water was found.
+        PlanError: The planner cannot plan at a mission's start.
+    """
+    job.check()
+    n_members, rows = series[0].n_members, []
+    spread = min(job.missions, n_members)
+    members = job.members or [k * n_members // spread for k in range(spread)]
+    advance = counter(job.missions, progress)
+    for k in range(job.missions):
+        member = members[k % len(members)]
+        rows.append(_mission(series, config, job, planner, (member, job.seed + k)))
+        advance(f"mission {k}, member {member}")
+    return tuple(rows)
+
+
+def _mission(series: Sequence[Ensemble], config: RunConfig, job: ReplanJob, planner: MissionPlanner, number: tuple[int, int]) -> ReplanRow:
+    """Return the twin mission of a member and a seed."""
+    member, seed = number
+    case = withhold(series, member)
+    sea, rng = build_field(*case.truths), np.random.default_rng((seed, member))
+    twin = _Twin(own_estimator(case, config), job, planner, rng)
+    # in a sea that changes it begins in the middle of the forecast, which errs by then, and goes on long enough
+    start_ns = (int(sea.time_ns[0]) + int(sea.time_ns[-1])) // 2 or EPOCH_NS
+    start, goal, truth_duration = _drawn(sea, job, start_ns, rng)
+    way = _Way(sea, goal, start_ns, start, start_ns, (distance_to(sea, start, goal),))
+    first = twin.plan(twin.estimator.initial(), way, job.most_legs)
+    replanned, errors = _fly_replanned(twin, way, first)
+    return ReplanRow(member, seed, way.misses[0], truth_duration, _fly_single(way, first), replanned, errors)
+
+
+def _fly_single(way: _Way, planned: PlannedLegs) -> Outcome:
+    """Return the outcome of a plan followed to its end; a glider that leaves the truth's water ends where it surfaced last."""
+    for leg in planned.legs:
+        try:
+            way = way.fly(leg)[1]
+        except ForecastError as error:
+            return way.outcome(str(error))
+    return way.outcome("plan ended")
+
+
+def _fly_replanned(twin: _Twin, way: _Way, planned: PlannedLegs) -> tuple[Outcome, tuple[float, ...]]:
+    """Return the outcome of replanning at each surfacing, and the error of each leg's predicted end [m].
+
+    The mission ends at the goal, or where its legs are used up, or where no plan leads any nearer to the goal.
+    """
+    state, errors = twin.estimator.initial(), list[float]()
+    while len(errors) < twin.job.most_legs:
+        if not planned.legs or (errors and planned.miss >= way.misses[-1]):
+            return way.outcome("no plan leads nearer"), tuple(errors)
+        try:
+            flight, way = way.fly(planned.legs[0])
+            errors.append(distance_to(way.sea, way.place, planned.ends[0]))
+            if way.misses[-1] <= twin.job.tolerance:
+                return way.outcome("arrived"), tuple(errors)
+            for step in twin.estimator.steps(state, measured(way.sea, flight, twin.job.noise, twin.rng)):
+                state = step[0]
+            planned = twin.plan(state, way, max(1, twin.job.most_legs - len(errors)), planned)
+        except (ForecastError, PlanError) as error:
+            return way.outcome(str(error)), tuple(errors)
+    return way.outcome("legs used up"), tuple(errors)
+
+
+def _drawn(sea: Field, job: ReplanJob, start_ns: int, rng: np.random.Generator) -> tuple[Array, Place, float]:
+    """Return a start, shape (2,) [m], a goal, and the time [s] from one to the other in the truth, leg by leg at random headings."""
+    depth = min(job.depth, float(sea.grid.levels[-1]))
+    for _ in range(_MAX_DRAWS):
+        place, now = random_places(sea, 1, rng)[0], start_ns
+        start, course = place, rng.uniform(0.0, 360.0)
+        try:
+            _require_room(sea, start)
+            for _ in range(job.legs):
+                angle = np.deg2rad(rng.uniform(*job.angles))
+                speeds = job.speed * float(np.cos(angle)), job.speed * float(np.sin(angle))
+                flight = fly_leg(sea, place, now, Leg(course + rng.uniform(-_TURNS, _TURNS), *speeds, (0.0, depth, 0.0)))
+                place, now = flight.place[-1], flight.end_ns
+                _require_room(sea, place)
+        except ForecastError:
+            continue
+        return start, place_at(sea.grid, place), (now - start_ns) / _NS
+    raise ForecastError(f"{sea.grid.projection}: found no mission of {job.legs} legs that stays in the truth's water; use a larger region")
+
+
+def _require_room(sea: Field, place: Array) -> None:
+    """Raise ForecastError when there is no water on all sides."""
+    around = place + _MARGIN * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    if not np.isfinite(sea.velocity(around[:, 0], around[:, 1], 0.0, sea.time_ns[0])).all():
+        raise ForecastError("too near to the edge of the truth's water")

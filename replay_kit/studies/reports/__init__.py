@@ -1,0 +1,1 @@
+"""What the studies share of their output: tables, files, pictures, failures, progress."""

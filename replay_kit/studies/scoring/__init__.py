@@ -1,0 +1,1 @@
+"""How estimates compare with a truth: errors, calibration, bounds, intervals of medians."""

@@ -1,0 +1,151 @@
+"""What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from replay_kit.config.run import LogConfig, RunConfig
+from replay_kit.core.errors import ForecastError, MeasurementError
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.message import LogReader
+from replay_kit.core.observation import VehicleState
+from replay_kit.core.paths import check_paths, truth_path
+from replay_kit.core.plan import Place
+from replay_kit.forecast import read_truth
+from replay_kit.logs import merge, open_log
+from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
+from replay_kit.results import ResultWriter
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayJob:
+    """The files that a replay reads and writes, and the goal that it plans for.
+
+    Attributes:
+        logs: Log files.
+        ensemble: Ensemble file or store.
+        out: Result MCAP; None computes without writing.
+        goal: Where the vehicle should go; None plans nothing.
+        netcdf: Gridded estimate, CF NetCDF.
+        save_estimate: Lossless estimate, NetCDF.
+        truth: ``PATH`` or ``PATH#MEMBER`` to score against.
+        truth_radius_km: Score only grid points this near to a profile used; None scores all.
+        checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
+        overwrite: Whether existing outputs are replaced.
+        include_inputs: Whether the logs' messages are copied into the result.
+    """
+
+    logs: tuple[Path, ...]
+    ensemble: Path
+    out: Path | None = None
+    goal: Place | None = None
+    netcdf: Path | None = None
+    save_estimate: Path | None = None
+    truth: str | None = None
+    truth_radius_km: float | None = None
+    checkpoint: Path | None = None
+    overwrite: bool = False
+    include_inputs: bool = False
+
+
+def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()) -> None:
+    """Raise ConfigError when an output of a replay is an input, or exists and may not be replaced, or has no folder.
+
+    Args:
+        job: The replay.
+        also_read: Inputs that are not in the job, such as the configuration file.
+        also_written: Outputs that are not in the job, such as the JSON summary.
+    """
+    inputs = (*job.logs, job.ensemble, truth_path(job.truth), *also_read)
+    check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite, checkpoint_files(job.checkpoint))
+
+
+def checkpoint_files(path: Path | None) -> tuple[Path, ...]:
+    """Return the files of a checkpoint: the checkpoint itself, and the journal beside it."""
+    return () if path is None else (path, path.with_name(path.name + ".journal"))
+
+
+def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
+    """Return the opened logs; of MAVLink and DataFlash only the messages that the estimator uses, and mapped topics, are decoded.
+
+    Raises:
+        LogError: A file is missing or is not a log.
+    """
+    mapped = [entry.topic.split("/") for entry in config.measurements.map]
+    # a schema of DataFlash has its format's name before that of the record
+    wanted = MAVLINK_NAMES | {".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped}
+    return [open_log(path, position, config.logs, wanted=wanted) for position, path in enumerate(logs)]
+
+
+def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
+    """Copy the logs' messages unchanged into the result, if the job asks for it: of a telemetry log its frames."""
+    if job.include_inputs:
+        logs = [open_log(path, number, config) for number, path in enumerate(job.logs)]
+        writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames else log.raw_messages()))
+
+
+def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
+    """Return the mean position, when the ensemble is to be placed there, and the first time used [ns, UTC], of the chosen time span.
+
+    Messages of topics that come once are read although they are older than the span, as in a replay, but their positions do not count.
+
+    Raises:
+        LogError: A log cannot be opened.
+        MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
+    """
+    start_ns = config.logs.start_ns
+    place_at, first_ns = _mean_place(logs, config) if config.forecast.place else (None, _first_time(logs, config))
+    if first_ns is not None and start_ns is not None:
+        first_ns = max(first_ns, start_ns)
+    return place_at, first_ns
+
+
+def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
+    firsts = (next(iter(reader.messages()), None) for reader in open_readers(logs, config))
+    return min((message.time_ns for message in firsts if message is not None), default=None)
+
+
+def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
+    """Return the mean longitude and latitude of the positions that a replay would use, and the time of its first message."""
+    settings, first_ns = config.logs, None
+    state, positions = initial_state(settings.system), []
+    for message in merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns):
+        first_ns = message.time_ns if first_ns is None else first_ns
+        state, events = interpret(state, message, config.measurements)
+        if settings.start_ns is None or message.time_ns >= settings.start_ns:
+            positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
+    if not positions:
+        between = f" between {settings.start or 'their start'} and {settings.end or 'their end'}" if settings.start or settings.end else ""
+        raise MeasurementError(
+            f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; "
+            + ("widen --start and --end, or leave the option out" if between else "leave the option out")
+        )
+    longitude, latitude = np.array(positions).T
+    # on the unit circle, because longitudes may lie on both sides of the antimeridian
+    directions = np.exp(1j * np.deg2rad(longitude))
+    return (float(np.rad2deg(np.angle(directions.mean()))), float(latitude.mean())), first_ns
+
+
+def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble: Ensemble) -> Ensemble | None:
+    """Return the truth of a job; None without one.
+
+    Args:
+        job: The replay.
+        config: Its settings; a truth need not have the forecast's leads or times.
+        near_ns: Time of the logs' first message [ns, UTC].
+        ensemble: The forecast; if it was moved, the truth is moved to the same place.
+
+    Raises:
+        ForecastError: It cannot be read.
+    """
+    if job.truth is None:
+        return None
+    centre = ensemble.grid.projection
+    settings = config.forecast.model_copy(update={"lead": None, "reference_time": None, "time": None})
+    place_at = (centre.longitude, centre.latitude) if config.forecast.place else None
+    try:
+        return read_truth(job.truth, config.forecast, near_ns=near_ns, place_at=place_at)
+    except ForecastError:
+        return read_truth(job.truth, settings, near_ns=near_ns, place_at=place_at)

@@ -1,0 +1,39 @@
+"""What a replay needs of a planner, and what a planner returns."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.plan import Place, Plan
+from replay_kit.core.surfacing import Surfacing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanResult:
+    """A plan, and what it predicts.
+
+    Attributes:
+        plan: The plan, as results hold it.
+        surfacing: Predicted next surfacing; None when the planner does not predict it.
+        memory: The planner's own form of the plan, a frozen value: the planner starts from it when it plans anew, and flies it.
+    """
+
+    plan: Plan
+    surfacing: Surfacing | None = None
+    memory: Any = None
+
+
+class Planner(Protocol):
+    """A planner bound to its settings."""
+
+    def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
+        """Return the best plan found from start towards goal."""
+        ...
+
+    def check(self, flow: FlowEstimate, goal: Place) -> None:
+        """Raise PlanError when the goal is outside the region or on land."""
+        ...
+
+    def closest_approach(self, flow: FlowEstimate, result: PlanResult) -> float:
+        """Return how close [m] a plan comes to its goal when it is flown in a flow."""
+        ...

@@ -1,0 +1,150 @@
+"""Running counts of the measurements of a replay: profiles, bins, dives."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason, VehicleState
+from replay_kit.estimator.update.screening import usable
+from replay_kit.workflows.replay.estimation import Step
+
+# Inflations of the covariance given in a note.
+_INFLATIONS_SHOWN = 5
+
+Key = TypeVar("Key")
+
+
+@dataclass(frozen=True, slots=True)
+class Sums:
+    """Sums over profiles, and of squares over their bins and components.
+
+    Attributes:
+        profiles: Number of profiles.
+        bins: Number of bins used.
+        nis: Normalised innovations squared.
+        dof: Degrees of freedom.
+        before: Squared innovations [m^2/s^2].
+        after: Squared residuals after the update [m^2/s^2].
+        prior: Squared innovations against the prior without observations [m^2/s^2].
+        predicted: Squared innovations against the estimate before the dive [m^2/s^2].
+    """
+
+    profiles: int = 0
+    bins: int = 0
+    nis: float = 0.0
+    dof: int = 0
+    before: float = 0.0
+    after: float = 0.0
+    prior: float = 0.0
+    predicted: float = 0.0
+
+    def with_profile(self, innovation: Innovation, dive_innovation: Array) -> "Sums":
+        """Return the sums with one more profile."""
+        return Sums(
+            self.profiles + 1,
+            self.bins + innovation.dof // 2,
+            self.nis + innovation.nis,
+            self.dof + innovation.dof,
+            self.before + float(np.nansum(innovation.innovation**2)),
+            self.after + float(np.nansum(innovation.residual**2)),
+            self.prior + float(np.nansum(innovation.prior_innovation**2)),
+            self.predicted + float(np.nansum(dive_innovation**2)),
+        )
+
+    def rms(self, squares: float) -> float:
+        """Return the root mean square [m/s] of one of the sums of squares; NaN without data."""
+        return float(np.sqrt(squares / self.dof)) if self.dof else float("nan")
+
+    @property
+    def nis_per_dof(self) -> float:
+        """Mean normalised innovation squared per degree of freedom; NaN without data."""
+        return self.nis / self.dof if self.dof else float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileCounts:
+    """Number of profiles, and of their bins, by what became of them.
+
+    Attributes:
+        rejected: Profiles without a usable bin, or rejected by the gate.
+        bins_rejected: Bins not used, by reason.
+        gated: Profiles rejected by the gate.
+        softened: Profiles whose errors the gate increased.
+        inflations: Factors by which the covariance was inflated.
+        total: Over all profiles used.
+        dives: Over the profiles of each dive.
+        positions: Longitude and latitude of each measurement used; of a path, where it ended.
+        last_position: Last position; None before the first.
+    """
+
+    rejected: int = 0
+    bins_rejected: Mapping[str, int] = field(default_factory=dict)
+    gated: int = 0
+    softened: int = 0
+    inflations: tuple[float, ...] = ()
+    total: Sums = field(default_factory=Sums)
+    dives: Mapping[int, Sums] = field(default_factory=dict)
+    positions: tuple[tuple[float, float], ...] = ()
+    last_position: VehicleState | None = None
+
+    def after(self, steps: Sequence[Step]) -> "ProfileCounts":
+        """Return the counts after some steps."""
+        done = [(step.event, step.assimilation) for step in steps if step.assimilation is not None]
+        innovations = [assimilation.innovation for _, assimilation in done]
+        used = [(event, found) for event, found in done if found.innovation.accepted and not isinstance(event, VehicleState)]
+        total, dives = self.total, dict(self.dives)
+        for _, found in used:
+            total = total.with_profile(found.innovation, found.dive_innovation)
+            if (dive := found.innovation.dive) > 0:
+                dives[dive] = dives.get(dive, Sums()).with_profile(found.innovation, found.dive_innovation)
+        vehicles = [step.event for step in steps if isinstance(step.event, VehicleState)]
+        return ProfileCounts(
+            self.rejected + len(done) - len(used),
+            increment(self.bins_rejected, (name for innovation in innovations for name in _reasons(innovation))),
+            self.gated + sum(innovation.decision == "rejected" for innovation in innovations),
+            self.softened + sum(innovation.decision == "softened" for innovation in innovations),
+            self.inflations + tuple(innovation.prior_inflation for innovation in innovations if innovation.prior_inflation > 1.0),
+            total,
+            dives,
+            self.positions + tuple(_place_of(event) for event, _ in used),
+            vehicles[-1] if vehicles else self.last_position,
+        )
+
+    def notes(self) -> list[str]:
+        """Return what the gate and the consistency monitor did, as sentences."""
+        notes = []
+        if self.gated:
+            notes.append(f"{self.gated} profiles contradicted the estimate and were rejected; [trust] sets the gate")
+        if self.softened:
+            notes.append(f"{self.softened} profiles contradicted the estimate and were used with larger errors")
+        if self.inflations:
+            factors = ", ".join(f"{factor:.2g}" for factor in self.inflations[:_INFLATIONS_SHOWN])
+            more = " ..." if len(self.inflations) > _INFLATIONS_SHOWN else ""
+            notes.append(
+                f"most profiles exceeded the expected innovation, so the covariance was inflated {len(self.inflations)} times, "
+                f"by {factors}{more}: the ensemble, or the errors stated, do not fit this log"
+            )
+        return notes
+
+
+def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:
+    """Return counts with one more for each key."""
+    out = dict(counts)
+    for key in keys:
+        out[key] = out.get(key, 0) + 1
+    return out
+
+
+def _reasons(innovation: Innovation) -> list[str]:
+    """Return the names of the reasons for which bins were not used, a name for each bin and reason."""
+    not_used = innovation.reasons[~usable(innovation.flags)]
+    return [str(reason.name).lower() for reason in Reason if reason for _ in range(int(np.count_nonzero(not_used & reason)))]
+
+
+def _place_of(measurement: Measurement) -> tuple[float, float]:
+    if isinstance(measurement, PathMean):
+        return float(measurement.longitude[-1]), float(measurement.latitude[-1])
+    return measurement.longitude, measurement.latitude

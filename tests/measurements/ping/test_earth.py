@@ -1,0 +1,279 @@
+"""Pings made absolute: what is turned, what is taken off, what is refused, and that nothing is done twice."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.observation import Observation, Reason
+from replay_kit.measurements import Skipped, Used
+from replay_kit.measurements.messages.adcp_ping import parse_ping
+from replay_kit.measurements.ping import frames
+from replay_kit.measurements.ping.adcp_ping import AdcpPing
+from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
+from replay_kit.measurements.ping.profile import profile_of
+from tests.measurements.samples import CONFIG, fix, only, ping, run
+from tests.reference import frames as slow
+
+VECTORS = frames.janus_vectors(20.0)
+WATER, VESSEL = np.array([0.4, -0.2, 0.02]), np.array([1.1, 0.3, 0.0])
+
+
+def _raw(system: str, convention: str = "teledyne", **changes: Any) -> dict[str, Any]:
+    """Return a ping of three equal cells over a moving vessel, as its instrument would store it; the heading is a true one."""
+    heading, pitch, roll = 35.0, 4.0, -3.0
+    turn = slow.nortek(heading, pitch, roll, True) if convention == "nortek" else slow.teledyne(heading, pitch, roll, False)
+    relative = {"water": WATER - VESSEL, "bottom": -VESSEL}
+    for name, velocity in relative.items():
+        axes = {"instrument": turn.T @ velocity, "ship": slow.about(2, heading) @ velocity, "earth": velocity}
+        relative[name] = VECTORS @ (turn.T @ velocity) if system == "beam" else axes[system]
+    payload = {
+        **ping(0).payload,
+        "coordinate_system": system,
+        "reference": "platform",
+        "attitude_convention": convention,
+        "beam_unit_vectors": VECTORS.tolist(),
+        "bin_mapped": False,
+        "velocity": [relative["water"].tolist()] * 3,
+        "bottom_track": {"velocity": relative["bottom"].tolist(), "velocity_std": 0.4, "distance": [300.0] * 4},
+        "velocity_std": None,
+        "declination_applied": True,
+    }
+    return {**payload, "heading": heading, "pitch": pitch, "roll": roll, **changes}
+
+
+def _absolute(payload: dict[str, Any], config: MeasurementConfig = CONFIG) -> AdcpPing:
+    return earth_referenced(parse_ping(payload), config)
+
+
+def _error_std(ping: AdcpPing, config: MeasurementConfig) -> Any:
+    return profile_of(ping, 0.0, 0.0, config).error_std
+
+
+def _horizontal(ping: AdcpPing) -> Any:
+    return ping.velocity[:, :2]
+
+
+@pytest.mark.parametrize(
+    ("system", "convention"),
+    [
+        ("beam", "teledyne"),
+        ("beam", "nortek"),
+        ("instrument", "teledyne"),
+        ("instrument", "nortek"),
+        ("ship", "teledyne"),
+        ("earth", "nortek"),
+    ],
+)
+def test_every_coordinate_system_gives_the_current_over_the_ground(system, convention):
+    config = MeasurementConfig(velocity_std=0.3)
+    absolute = _absolute(_raw(system, convention), config)
+    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    assert (absolute.coordinate_system, absolute.reference, absolute.platform_velocity.source) == ("earth", "earth", "bottom_track")
+    assert absolute.measured_system == system
+    assert absolute.attitude.declination_applied is True
+    assert absolute.bin_mapped == (system == "beam")
+    np.testing.assert_allclose(_error_std(absolute, config), 0.3)
+    assert absolute.platform_velocity.error_std == 0.4
+
+
+def test_what_is_absolute_stays_as_it_is():
+    raw = parse_ping(ping(0).payload)
+    assert earth_referenced(raw, CONFIG) is raw
+    once = _absolute(_raw("beam"))
+    assert earth_referenced(once, CONFIG) is once
+
+
+def test_words_and_truths_may_be_the_numbers_of_mavlink():
+    numbers = {"coordinate_system": 2.0, "reference": 1.0, "orientation": 0.0, "declination_applied": 1.0, "bin_mapped": 0.0}
+    absolute = _absolute(_raw("ship", **numbers))
+    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+
+
+def test_a_declination_turns_a_velocity_once():
+    magnetic = {"declination_applied": False, "magnetic_declination": 90.0, "reference": "earth", "velocity": [[0.0, 1.0, None]] * 3}
+    absolute = _absolute({**ping(0).payload, **magnetic})
+    np.testing.assert_allclose(_horizontal(absolute), np.tile([1.0, 0.0], (3, 1)), atol=1e-15)
+    assert absolute.attitude.declination == 90.0
+    assert earth_referenced(absolute, CONFIG) is absolute
+
+
+@pytest.mark.parametrize("orientation", ["down", "up"])
+@pytest.mark.parametrize(("convention", "forward"), [("teledyne", [0.0, 1.0, 0.0]), ("nortek", [1.0, 0.0, 0.0])])
+@pytest.mark.parametrize("declination", [20.0, -20.0])
+def test_a_declination_east_turns_a_magnetic_heading_clockwise(convention, forward, orientation, declination):
+    """What flows forward along an instrument of magnetic heading 30 flows towards 30 plus the declination, whoever made it."""
+    raw = _raw("instrument", convention, orientation=orientation, heading=30.0, pitch=0.0, roll=0.0, bottom_track=None)
+    raw |= {"velocity": [forward] * 3, "beam_unit_vectors": None, "declination_applied": False, "magnetic_declination": declination}
+    bearing = np.deg2rad(30.0 + declination)
+    expected = np.tile([np.sin(bearing), np.cos(bearing)], (3, 1))
+    np.testing.assert_allclose(_horizontal(_absolute(raw)), expected, atol=1e-12)
+
+
+def test_the_configured_declination_is_for_pings_that_state_none():
+    unknown = _raw("ship", declination_applied=False, magnetic_declination=None, heading=25.0)
+    with pytest.raises(MeasurementError, match="declination unknown"):
+        _absolute(unknown)
+    absolute = _absolute(unknown, MeasurementConfig(magnetic_declination=10.0))
+    np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    stated = _absolute({**unknown, "magnetic_declination": 10.0}, MeasurementConfig(magnetic_declination=-90.0))
+    np.testing.assert_allclose(_horizontal(stated), _horizontal(absolute))
+
+
+def test_a_lost_beam_is_solved_around_in_water_and_bottom():
+    raw = _raw("beam")
+    raw["velocity"] = [row if k else [None, *row[1:]] for k, row in enumerate(raw["velocity"])]
+    raw["bottom_track"]["velocity"][3] = None
+    np.testing.assert_allclose(_horizontal(_absolute(raw)), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    raw["velocity"][1] = [None, None, 0.1, 0.2]
+    assert np.isnan(_horizontal(_absolute(raw))[1]).all()
+
+
+def test_gps_stands_in_for_a_lost_bottom():
+    own = {"east": VESSEL[0], "north": VESSEL[1], "velocity_std": 0.4, "source": "gps"}
+    for track in (None, {"velocity": [None] * 4}, {"velocity": "deep"}, "lost"):
+        config = MeasurementConfig(velocity_std=0.3)
+        absolute = _absolute(_raw("beam", bottom_track=track, platform_velocity=own), config)
+        np.testing.assert_allclose(_horizontal(absolute), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+        assert absolute.platform_velocity.source == "gps"
+        np.testing.assert_allclose(_error_std(absolute, config), 0.3)
+        assert added_velocity(absolute, CONFIG) == (tuple(VESSEL[:2]), 0.4)
+
+
+@pytest.mark.parametrize(
+    "own", [None, {"east": 1.0, "north": None, "velocity_std": 0.1}, {"east": 1.0, "north": 0.0, "velocity_std": 90.0}, 3]
+)
+def test_without_a_motion_a_ping_stays_relative(own):
+    raw = parse_ping(_raw("beam", bottom_track=None, platform_velocity=own))
+    relative = earth_referenced(raw, CONFIG)
+    np.testing.assert_allclose(_horizontal(relative), np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
+    assert (relative.coordinate_system, relative.reference, relative.measured_system) == ("earth", "platform", "beam")
+    assert added_velocity(relative, CONFIG) == (None, np.inf)
+    assert earth_referenced(relative, CONFIG) is relative
+    # what is not used is not turned
+    assert earth_referenced(raw, MeasurementConfig(use_relative=False)) is raw
+
+
+def test_a_beams_stated_error_grows_in_the_solution():
+    absolute = _absolute(_raw("beam", velocity_std=[0.1, 0.2, 0.3]))
+    # two beams at 20 degrees from the vertical give a component: 1 / (sqrt(2) sin 20)
+    expected = np.array([0.1, 0.2, 0.3]) / (np.sqrt(2.0) * np.sin(np.deg2rad(20.0)))
+    np.testing.assert_allclose(absolute.velocity_std, expected)
+
+
+def test_flat_arrays_are_those_of_protobuf():
+    raw = _raw("beam")
+    flat = {"velocity": list(np.ravel(raw["velocity"])), "beam_unit_vectors": list(np.ravel(raw["beam_unit_vectors"]))}
+    for name, value in asdict(parse_ping({**raw, **flat, "velocity_std": []})).items():
+        np.testing.assert_equal(value, asdict(parse_ping(raw))[name])
+    # protobuf writes an empty list for what is not known
+    unknown = _absolute(_raw("instrument", beam_unit_vectors=[]))
+    np.testing.assert_allclose(_horizontal(unknown), np.tile(WATER[:2], (3, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"heading": None}, "heading, pitch or roll is not known"),
+        ({"roll": float("nan")}, "heading, pitch or roll is not known"),
+        ({"attitude_convention": None}, "expected attitude_convention to be one of teledyne, nortek"),
+        ({"beam_unit_vectors": [[0.1, 0.2]]}, "three numbers a beam"),
+        ({"beam_unit_vectors": None}, "three numbers a beam"),
+        ({"beam_unit_vectors": [[0.0, 0.0, 2.0]] * 4}, "vectors of length 1"),
+        ({"orientation": "left"}, "expected orientation"),
+    ],
+)
+def test_a_rotation_that_lacks_something_is_refused_with_the_reason(changes, reason):
+    with pytest.raises(MeasurementError, match=reason):
+        _absolute(_raw("beam", **changes))
+
+
+JUNK = (
+    None,
+    -1,
+    1e308,
+    float("nan"),
+    10**400,
+    "x",
+    [],
+    [None],
+    [[1e308] * 4] * 3,
+    [[0.0] * 3] * 4,
+    {},
+    {"velocity": [1e308] * 4},
+    {"distance": ["b"]},
+)
+
+
+@pytest.mark.parametrize("system", ["beam", "instrument", "ship", "earth"])
+def test_junk_in_any_field_is_used_or_skipped_once(system):
+    raw = _raw(system, platform_velocity=None, tilt_applied=True)
+    for field in raw:
+        for value in JUNK:
+            message = ping(0)._replace(payload={**raw, field: value})
+            events = run([fix(0), message])
+            assert len([event for event in only(Used, events) + only(Skipped, events) if event.topic == "/adcp"]) == 1, (field, value)
+
+
+def test_a_raw_ping_becomes_an_observation():
+    message = ping(0)
+    raw = _raw("beam", correlation_depth=16.0)
+    (observation,) = only(Observation, run([fix(0), message._replace(payload=raw)], MeasurementConfig(velocity_std=0.3)))
+    np.testing.assert_allclose(observation.velocity, np.tile(WATER[:2], (3, 1)), atol=1e-12)
+    # the reference's error is one for all bins, not each bin's own
+    np.testing.assert_allclose(observation.error_std, 0.3)
+    assert (observation.reference, observation.common_std, observation.correlation_depth) == ("earth", 0.4, 16.0)
+    np.testing.assert_allclose(observation.platform_velocity, VESSEL[:2], atol=1e-12)
+
+
+def test_a_ping_of_a_platform_of_unknown_motion_is_a_relative_observation():
+    relative = ping(0)._replace(payload=_raw("ship", bottom_track=None))
+    config = MeasurementConfig(correlation_depth=8.0)
+    (observation,) = only(Observation, run([fix(0), relative], config))
+    np.testing.assert_allclose(observation.velocity, np.tile((WATER - VESSEL)[:2], (3, 1)), atol=1e-12)
+    assert (observation.reference, observation.common_std, observation.platform_velocity) == ("platform", np.inf, None)
+    assert observation.correlation_depth == 8.0
+    refused = run([fix(0), relative], MeasurementConfig(use_relative=False))
+    assert "relative to the platform" in only(Skipped, refused)[0].reason
+    # a ping that came absolute says nothing of a platform
+    (plain,) = only(Observation, run([fix(0), ping(0)]))
+    assert (plain.reference, plain.common_std, plain.platform_velocity) == ("earth", 0.0, None)
+
+
+def test_bins_below_the_bottom_are_flagged():
+    spoiled = ping(0, bottom_track={"distance": [100.0, None, 90.0, 95.0]})
+    (observation,) = only(Observation, run([fix(0), spoiled]))
+    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [False, False, True]
+
+
+def test_velocities_of_an_unknown_declination_are_not_taken_as_true():
+    magnetic = {**ping(0).payload, "declination_applied": False, "magnetic_declination": None}
+    with pytest.raises(MeasurementError, match="declination unknown"):
+        _absolute(magnetic)
+    stated = parse_ping({**magnetic, "magnetic_declination": 0.0})
+    assert earth_referenced(stated, CONFIG) is stated
+
+
+LISTED = {"cell_size": None, "bin0_distance": None, "cell_distances": [16.0, 48.0, 80.0]}
+
+
+def test_listed_cells_are_mapped_as_spaced_ones_are():
+    sheared = _raw("beam")
+    sheared["velocity"] = [[(k + 1) * value for value in row] for k, row in enumerate(sheared["velocity"])]
+    absolute = _absolute(sheared | LISTED)
+    np.testing.assert_allclose(_horizontal(absolute), _horizontal(_absolute(sheared)), atol=1e-12)
+    assert np.isfinite(_horizontal(absolute)).all()
+
+
+@pytest.mark.parametrize("distances", [[16.0, 48.0, 81.0], [80.0, 48.0, 16.0], [16.0, None, 80.0]])
+def test_cells_that_are_not_evenly_spaced_cannot_be_mapped(distances):
+    with pytest.raises(MeasurementError, match="evenly spaced"):
+        _absolute(_raw("beam", **LISTED | {"cell_distances": distances}))
+
+
+def test_listed_cells_below_the_bottom_are_flagged():
+    (observation,) = only(Observation, run([fix(0), ping(0, **LISTED, bottom_track={"distance": [60.0, None, 70.0, 65.0]})]))
+    assert [bool(reason & Reason.BELOW_BOTTOM) for reason in observation.reasons] == [False, True, True]

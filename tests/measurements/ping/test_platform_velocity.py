@@ -1,0 +1,123 @@
+"""The platform's motion from other messages: a DVL's bottom track, a vessel's fixes; and a DVL's water track as a current."""
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.message import Message
+from replay_kit.core.observation import Observation
+from replay_kit.measurements import Skipped, Used
+from replay_kit.measurements.messages.motion import Dvl, dvl, horizontal
+from replay_kit.measurements.ping.attitude import Attitude
+from tests.measurements.samples import CONFIG, SECOND, fix, only, ping, run
+
+TRUE_HEADING = MeasurementConfig(magnetic_declination=0.0, water_track_distance=12.0)
+HALF = np.sqrt(0.5)
+
+
+def dvl_message(time_s, mode=1, velocity=(0.5, 0.1, 0.0), **changes):
+    payload = {"velocity_mode": mode, "velocity": dict(zip("xyz", velocity, strict=True)), "velocity_covar": [4e-4] * 9} | changes
+    return Message(int(time_s * SECOND), "/dvl", "marine_acoustic_msgs/msg/Dvl", payload, 0, int(time_s))
+
+
+def heading_east(time_s):
+    """Level, the nose to the east: in ROS the body's axes are then the frame's."""
+    return Message(int(time_s * SECOND), "/imu", "sensor_msgs/msg/Imu", {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}, 0, 0)
+
+
+def relative(time_s, **changes):
+    return ping(time_s, reference="platform", declination_applied=True, **changes)
+
+
+def test_a_dvl_s_velocity_turns_with_the_vehicle():
+    forward = Dvl("bottom", (1.0, 0.0, 0.0), 0.03)
+    starboard, down = Dvl("bottom", (0.0, 1.0, 0.0), 0.03), Dvl("bottom", (0.0, 0.0, 1.0), 0.03)
+    level = Attitude(45.0, 0.0, 0.0)
+    np.testing.assert_allclose(horizontal(forward, level, 0.0), (HALF, HALF), atol=1e-12)
+    np.testing.assert_allclose(horizontal(starboard, level, 45.0), (0.0, -1.0), atol=1e-12)
+    # nose up by 30 degrees: down through the vehicle's floor is forward in part
+    np.testing.assert_allclose(horizontal(down, Attitude(0.0, 30.0, 0.0), 0.0), (0.0, 0.5), atol=1e-12)
+    # starboard down by 30 degrees: the floor looks to port
+    np.testing.assert_allclose(horizontal(down, Attitude(0.0, 0.0, 30.0), 0.0), (-0.5, 0.0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"mode": 0}, "neither 1"),
+        ({"coordinate_mode": 3}, "coordinate_mode"),
+        ({"velocity": (0.0, 0.0, 0.0)}, "no velocity"),
+        ({"velocity": (1.0, float("nan"), 0.0)}, "no velocity"),
+    ],
+)
+def test_a_dvl_that_says_nothing(changes, said):
+    assert said in dvl(dvl_message(0, **changes).payload)
+    assert dvl(dvl_message(0, velocity_covar=[-1.0] * 9).payload).error_std == 0.03
+
+
+def test_bottom_track_makes_pings_absolute_that_state_no_motion():
+    messages = [fix(0), heading_east(9.5), dvl_message(10), relative(11), relative(20), fix(60)]
+    near, far = only(Observation, run(messages, TRUE_HEADING))
+    # 0.5 m/s forward is east, 0.1 m/s to starboard is south
+    assert near.platform_velocity == pytest.approx((0.5, -0.1))
+    assert (near.common_std, near.reference) == (pytest.approx(0.02), "earth")
+    np.testing.assert_allclose(near.velocity[0], (0.6, 0.1), atol=1e-12)
+    # nine seconds later it may go anywhere
+    assert far.reference == "platform"
+    stated = {"platform_velocity": {"east": 0.1, "north": 0.0, "velocity_std": 0.05}}
+    (own,) = only(Observation, run([fix(0), heading_east(9.5), dvl_message(10), relative(11, **stated), fix(60)], TRUE_HEADING))
+    assert own.platform_velocity == (0.1, 0.0)
+
+
+def test_water_track_beside_bottom_track_is_the_current_at_one_depth():
+    messages = [fix(0, depth=40.0), heading_east(9.5), dvl_message(10), dvl_message(10.2, 2, (0.3, 0.3, 0.0)), fix(60, depth=40.0)]
+    (current,) = only(Observation, run(messages, TRUE_HEADING))
+    # over the ground less through the water
+    np.testing.assert_allclose(current.velocity, [(0.5 - 0.3, -0.1 + 0.3)], atol=1e-12)
+    assert (current.depth.tolist(), current.error_std[0], current.common_std) == ([52.0], pytest.approx(0.02), pytest.approx(0.02))
+
+
+@pytest.mark.parametrize(
+    ("messages", "config", "said"),
+    [
+        ([dvl_message(10)], TRUE_HEADING, "no attitude"),
+        ([heading_east(8), dvl_message(10)], TRUE_HEADING, "no attitude"),
+        ([heading_east(10), dvl_message(10)], CONFIG, "true or magnetic"),
+        ([heading_east(10), dvl_message(10, 2)], MeasurementConfig(magnetic_declination=0.0), "water_track_distance"),
+        ([heading_east(10), dvl_message(10, 2)], TRUE_HEADING, "without a bottom track"),
+    ],
+)
+def test_a_dvl_without_what_it_needs_is_skipped_with_the_reason(messages, config, said):
+    assert said in only(Skipped, run([fix(0), *messages], config))[-1].reason
+
+
+def sail(seconds, velocity=(1.5, -0.8), step=1):
+    here = Projection(152.0, -40.0)
+    for k in range(0, seconds, step):
+        longitude, latitude = to_geographic(here, velocity[0] * k, velocity[1] * k)
+        yield fix(k, float(longitude), float(latitude))
+
+
+def test_a_vessel_s_fixes_give_its_motion():
+    messages = sorted([*sail(120), relative(60.5), ping(61.5)], key=lambda message: message.time_ns)
+    events = run(messages)
+    absolute, own = sorted(only(Observation, events), key=lambda each: each.reference != "earth" or each.common_std == 0.0)
+    assert absolute.platform_velocity == pytest.approx((1.5, -0.8), abs=0.01)
+    assert 0.0 < absolute.common_std < 0.05
+    np.testing.assert_allclose(absolute.velocity[0], (1.6, -0.6), atol=0.01)
+    # its place is that of its own time, not of when it left
+    assert absolute.longitude == pytest.approx(float(to_geographic(Projection(152.0, -40.0), 1.5 * 60.5, 0.0)[0]), abs=1e-6)
+    assert own.common_std == 0.0
+    assert len([event for event in only(Used, events) if event.topic == "/adcp"]) == 2
+
+
+@pytest.mark.parametrize(
+    "messages", [[*sail(61), relative(60.5)], [*sail(120, step=15), relative(118)], [*sail(120, step=30), relative(60)]]
+)
+def test_fixes_that_are_few_or_on_one_side_give_none(messages):
+    messages = sorted(messages, key=lambda message: message.time_ns)
+    (observation,) = only(Observation, run(messages))
+    assert observation.reference == "platform"
+    assert "relative to the platform" in only(Skipped, run(messages, MeasurementConfig(use_relative=False)))[0].reason

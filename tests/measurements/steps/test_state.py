@@ -1,0 +1,35 @@
+"""When a dive begins and ends: at twice the surface depth, and at the surface depth itself."""
+
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.measurements.steps.state import MeasurementState, at_depth
+
+CONFIG = MeasurementConfig(surface_depth=3.0)
+
+
+def states(depths):
+    state, found = MeasurementState(), []
+    for depth in depths:
+        state = at_depth(state, depth, CONFIG)
+        found.append((state.submerged, state.dive))
+    return found
+
+
+def test_a_dive_ends_at_the_surface_depth_and_not_at_twice_of_it():
+    assert states([0.0, 50.0, 5.0, 50.0, 3.5, 6.5]) == [(False, 0)] + [(True, 1)] * 5
+    assert states([50.0, 2.9, 5.0, 6.5]) == [(True, 1), (False, 1), (False, 1), (True, 2)]
+
+
+@pytest.mark.parametrize(("depth", "begins"), [(5.999, False), (6.0, False), (6.001, True)])
+def test_a_dive_begins_below_twice_the_surface_depth(depth, begins):
+    assert states([0.0, depth])[-1] == (begins, int(begins))
+
+
+@pytest.mark.parametrize(("depth", "ends"), [(3.001, False), (3.0, True), (2.999, True)])
+def test_a_dive_ends_at_the_surface_depth(depth, ends):
+    assert states([50.0, depth])[-1] == (not ends, 1)
+
+
+def test_without_a_depth_a_dive_neither_begins_nor_goes_on():
+    assert states([float("nan"), 50.0, float("nan")]) == [(False, 0), (True, 1), (False, 1)]

@@ -1,0 +1,220 @@
+"""Missions that keep clear in samples of the current, and missions corrected at their surfacings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from planners import MissionRequest, MissionSettings, Pilot, fly_scenarios, plan_mission, plan_scenarios
+from planners.mission.check import check, clearances
+from planners.mission.feedback import aim, fly_corrected
+from planners.mission.flight import Flight, currents_of, currents_of_samples, fly_legs
+from planners.mission.flights import legs_of_plan
+from planners.mission.safety_margin import SafetyMargin, tolerance_factor
+from planners.mission.scenarios import _with_n_legs, most_violations_allowed, passes_binomial_test, points_at, summarise_flights
+from planners.mission.search import solve_attempts
+from planners.mission.task import mission_task
+from planners.vehicle import Glider
+from replay_kit.core.errors import PlanError
+from tests.planners.flow_samples import eddying_flow, place, uniform_flow
+from tests.planners.mission.test_mission import _area
+
+FLOW = uniform_flow(0.02, 0.0)
+START, GOAL = place(FLOW, -5e3, -3e3, 0.0), place(FLOW, 6e3, -3e3, 0.0)
+SETTINGS = MissionSettings(depth=390.0, legs=5)
+AREA = _area(FLOW, -0.7e3, -6e3, 0.7e3, -1e3)
+
+
+def _drawn(n: int, seed: int) -> list:
+    rng = np.random.default_rng(seed)
+    east, north = uniform_flow(0.1, 0.0).latent, uniform_flow(0.0, 0.1).latent
+    return [replace(FLOW, latent=FLOW.latent + 0.1 * rng.standard_normal() * east + 0.1 * rng.standard_normal() * north) for _ in range(n)]
+
+
+def test_margins_widen_until_the_samples_keep_clear():
+    plan, summary = plan_scenarios(FLOW, _drawn(20, 1), MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
+    narrow = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
+    wide_summary, narrow_summary = (fly_scenarios(FLOW, _drawn(200, 2), one, no_go=(AREA,)) for one in (plan, narrow))
+    assert plan.status == narrow.status == "reached"
+    assert narrow_summary.safe < 0.8 < 0.88 <= wide_summary.safe
+    assert narrow_summary.violations == {"range": pytest.approx(1.0 - narrow_summary.safe)}
+    # one of twenty is too many to be sure of one in ten
+    assert summary.safe == 1.0
+    assert plan.statistics["margins_tried"] > 1
+
+
+def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
+    plan = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
+    lane = replace(_area(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
+    task = mission_task(FLOW, MissionRequest(START, (GOAL,), plan.vehicle, SETTINGS, (AREA, lane)))
+    flight = fly_legs(currents_of_samples(_drawn(40, 3)), task.vehicle, task.start[:2], legs_of_plan(plan, task.flow, 1))
+    _, clear = summarise_flights(task, flight, points_at(flight, plan.goal_times))
+    found = [check(task, replace(flight, place=flight.place[k : k + 1])) for k in range(40)]
+    assert [one is None for one in found] == (clear > 0.0).tolist()
+    assert set(np.sign(clear)) == {-1.0, 1.0}
+    by_name = clearances(task, flight)
+    assert any(by_name["lane"] <= 0.0)
+    assert all(by_name[one.what][k] <= 0.0 for k, one in enumerate(found) if one is not None)
+
+
+def test_a_margin_of_few_samples_holds_its_share_nearly_always():
+    rng, normal = np.random.default_rng(4), np.tile([0.6, 0.8], (7, 1, 1))
+    held = []
+    for _ in range(400):
+        # along the normal the deviations have a standard deviation of 5 m
+        deviations = 5.0 * rng.standard_normal((20, 1, 1)) * np.array([0.6, 0.8]) + np.zeros((20, 3, 2))
+        margins = SafetyMargin(deviations, 0.9, 2.0).margins(normal)
+        np.testing.assert_allclose(margins, margins[0, 0], rtol=1e-12)
+        held.append(norm.cdf((margins[0, 0] - 2.0) / 5.0) >= 0.9)
+    assert 0.97 < np.mean(held) < 1.0
+    assert tolerance_factor(10**6, 0.9) == pytest.approx(norm.ppf(0.9), abs=0.01)
+    # a half-plane that holds nothing is not moved
+    np.testing.assert_array_equal(SafetyMargin(np.ones((5, 3, 2)), 0.9, 2.0).margins(np.zeros((4, 2, 2))), 0.0)
+
+
+def test_few_samples_that_trespass_tell_little():
+    assert passes_binomial_test(0, 20, 0.1)
+    assert not passes_binomial_test(1, 20, 0.1)
+    # of many samples a share below the allowed one is told
+    assert passes_binomial_test(13, 200, 0.1)
+    assert not passes_binomial_test(18, 200, 0.1)
+    assert passes_binomial_test(0, 20, 0.0)
+
+
+def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
+    glider = Glider()
+    way, current = np.array([[3e3, 1e3], [1.5e3, -1.5e3], [30e3, 0.0]]), np.array([[0.05, 0.02], [-0.03, 0.0], [0.0, 0.0]])
+    headings, angles = aim(glider, way, current, 800.0, 300.0)
+    along, down = glider.speeds(np, angles)
+    ends = (along * 800.0 / down)[:, None] * np.column_stack([np.sin(headings), np.cos(headings)])
+    ends += current * (800.0 / down + 300.0)[:, None]
+    np.testing.assert_allclose(ends[:2], way[:2], atol=5.0)
+    # out of reach: straight there, as far as it goes
+    assert (headings[2], angles[2]) == (pytest.approx(np.pi / 2), glider.angles[0])
+
+
+def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
+    flow = eddying_flow(5, speed=0.1)
+    start, goal = place(flow, -7e3, -3e3, 0.0), place(flow, 6e3, 2e3, 0.0)
+    plan = plan_mission(flow, MissionRequest(start, (goal,), settings=replace(SETTINGS, legs=6, surface_time=600.0)))
+    task = mission_task(flow, MissionRequest(start, (goal,), plan.vehicle, plan.settings))
+    legs, here = legs_of_plan(plan, task.flow, 1), task.start[:2]
+    asked = fly_legs(currents_of(flow), task.vehicle, here, legs)
+    same = fly_corrected(currents_of(flow), currents_of(flow), task.vehicle, asked, legs, Pilot())
+    np.testing.assert_allclose(same.flight.place[0], asked.place[0], atol=10.0)
+    np.testing.assert_allclose(same.flight.time[0], asked.time, rtol=5e-3)
+    np.testing.assert_allclose(same.headings[0], legs.headings, atol=0.01)
+    rng = np.random.default_rng(6)
+    drawn = [replace(flow, latent=flow.latent + 0.5 * rng.standard_normal() * eddying_flow(7, speed=0.1).latent) for _ in range(60)]
+    held, placed, told = (fly_scenarios(flow, drawn, plan, pilot=pilot) for pilot in (None, Pilot(persistence=0.0), Pilot()))
+    assert told.miss_90_percent < placed.miss_90_percent < 0.5 * held.miss_90_percent
+    assert told.reached >= placed.reached > held.reached
+    with pytest.raises(PlanError, match="persistence"):
+        Pilot(persistence=1.5)
+
+
+def test_a_certain_current_needs_no_margin_and_no_samples_are_refused():
+    plan, summary = plan_scenarios(FLOW, [FLOW] * 3, MissionRequest(START, (GOAL,), settings=SETTINGS))
+    assert plan.statistics["extra_margin_m"] == 0.0
+    assert (plan.statistics["margins_tried"], summary.safe, summary.reached, summary.violations) == (1, 1.0, 1.0, {})
+    assert summary.miss_90_percent < 1.0
+    with pytest.raises(PlanError, match="needs some"):
+        plan_scenarios(FLOW, [], MissionRequest(START, (GOAL,)))
+    with pytest.raises(PlanError, match="sample 1"):
+        plan_scenarios(FLOW, [eddying_flow(1)], MissionRequest(START, (GOAL,)))
+
+
+def test_as_many_may_trespass_as_are_few_enough():
+    for count, allowed in ((20, 0.1), (20, 0.3), (200, 0.1), (5, 0.5)):
+        most = most_violations_allowed(count, allowed)
+        assert passes_binomial_test(most, count, allowed)
+        assert not passes_binomial_test(most + 1, count, allowed)
+    assert (most_violations_allowed(20, 0.1), most_violations_allowed(20, 0.0)) == (0, 0)
+
+
+def test_none_is_few_enough_also_of_so_few_samples_that_they_prove_nothing():
+    # nine times of ten one sample of this kind does not trespass
+    assert passes_binomial_test(0, 1, 0.1)
+    assert not passes_binomial_test(1, 1, 0.1)
+
+
+def test_chances_count_every_goal_and_the_last_goal_s_misses():
+    settings = MissionSettings(depth=390.0, tolerance=100.0)
+    task = mission_task(FLOW, MissionRequest(START, (place(FLOW, -3e3, -3e3, 0.0), GOAL), Glider(), settings, (AREA,)))
+    # five flights of two points after the start: off the first goal and off the last one by so much, all south of the area
+    off_first, off_last = np.array([0.0, 100.0, 101.0, 0.0, 0.0]), np.array([10.0, 20.0, 30.0, 40.0, 500.0])
+    places = np.zeros((5, 3, 2))
+    places[:, 0] = task.start[:2] + np.array([-2e4, -2e4])
+    places[:, 1] = task.goals[0, :2] - np.column_stack([np.zeros(5), off_first])
+    places[:, 2] = task.goals[1, :2] - np.column_stack([np.zeros(5), off_last])
+    flight = Flight(np.array([0.0, 1e4, 2e4]), np.array([0.0, 0.0, 0.0]), places, np.array([0, 0, 1]), np.array([1, 2]))
+    summary, clear = summarise_flights(task, flight, np.array([1, 2]))
+    # the third misses the first goal, the fifth the second
+    assert summary.reached == pytest.approx(3.0 / 5.0)
+    assert summary.miss_median == pytest.approx(30.0)
+    assert summary.miss_90_percent == pytest.approx(np.quantile(off_last, 0.9))
+    assert summary.safe == np.mean(clear > 0.0)
+
+
+def test_points_are_those_nearest_in_time():
+    flight = Flight(np.array([0.0, 10.0, 20.0, 30.0]), np.zeros(4), np.zeros((1, 4, 2)), np.zeros(4, dtype=int), np.array([3]))
+    assert points_at(flight, np.array([0.0, 14.0, 16.0, 99.0])).tolist() == [0, 1, 2, 3]
+
+
+def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path():
+    task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
+    before = solve_attempts(task)[0]
+    same, more = (_with_n_legs(task, before, n_legs) for n_legs in (5, 6))
+    # five legs of a current that hardly changes last the same: cut in five they are what they were
+    np.testing.assert_allclose(same.guess.places, before.guess.places, atol=150.0)
+    np.testing.assert_allclose(same.guess.headings, before.legs.headings, atol=1e-3)
+    np.testing.assert_allclose(same.guess.angles, before.legs.angles, atol=0.01)
+    lasts = before.flight.time[-1]
+    for k, at in enumerate(more.guess.places, start=1):
+        np.testing.assert_allclose(at, [np.interp(lasts * k / 6, before.flight.time, before.flight.place[0, :, i]) for i in (0, 1)])
+    # six in the time of five are steeper
+    np.testing.assert_allclose([task.leg_time(angle) for angle in more.guess.angles], lasts / 6, rtol=0.02)
+    assert (same.goals.legs, more.goals.legs) == ((5,), (6,))
+
+
+def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_short_way_round():
+    task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
+    before = solve_attempts(task)[0]
+    # five legs of an hour, known where each ends alone, from a little west of north to a little east of it
+    hours, turning = 3600.0 * np.arange(6), np.array([-0.1, 0.1, 0.2, 0.3, 0.4])
+    flight = Flight(hours, np.zeros(6), np.zeros((1, 6, 2)), np.array([0, 0, 1, 2, 3, 4]), np.arange(1, 6))
+    legs = replace(before.legs, headings=turning % (2.0 * np.pi))
+    headings = _with_n_legs(task, replace(before, flight=flight, legs=legs), 4).guess.headings
+    # the middles of four legs are after 0.625, 1.875, 3.125 and 4.375 hours
+    expected = np.interp([0.625, 1.875, 3.125, 4.375], np.arange(6), turning[flight.leg])
+    np.testing.assert_allclose(np.column_stack([np.sin(headings), np.cos(headings)]), np.column_stack([np.sin(expected), np.cos(expected)]))
+
+
+def test_margins_are_the_mean_deviation_towards_a_half_plane_and_so_many_standard_deviations():
+    # two places of the flights, four of the half-planes: between the flights' it is interpolated, before the first it is the first
+    east = np.array([[10.0, 30.0], [20.0, 50.0], [60.0, 10.0]])
+    deviations = np.stack([east, np.zeros_like(east)], axis=2)
+    normals = np.tile([1.0, 0.0], (4, 1, 1))
+    factor = tolerance_factor(3, 0.8)
+    at = np.column_stack([east[:, 0], east[:, 0], 0.5 * (east[:, 0] + east[:, 1]), east[:, 1]])
+    expected = at.mean(axis=0) + factor * at.std(axis=0, ddof=1) + 7.0
+    np.testing.assert_allclose(SafetyMargin(deviations, 0.8, 7.0).margins(normals)[:, 0], expected)
+    # what leads away from a half-plane needs no margin, but does not make up for what was added
+    away = SafetyMargin(-100.0 * np.ones((3, 2, 2)), 0.8, 7.0)
+    np.testing.assert_allclose(away.margins(normals), 7.0)
+    assert np.all(SafetyMargin(deviations, 0.8, 7.0).margins(-normals)[[0, 3]] >= 7.0)
+
+
+def test_one_sample_has_no_spread_and_two_have_little_to_tell():
+    one = SafetyMargin(np.full((1, 2, 2), 12.0), 0.9, 1.0)
+    np.testing.assert_allclose(one.margins(np.tile([0.0, 1.0], (2, 1, 1))), 13.0)
+    assert tolerance_factor(1, 0.9) == pytest.approx(norm.ppf(0.9))
+    # so many standard deviations above the mean of a sample, 99 in 100 are above the quantile of all
+    rng = np.random.default_rng(9)
+    for count in (2, 5, 20):
+        drawn = rng.standard_normal((40_000, count))
+        held = drawn.mean(axis=1) + tolerance_factor(count, 0.9) * drawn.std(axis=1, ddof=1) >= norm.ppf(0.9)
+        assert np.mean(held) == pytest.approx(0.99, abs=0.002)
+    # all of a normal distribution has no bound
+    assert np.isfinite(tolerance_factor(20, 1.0))

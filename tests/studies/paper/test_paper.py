@@ -1,0 +1,414 @@
+"""The study of the paper on small ensembles: its tables, its files, its doors."""
+
+import csv
+import io
+import json
+import math
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import asdict, fields, replace
+from functools import partial
+from itertools import islice
+
+import matplotlib.image
+import numpy as np
+import pytest
+from rich.console import Console
+
+import planners
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator import embed_member
+from replay_kit.studies.accuracy.methods import build_method
+from replay_kit.studies.paper import FILES, PaperJob, figures, print_paper, run_paper, to_json, write_paper
+from replay_kit.studies.paper.diagnostics import coherence, depth_kernel, level_correlation
+from replay_kit.studies.paper.findings import sparse_logs
+from replay_kit.studies.paper.report import rows_to_csv, text_tables, to_markdown
+from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
+from replay_kit.studies.paper.tables import Survey, run_table, rungs
+from replay_kit.studies.scoring.bootstrap import bootstrap_median
+from replay_kit.studies.scoring.bound import bound
+from replay_kit.studies.twins import reachable
+from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, grid_observations, random_observations
+from replay_kit.studies.twins.reachable import draw_pairs
+from replay_kit.studies.twins.truths import Case, leave_out
+from replay_kit.workflows.replay.scoring import scored_points
+from tests import synthetic
+from tests.command import invoke
+
+MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
+CONFIG = EstimatorConfig()
+# one start with coarse steps: plans are tested elsewhere
+PLAN = partial(planners.plan, settings=planners.GlideSettings(n_steps=8, starts=1))
+JOB = PaperJob(leave_out="2", most_modes=12, plan_modes=12, pings=(3, 10), pairs=2)
+
+
+@pytest.fixture(scope="module")
+def study():
+    seen = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planners, "plan", PLAN)
+        tables, shown = run_paper(MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total)))
+    return tables, shown, seen
+
+
+@pytest.fixture(scope="module")
+def folder(study, tmp_path_factory):
+    out = tmp_path_factory.mktemp("paper")
+    write_paper(out, *study[:2])
+    return out
+
+
+def stay(flow, start, goal):
+    """Where what is planned does not matter: a plan takes half a second."""
+
+
+def stayed(flow, plan):
+    return np.zeros(1), np.zeros((1, 3)), 1.0
+
+
+@pytest.fixture
+def without_planning(monkeypatch):
+    monkeypatch.setattr(planners, "plan", stay)
+    monkeypatch.setattr(planners, "fly", stayed)
+
+
+def combination() -> Case:
+    """A truth that is a linear combination of the members, slice by slice."""
+    weights = np.array([0.5, -0.3, 0.2, 0.4, 0.1, 0.1])
+    truth = Ensemble(MEMBERS.grid, np.einsum("e,ecz...->cz...", weights, MEMBERS.velocity)[None], None, "combination")
+    return Case(None, truth, MEMBERS)
+
+
+def table_of(case, config=CONFIG, most_modes=None):
+    survey = Survey("Table I", grid_observations(case.truth), IDEAL_ERROR_STD)
+    return [run.row for run in run_table(case, survey, config, most_modes, lambda what, n: None)]
+
+
+def with_land(ensemble):
+    """An ensemble with one dry column, and one of two levels."""
+    wet = ensemble.grid.wet.copy()
+    wet[2:, 0, 0] = wet[:, 3, 3] = False
+    return Ensemble(replace(ensemble.grid, wet=wet), np.where(wet, ensemble.velocity, np.nan), None, "land")
+
+
+def test_a_truth_in_the_span_is_found():
+    """The stated error of 1 cm/s against anomalies of some 20 cm/s leaves little of the prior."""
+    by_key = {(row.method, row.rung): row for row in table_of(combination())}
+    assert by_key["default", "full"].rel_error < 0.01
+    assert by_key["default", "full"].bound < 1e-3
+    assert by_key["default", "members"].rel_error > by_key["default", "full"].rel_error
+    assert by_key["naive3d", ""].rel_error < 0.01
+    assert by_key["nearest", ""].rel_error > 0.1
+    assert by_key["ensemble_mean", ""].rel_error > 0.1
+
+
+def test_no_row_beats_its_bound(study):
+    tables = study[0]
+    for row in (*tables.table1, *tables.table2):
+        assert not row.note
+        assert row.rmse >= row.bound * (1.0 - 1e-6), row
+        assert 0.0 < row.rel_error < 2.0
+
+
+def test_the_bound_counts_what_the_basis_keeps_whole():
+    """The default's weights are anomalies: the ensemble's mean lies in its span whatever the modes are."""
+    mean = Ensemble(MEMBERS.grid, MEMBERS.velocity.mean(axis=0, keepdims=True), None, "mean")
+    at = scored_points(MEMBERS.grid, mean)
+    least = {preset: bound(build_method(preset, MEMBERS, EstimatorConfig(modes=1)), at) for preset in ("default", "paper")}
+    assert least["default"] < 1e-3 < 0.02 < least["paper"]
+
+
+def test_rows_are_those_that_exist():
+    ensemble = synthetic.ensemble(n_members=6, shape=(4, 5))
+    rows = table_of(leave_out(ensemble, 0))
+    # five members of four levels: 20 slices, 16 anomalies about the mean; no 400, 300 or 200
+    asked = [(row.method, row.rung, row.modes) for row in rows if row.rung]
+    assert asked == [("paper", "full", 20), ("paper", "members", 5), ("default", "full", 16), ("default", "members", 5)]
+    elements = {row.method: row.elements for row in rows if row.rung in ("members", "")}
+    # 2 N r, and for whole flows 2 N Z a mode
+    assert elements == {"naive3d": 40 * 4 * 5, "paper": 200, "default": 200, "nearest": None, "ensemble_mean": None}
+
+
+def test_the_paper_is_shown_in_cells_where_the_grid_is_coarser():
+    coarse = synthetic.ensemble(n_members=4, shape=(4, 4), step=0.3)
+    assert {rung.method for rung in rungs(coarse, None)} - {rung.method for rung in rungs(MEMBERS, None)} == {"paper_cells"}
+
+
+def test_numerics_that_fail_are_a_row_with_the_reason():
+    """Two levels at one depth make the paper's matrix of Gaussians singular."""
+    grid = replace(MEMBERS.grid, levels=np.array([5.0, 5.0, 150.0, 300.0]))
+    twice = Ensemble(grid, MEMBERS.velocity, None, "twice")
+    case = leave_out(twice, 0)
+    row = next(row for row in table_of(case, most_modes=4) if row.method == "paper")
+    assert "cannot be built" in row.note
+    assert "ingular" in row.note
+    assert math.isnan(row.rel_error)
+
+
+@pytest.mark.usefixtures("without_planning")
+def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch):
+    def build(name, ensemble, config):
+        if name == "paper":
+            raise np.linalg.LinAlgError("Singular matrix")
+        return build_method(name, ensemble, config)
+
+    monkeypatch.setattr("replay_kit.studies.paper.tables.build_method", build)
+    monkeypatch.setattr(figures, "build_method", build)
+    tables, shown = run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1))
+    assert {row.flow: row.pairs for row in tables.table3}["paper"] == 0
+    assert "no estimate" in {row.flow: row.note for row in tables.table3}["paper"]
+    assert {row.method for row in tables.table1 if row.note} == {row.method for row in tables.table2 if row.note} == {"paper"}
+    assert "cannot be built: Singular matrix" in to_markdown(tables)
+    assert to_json(tables)["sparse"][0]["rel_error"] is None
+    assert [name for name, _, _ in islice(figures.draw(tables, shown), 4)] == ["singular_values"] * 2 + ["modes_top"] * 2
+
+
+def test_the_ideal_profiles_are_the_grid_points():
+    truth = leave_out(MEMBERS, 1).truth
+    land = with_land(truth)
+    profiles = grid_observations(land)
+    assert len(profiles) == 8 * 9 - 1
+    assert np.isnan(profiles[0].velocity[2:]).all()
+    np.testing.assert_array_equal(profiles[5].depth, truth.grid.levels)
+    assert np.all(profiles[5].error_std == IDEAL_ERROR_STD)
+    speed = np.hypot(*truth.velocity[0, :, :, 0, 5])
+    np.testing.assert_allclose(np.hypot(*profiles[5].velocity.T), speed, rtol=1e-12)
+
+
+def test_the_way_through_the_pings_ends_in_table_2(study):
+    tables = study[0]
+    assert [(row.pings, row.method) for row in tables.sparse] == [(n, m) for n in (3, 10) for m in ("paper", "default", "ensemble_mean")]
+    last = {row.method: row.rel_error for row in tables.sparse if row.pings == 10}
+    # the first row of a method has as many modes as plans are made on, the next fewer
+    first = {row.method: row.rel_error for row in reversed(tables.table2)}
+    assert last == {method: first[method] for method in last}
+    said = sparse_logs(tables)[0]
+    worse = [row for row in tables.sparse if row.method == "paper" and row.rel_error >= last["ensemble_mean"]]
+    assert ("worse than the ensemble mean" in said.split(";")[0]) == bool(worse)
+
+
+def test_targets_are_reached_by_the_truth_s_own_plans(study):
+    rows = {row.flow: row for row in study[0].table3}
+    assert list(rows) == ["truth", "depth_averaged_truth", "naive3d", "paper", "default", "nearest", "ensemble_mean"]
+    assert rows["truth"].within_250 == 2
+    assert max(rows["truth"].closest_approach) < 10.0
+    for row in rows.values():
+        assert row.median == pytest.approx(np.median(row.closest_approach))
+        assert row.median_low <= row.median <= row.median_high
+        assert row.within_250 == sum(distance <= 250.0 for distance in row.closest_approach)
+
+
+def test_pairs_stay_in_the_water_of_both_grids(monkeypatch):
+    truth = leave_out(MEMBERS, 0).truth
+    flow, field = embed_member(truth, 0, CONFIG), build_field(truth)
+    pairs = draw_pairs(field, flow, MEMBERS.grid, 3, 7)
+    assert pairs == draw_pairs(field, flow, MEMBERS.grid, 3, 7)
+    assert pairs != draw_pairs(field, flow, MEMBERS.grid, 3, 8)
+    pinged = {round(ping.longitude, 6) for ping in random_observations(field, 3, 0.0, 7)}
+    assert not pinged & {round(pair.start.longitude, 6) for pair in pairs}
+    # the deepest level is shallower than the paper's targets
+    assert all((pair.start.depth, pair.target.depth) == (0.0, 300.0) for pair in pairs)
+    monkeypatch.setattr(reachable, "_MAX_DRAWS", 1)
+    dry = replace(MEMBERS.grid, wet=np.zeros_like(MEMBERS.grid.wet))
+    with pytest.raises(ForecastError, match="larger region"):
+        draw_pairs(field, flow, dry, 1, 7)
+    with pytest.raises(ForecastError, match="below the surface"):
+        draw_pairs(field, flow, replace(MEMBERS.grid, levels=np.array([0.0])), 1, 7)
+
+
+def test_the_bootstrap_interval_holds_the_median_as_often_as_it_says():
+    rng = np.random.default_rng(5)
+    held = [low <= 0.0 <= high for low, high in (bootstrap_median(rng.standard_normal(40)) for _ in range(200))]
+    assert 0.84 <= np.mean(held) <= 0.96
+
+
+def test_progress_ends_at_its_total(study):
+    _, _, seen = study
+    assert seen[-1][0] == seen[-1][1]
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+def test_over_truths_the_median_and_the_worst():
+    row = ErrorRow("paper", "full", 9, 90, 0.2, 0.02, 0.01, 0.2, 0.02, (0.2,), 1.0, "")
+    bad = replace(row, rel_error=0.6, rmse=0.06, rel_error_worst=0.6, rmse_worst=0.06, rel_error_by_truth=(0.6,))
+    failed = replace(row, rel_error=math.nan, rmse=math.nan, rel_error_worst=math.nan, rel_error_by_truth=(math.nan,), note="singular")
+    (both,) = over_truths([[row], [row], [bad]])
+    assert (both.rel_error, both.rel_error_worst, both.rmse_worst, both.rel_error_by_truth) == (0.2, 0.6, 0.06, (0.2, 0.2, 0.6))
+    (some,) = over_truths([[row], [failed]])
+    assert (some.rel_error, some.note) == (0.2, "1 of 2 truths: singular")
+
+
+@pytest.mark.usefixtures("without_planning")
+def test_all_members_in_turn():
+    few = Ensemble(MEMBERS.grid, MEMBERS.velocity[:3], None, "three")
+    tables, shown = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1))
+    assert (tables.truth, tables.truths) == ("all", 3)
+    assert shown.case.member is not None
+    assert tables.shown_truth == f"three#{shown.case.member}"
+    assert all(len(row.rel_error_by_truth) == 3 and row.rel_error <= row.rel_error_worst for row in tables.table1)
+    headings = text_tables(tables)[0].columns
+    assert "worst rel. error" in headings
+
+
+def test_the_depth_kernel_sags_between_wide_levels_and_is_singular_between_close_ones():
+    wide, close = depth_kernel(np.array([0.0, 300.0]), 100.0), depth_kernel(np.array([0.0, 5.0, 10.0]), 100.0)
+    assert wide.condition < 1.1
+    assert wide.least_share == pytest.approx(2.0 * math.exp(-0.5 * 1.5**2) / (1.0 + math.exp(-4.5)))
+    assert wide.least_depth == pytest.approx(150.0)
+    assert close.condition > 1e5
+
+
+def test_coherence_and_correlation_of_a_current_that_is_the_same_at_all_depths():
+    same = Ensemble(MEMBERS.grid, np.repeat(MEMBERS.velocity[:, :, :1], 4, axis=2), None, "same")
+    assert coherence(embed_member(same, 0, CONFIG), 300.0) == pytest.approx(1.0)
+    assert coherence(embed_member(MEMBERS, 0, CONFIG), 300.0) < 0.99
+    assert level_correlation(same) == pytest.approx((1.0, 1.0))
+    assert level_correlation(MEMBERS)[0] < 1.0
+
+
+def test_files_say_the_same_numbers(study, folder):
+    tables = study[0]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+    answer = json.loads((folder / "paper.json").read_text())
+    assert answer == json.loads(json.dumps(to_json(tables), allow_nan=False))
+    assert {"replay-kit", "numpy", "matplotlib"} <= set(answer["versions"])
+    assert answer["seed"] == 0
+    for name, kind in (("table1", ErrorRow), ("table2", ErrorRow), ("table3", GlideRow), ("sparse", SparseRow)):
+        rows = list(csv.DictReader(io.StringIO((folder / f"{name}.csv").read_text())))
+        assert list(rows[0]) == [field.name for field in fields(kind)] == list(answer[name][0])
+        for row, in_json, value in zip(rows, answer[name], getattr(tables, name), strict=True):
+            # every figure to the last digit, in all of them
+            for key, cell in asdict(value).items():
+                if isinstance(cell, float):
+                    assert float(row[key]) == in_json[key] == cell
+    assert rows_to_csv([replace(tables.table1[0], rel_error=math.nan)]).splitlines()[1].split(",")[4] == ""
+
+
+def test_console_and_report_show_the_rows(study, folder):
+    tables = study[0]
+    words = io.StringIO()
+    print_paper(tables, Console(file=words, width=200))
+    written = (folder / "report.md").read_text()
+    for row in (*tables.table1, *tables.table2):
+        for text in (words.getvalue(), written):
+            assert f"{row.rel_error:.3f}" in text
+            assert f"{row.rmse:.4f}" in text
+    for row in tables.table3:
+        assert f"{row.lower_quartile:.0f} to {row.upper_quartile:.0f}" in written
+    assert f"{tables.depth_kernel.condition:.1e}" in written
+    for line in written.splitlines():
+        if line.startswith("!["):
+            assert (folder / line.split("(")[-1].rstrip(")")).exists()
+
+
+LABELS = {
+    "singular_values": ("mode", "singular value / largest"),
+    "modes_top": ("east [km]", "north [km]", "speed / largest of the mode"),
+    "modes_3d": ("east [km]", "north [km]", "depth [m]"),
+    "truth_3d": ("east [km]", "north [km]", "depth [m]", "speed [m/s]", "velocity [m/s]"),
+    "truth_top": ("east [km]", "north [km]", "speed [m/s]", "10 pings"),
+    "sparse": ("pings", "RMSE / RMS speed of the truth"),
+    "glides_3d": ("east [km]", "north [km]", "depth [m]", "target"),
+    "glides_top": ("east [km]", "north [km]", "target"),
+}
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_figures_are_drawn_and_labelled(folder, name):
+    picture = matplotlib.image.imread(folder / f"{name}.png")
+    assert min(picture.shape[:2]) > 300
+    colours = np.unique(np.round(31 * picture[..., :3]) @ [1, 32, 1024])
+    assert colours.size > 10
+    root = ET.parse(folder / f"{name}.svg").getroot()
+    words = {"".join(element.itertext()).strip() for element in root.iter("{http://www.w3.org/2000/svg}text")}
+    for label in LABELS[name]:
+        assert label in words, words
+
+
+def test_the_same_study_gives_the_same_figures(study, folder):
+    for name, ending, content in islice(figures.draw(*study[:2]), 2):
+        assert (folder / f"{name}.{ending}").read_bytes() == content, name
+
+
+@pytest.mark.parametrize("job", [PaperJob("0", pings=()), PaperJob("0", pings=(5, 3)), PaperJob("0", pairs=0), PaperJob("0", seed=-1)])
+def test_wrong_jobs_are_said(job):
+    with pytest.raises(ConfigError):
+        run_paper(MEMBERS, None, CONFIG, job)
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory):
+    place = tmp_path_factory.mktemp("ocean")
+    synthetic.dataset(n_members=6, shape=(7, 8)).to_netcdf(place / "ensemble.nc", engine="h5netcdf")
+    (place / "full").mkdir()
+    (place / "full" / "table1.csv").write_text("precious")
+    (place / "file").write_text("precious")
+    return place
+
+
+def paper(ocean, *arguments):
+    return invoke(["experiment", "paper", "--ensemble", str(ocean / "ensemble.nc"), *map(str, arguments)])
+
+
+def refused(ocean, *arguments):
+    done = paper(ocean, *arguments)
+    assert done.exit_code != 0
+    return done.exception
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["-o", "new"], "--truth and --leave-out"),
+        (["-o", "new", "--leave-out", "0", "--truth", "ensemble.nc"], "--truth and --leave-out"),
+        (["-o", "new", "--leave-out", "some"], "all or most-distant"),
+        (["-o", "new", "--leave-out", "9"], "expected 0 to 5"),
+        (["-o", "full", "--leave-out", "0"], "--overwrite"),
+        (["-o", "file", "--leave-out", "0"], "is a file"),
+        (["-o", "absent/new", "--leave-out", "0"], "there is no folder"),
+        (["-o", "new", "--leave-out", "0", "--modes", "none"], "modes"),
+        (["-o", "new", "--truth", "t.json", "--json", "t.json", "--overwrite"], "an input is never overwritten"),
+    ],
+)
+def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
+    monkeypatch.chdir(ocean)
+    error = refused(ocean, *arguments)
+    assert isinstance(error, ConfigError)
+    assert error.exit_code == 2
+    assert said in str(error)
+    assert (ocean / "full" / "table1.csv").read_text() == "precious"
+
+
+@pytest.mark.usefixtures("without_planning")
+def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatch):
+    monkeypatch.setattr(figures, "draw", lambda tables, shown: iter([("sparse", "png", b"drawn")]))
+    options = [
+        "--leave-out",
+        "most-distant",
+        "--modes",
+        "4",
+        "--pairs",
+        "1",
+        "-o",
+        ocean / "full",
+        "--overwrite",
+        "--json",
+        ocean / "a.json",
+    ]
+    done = paper(ocean, *options)
+    assert done.exit_code == 0, done.exception
+    assert "Table III" in done.stdout
+    assert (ocean / "a.json").read_text() == (ocean / "full" / "paper.json").read_text()
+    assert (ocean / "full" / "table1.csv").read_text().startswith("method,")
+    # the naive basis has more modes than the limit of those a level, and is planned on all the same
+    assert "naive3d" in [row["flow"] for row in json.loads((ocean / "a.json").read_text())["table3"]]
+    assert (ocean / "full" / "sparse.png").read_bytes() == b"drawn"
+
+
+def test_the_command_line_does_not_load_what_takes_long():
+    code = "import sys, replay_kit.cli.app; sys.exit(bool({'matplotlib', 'scipy.stats'} & sys.modules.keys()))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,290 @@
+"""Plans flown in truths: the studies at their smallest, and that each of their checks can fail."""
+
+import csv
+import io
+import json
+import math
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+import planners
+from planners.mission.flights import fly_mission
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.errors import ConfigError, PlanError
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.plan import Place
+from replay_kit.studies.planning import STUDIES, PlanningJob
+from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average
+from replay_kit.studies.planning.flights import draw_missions, fly_plan
+from replay_kit.studies.planning.infeasible import cases, infeasible
+from replay_kit.studies.planning.masked import masked
+from replay_kit.studies.planning.masks import draw_masked, with_land
+from replay_kit.studies.planning.recheck import corners_of, crossed, winds_around
+from replay_kit.studies.planning.scenarios import area_downstream, entering
+from replay_kit.studies.planning.world import build_world
+from replay_kit.studies.scoring.bootstrap import bootstrap_ratio
+from tests import synthetic
+from tests.command import invoke
+from tests.planners.flow_samples import eddying_flow, place, uniform_flow
+from tests.reference import polygon
+
+MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
+CONFIG = EstimatorConfig(modes=8)
+JOB = PlanningJob(("masked",), "1", pairs=1, pings=6, legs=2, masks=3)
+DRAWN = ("glides", "missions", "scenarios", "masked", "replanning")
+SQUARE = np.array([[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]])
+
+
+def world():
+    return build_world(MEMBERS, None, CONFIG, JOB, lambda what, steps=1: None)
+
+
+def flown(flow, miss, error=0.1):
+    spot = Place(0.0, 0.0, 0.0)
+    return Arrival(flow, 3, spot, spot, "reached", 1.0, miss, error, 0.1)
+
+
+def criterion(report, words):
+    (one,) = (one for one in report.criteria if words in one.what)
+    return one
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("planning")
+    synthetic.dataset(n_members=6, shape=(8, 9)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    command = ["experiment", "planning", "--ensemble", str(folder / "ensemble.nc"), "-o", str(folder / "out"), "--modes", "8"]
+    command += [
+        "--leave-out",
+        "1,4",
+        "--pairs",
+        "1",
+        "--pings",
+        "6",
+        "--legs",
+        "2",
+        "--scenarios",
+        "1",
+        "--fresh",
+        "12",
+        "--masks",
+        "1",
+        "--replans",
+        "1",
+    ]
+    # one start, coarse steps and few legs: plans are tested elsewhere
+    plan, settings = planners.plan, planners.MissionSettings
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planners, "plan", partial(plan, settings=planners.GlideSettings(starts=1, n_steps=8)))
+        patch.setattr(planners, "MissionSettings", lambda **how: settings(**{**how, "max_legs": 3}))
+        done = invoke([*command, "--study", ",".join(DRAWN), "--json", str(folder / "answer.json")])
+    assert done.exit_code == 0, done.output
+    again = invoke([*command, "--study", "masked"])
+    return folder / "out", json.loads((folder / "answer.json").read_text()), done.output, again
+
+
+def test_studies_are_reported_in_every_form(answer):
+    out, said, printed, again = answer
+    assert tuple(said["studies"]) == DRAWN
+    assert said == json.loads((out / "planning.json").read_text())
+    report = (out / "report.md").read_text()
+    for study, reported in said["studies"].items():
+        for name, rows in reported["tables"].items():
+            assert name.startswith(study)
+            read = list(csv.DictReader(io.StringIO((out / f"{name}.csv").read_text())))
+            assert [row.keys() for row in read] == [row.keys() for row in rows]
+        for one in reported["criteria"]:
+            assert one["what"] in report
+        assert f"Acceptance criteria of {study}" in printed
+    pictures = sorted(out.glob("*.png"))
+    assert [picture.stem for picture in pictures] == [
+        "glides_misses",
+        "masked_cases",
+        "missions_misses",
+        "replanning_misses",
+        "scenarios_area",
+    ]
+    for picture in pictures:
+        assert f"({picture.name})" in report
+        assert np.ptp(matplotlib.image.imread(picture)[..., :3]) == 1.0
+    # what is there already is not replaced without being asked to
+    assert isinstance(again.exception, ConfigError)
+    assert "masked" in str(again.exception)
+
+
+def test_plans_on_the_truth_meet_goals_that_the_truth_reaches(answer):
+    for study, least in (("glides", 10.0), ("missions", 50.0)):
+        rows = answer[1]["studies"][study]["tables"][f"{study}_cases"]
+        on_truth = [row["miss [m]"] for row in rows if row["planned on"] == "truth"]
+        assert len(on_truth) == 1
+        assert max(on_truth) < least
+        assert max(row["miss [m]"] for row in rows) > 10.0 * max(on_truth)
+        assert {row["truth"] for row in rows} == {1}
+    met = {one["what"]: one["met"] for reported in answer[1]["studies"].values() for one in reported["criteria"]}
+    assert all(met[what] for what in met if "crossings" in what or "recomputed" in what)
+
+
+def test_paths_flown_by_two_codes_end_at_one_place_and_goals_are_of_the_reachable_set():
+    withheld = world().truths[0]
+    (pair,) = draw_missions(withheld, withheld.truth, 1, 300.0, 3, 0)
+    settings = planners.MissionSettings(depth=300.0, legs=3)
+    plan = planners.plan_mission(withheld.truth, planners.MissionRequest(pair.start, (pair.target,), settings=settings))
+    assert plan.status == "reached"
+    path = fly_plan(withheld.truth, plan, 300.0)
+    assert np.linalg.norm(path[-1, :2] - fly_mission(withheld.truth, plan).place[0, -1]) < 1.0
+    assert path[:, 2].max() == pytest.approx(300.0)
+    goal = np.ravel(to_local(withheld.truth.grid.projection, pair.target.longitude, pair.target.latitude))
+    assert np.linalg.norm(path[-1, :2] - goal) < 5.0
+
+
+def test_winding_is_crossing_counted_point_by_point():
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        bearings = np.sort(rng.uniform(0.0, 2.0 * np.pi, 7))
+        corners = rng.uniform(0.3, 1.0, (7, 1)) * np.column_stack([np.cos(bearings), np.sin(bearings)])
+        points = rng.uniform(-1.0, 1.0, (60, 2))
+        found = winds_around(corners, points)
+        assert found.any()
+        assert found.tolist() == [polygon.inside(corners.tolist(), point) for point in points]
+
+
+def test_a_path_over_land_or_an_area_is_found_between_its_points():
+    flow = uniform_flow(0.0, 0.0)
+    ends = np.array([[-9e3, 0.0, 0.0], [9e3, 0.0, 0.0]])
+    area = tuple((spot.longitude, spot.latitude) for spot in (place(flow, *corner, 0.0) for corner in 0.05 * SQUARE))
+    assert crossed(flow.grid, (), ends) is None
+    assert crossed(flow.grid, (area,), ends) == "area"
+    assert crossed(flow.grid, (area,), ends + np.array([0.0, 60.0, 0.0])) is None
+    dry = np.hypot(flow.grid.east, flow.grid.north) < 9e3
+    assert crossed(replace(flow.grid, wet=flow.grid.wet & ~dry), (), ends) == "land"
+    assert crossed(flow.grid, (), ends * 50.0) == "land"
+
+
+def test_land_leaves_the_current_as_it_was_elsewhere():
+    flow = eddying_flow(2)
+    dry = np.hypot(flow.grid.east, flow.grid.north) < 12e3
+    masked_flow = with_land(flow, dry, 1e-9)
+    east, north = masked_flow.nodes.T
+    assert 0 < dry.sum() == len(flow.nodes) - len(masked_flow.nodes)
+    np.testing.assert_allclose(masked_flow.velocity(east, north, 60.0), flow.velocity(east, north, 60.0), atol=1e-5)
+    case = draw_masked(flow, 300.0, 1e-6, np.random.default_rng(0))
+    assert case.blocked
+    assert corners_of(flow.grid, case.areas[0]).shape[1] == 2
+
+
+def test_a_planner_that_goes_straight_over_land_is_caught(monkeypatch):
+    def straight(flow, request):
+        start, (goal,) = request.start, request.goals
+        ends = np.column_stack(to_local(flow.grid.projection, [start.longitude, goal.longitude], [start.latitude, goal.latitude]))
+        one = {"headings_deg": np.zeros(1), "glide_angles_deg": np.full(1, 20.0), "surfacings": np.array([[goal.longitude, goal.latitude]])}
+        track = np.column_stack([ends, np.zeros(2)])
+        return SimpleNamespace(status="reached", message="", start=start, closest_approach=np.zeros(1), track=track, **one)
+
+    monkeypatch.setattr(planners, "plan_mission", straight)
+    report = masked(world())
+    assert (criterion(report, "crossings").value, criterion(report, "crossings").met) == (3, False)
+    assert not criterion(report, "its recomputed path").met
+
+    def refuses(*_, **__):
+        raise PlanError("no")
+
+    monkeypatch.setattr(planners, "plan_mission", refuses)
+    (row,) = masked(world()).tables[0].rows
+    assert row[:4] == ("refused", 3, 3, 0)
+
+
+def test_an_end_without_its_reason_is_counted(monkeypatch):
+    def refuses(*_):
+        raise PlanError("land, outside, too deep, the current")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(planners, "plan", refuses)
+        report = infeasible(world())
+    assert criterion(report, "named reason").met
+    assert "unreachable" in {row[2] for row in report.tables[0].rows}
+    silent = SimpleNamespace(status="unreachable", message="no")
+    monkeypatch.setattr(planners, "plan", lambda *_: silent)
+    monkeypatch.setattr(planners, "plan_mission", lambda *_, **__: silent)
+    report = infeasible(world())
+    assert (criterion(report, "named reason").value, criterion(report, "named reason").met) == (10, False)
+    assert [case.name for case in cases(eddying_flow(1), 1e-6)] == list(dict.fromkeys(row[0] for row in report.tables[0].rows))
+
+
+def test_the_area_lies_downstream_and_entries_are_counted_flight_by_flight():
+    flow = uniform_flow(0.02, 0.1)
+    track = np.column_stack([np.linspace(-9e3, 9e3, 40), np.zeros(40), np.full(40, 50.0)])
+    flights = SimpleNamespace(place=track[None, :, :2] + np.array([-300.0, 0.0, 300.0])[:, None, None] * [0.0, 1.0])
+    corners = corners_of(flow.grid, area_downstream(flow, SimpleNamespace(track=track)))
+    assert corners[:, 1].min() == pytest.approx(-100.0, abs=1.0)
+    assert corners[:, 1].max() == pytest.approx(9.9e3, abs=1.0)
+    # an end that bends back beside the middle is not in the area
+    bent = np.vstack([track, [[0.0, 4e3, 50.0]]])
+    assert corners_of(flow.grid, area_downstream(flow, SimpleNamespace(track=bent)))[:, 1].max() < 4e3
+    assert entering(corners, flights.place).tolist() == [False, True, True]
+    # between its points a path may cut a corner
+    sparse = np.array([[[-9e3, 0.0], [0.0, -120.0], [9e3, 0.0]]])
+    assert entering(corners, sparse).tolist() == [True]
+
+
+def test_the_order_is_as_asked_or_not():
+    right = [flown(flow, miss) for flow, miss in (("truth", 1.0), ("default", 50.0), ("naive3d", 90.0), ("nearest", 400.0))]
+    assert [one.met for one in order_of(right)] == [True] * 3
+    wrong = [
+        replace(one, miss=60.0) if one.flow == "naive3d" else replace(one, miss=70.0) if one.flow == "default" else one for one in right
+    ]
+    assert [one.met for one in order_of(wrong)] == [True, False, True]
+    words = place_of_average([*right, flown("depth_averaged_truth", 25.0, 0.3)], 0.9, once=True)
+    assert "ratio of 0.5 " in words
+    assert "90 % of the truths'" in words
+
+
+def test_a_ratio_of_medians_is_resampled_case_by_case():
+    rng = np.random.default_rng(2)
+    others = rng.lognormal(size=60)
+    low, high = bootstrap_ratio(2.0 * others, others)
+    assert (low, high) == (pytest.approx(2.0), pytest.approx(2.0))
+    held = [low <= 1.0 <= high for low, high in (bootstrap_ratio(*rng.lognormal(sigma=0.5, size=(2, 40))) for _ in range(100))]
+    assert 0.82 <= np.mean(held) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"studies": ("glide",)}, "--study"),
+        ({"studies": ("masked", "masked")}, "each once"),
+        ({"pairs": 0}, "--pairs"),
+        ({"noise": math.nan}, "--noise"),
+        ({"leave_out": "2,2"}, "each once"),
+    ],
+)
+def test_what_is_refused(changed, words):
+    job = replace(JOB, **changed)
+    with pytest.raises(ConfigError, match=words):
+        job.check(STUDIES) or job.members(6)
+
+
+def test_a_wrong_option_makes_no_folder(tmp_path):
+    command = ["experiment", "planning", "--ensemble", str(tmp_path / "none.nc"), "-o", str(tmp_path / "out"), "--study", "glide"]
+    assert "expected some of glides" in str(invoke(command).exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_truth_of_its_own_leaves_no_member_out():
+    truth = synthetic.ensemble(5, n_members=1, shape=(8, 9))
+    with pytest.raises(ConfigError, match="--truth and --leave-out"):
+        build_world(MEMBERS, truth, CONFIG, JOB, lambda what, steps=1: None)
+    (withheld,) = build_world(MEMBERS, truth, CONFIG, replace(JOB, leave_out=None), lambda what, steps=1: None).truths
+    assert (withheld.case.ensemble.n_members, withheld.member) == (6, 6)
+    assert withheld.case.truth is truth
+
+
+def test_members_are_spread_over_the_ensemble():
+    job = replace(JOB, leave_out=None, pairs=4, scenarios=4)
+    assert job.members(80) == (10, 30, 50, 70)
+    assert replace(job, pairs=500).members(6) == (0, 1, 2, 3, 4, 5)
+    assert sum(world().shares(7)) == 7

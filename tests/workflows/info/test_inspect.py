@@ -1,0 +1,67 @@
+"""``replay-kit info``: a suggested mapping from the topics that no known kind covers, used again as a configuration."""
+
+import io
+import json
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from replay_kit.config.run import load_config
+from replay_kit.workflows.info.inspect import inspect_log, print_info
+from tests.command import invoke
+from tests.measurements.carriers import json_mcap
+from tests.measurements.samples import fix, ping
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "vendor.mcap"
+    known = [(k, message.topic, message.schema, message.payload) for k, message in enumerate((fix(0), ping(1)))]
+    nav = [(k, "/vendor/nav", "vendor.Nav", {"pos": {"lat": -40.0, "lon": 152.0 + k}, "depth": 5.0 * k}) for k in range(3)]
+    dull = [(9, "/vendor/text", "vendor.Text", {"words": "none"})]
+    raw = [(9, "mavlink/1/1/VFR_HUD", "mavlink.1.1.VFR_HUD", {"header": {}, "message": {"type": "VFR_HUD", "alt": 3.0}})]
+    path.write_bytes(json_mcap([*known, *nav, *dull, *raw]))
+    return path
+
+
+def run_info(*arguments):
+    done = invoke(["info", *map(str, arguments)])
+    return done.exit_code, done
+
+
+def test_a_suggested_mapping_is_printed_alone(log):
+    code, said = run_info(log, "--suggest", "-")
+    assert code == 0
+    assert said.stdout.startswith("# A first mapping")
+    assert 'topic = "/vendor/nav"' in said.stdout
+    assert "/adcp" not in said.stdout
+    assert "mavlink" not in said.stdout
+    assert "Use: replay" in said.stderr
+
+
+def test_a_suggested_mapping_makes_the_topic_usable(log, tmp_path):
+    before = inspect_log(log, load_config(None))
+    assert set(before.unknown) == {"/vendor/nav", "/vendor/text"}
+    code, _ = run_info(log, "--suggest", tmp_path / "map.toml")
+    assert code == 0
+    _, said = run_info(log, "--config", tmp_path / "map.toml", "--json", "-")
+    assert json.loads(said.stdout)["logs"][0]["positions"] == before.content.positions + 3
+
+
+def test_a_depth_averaged_current_is_no_position(tmp_path):
+    (tmp_path / "dac.mcap").write_bytes(
+        json_mcap([(0, "/dac", "replay_kit.DepthAveragedCurrent", {"start_fix": {"lat": 1.0, "lon": 2.0}})])
+    )
+    found = inspect_log(tmp_path / "dac.mcap", load_config(None))
+    assert found.unknown == {}
+    assert found.not_used == {"/dac": {"depth-averaged current: it is not a number": 1}}
+
+
+def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(log):
+    found = inspect_log(log, load_config(None))
+    told = {"notes": ("the clock was set twice",), "undecodable": {"/raw": (7, "no schema")}, "unchecked": {"chunks": 3}}
+    text = io.StringIO()
+    print_info(replace(found, report=replace(found.report, **told)), Console(file=text, width=200))
+    for words in ("Note: the clock was set twice", "Cannot be decoded: 7 x /raw: no schema", "Without a checksum"):
+        assert words in text.getvalue()

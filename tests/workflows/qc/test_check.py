@@ -1,0 +1,156 @@
+"""``replay-kit qc``: what each test did, told as a table and as JSON, and that a replay uses the same."""
+
+import json
+
+import gsw
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.errors import ConfigError, MeasurementError
+from replay_kit.core.observation import Flag, Reason
+from replay_kit.workflows.qc.check import check_quality
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.provenance import run_settings_toml
+from replay_kit.workflows.replay.replay import replay
+from tests import synthetic
+from tests.command import invoke
+from tests.measurements.carriers import json_mcap
+from tests.measurements.samples import fix, ping
+from tests.places import ROOT
+
+CELLS = {"n_cells": 5, "cell_size": 20.0, "bin0_distance": 10.0, "velocity": [[0.1, 0.2, 0.0]] * 4 + [None]}
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A vessel's log: a sound ping, one with a failed and a suspect bin, one that leans so far that it loses everything."""
+    low = ping(2, **CELLS, correlation=[90.0, 10.0, 90.0, 90.0, 90.0], percent_good=[90.0, 90.0, 40.0, 90.0, 90.0])
+    messages = [
+        fix(0),
+        ping(1, **CELLS),
+        low,
+        ping(3, **CELLS, pitch=50.0, roll=0.0),
+        ping(4, **CELLS, coordinate_system="instrument"),
+        fix(5),
+    ]
+    path = tmp_path / "survey.mcap"
+    path.write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
+    return path
+
+
+def run_qc(*arguments):
+    done = invoke(["qc", *map(str, arguments)], columns=200)
+    return done.exit_code, done
+
+
+def test_each_test_says_what_it_did(log):
+    code, said = run_qc(log, "--json", "-")
+    assert code == 0
+    answer = json.loads(said.stdout)
+    (topic,) = answer["topics"]
+    assert topic["pings"] == 3
+    assert topic["bins"] == {"good": 6, "not_evaluated": 0, "suspect": 1, "fail": 5, "missing": 3}
+    tests = {test["test"]: test for test in topic["tests"]}
+    correlation = tests["correlation"]
+    assert (correlation["evaluated"], correlation["failed"], correlation["fail_when"]) == (4, 1, "< 25 %")
+    assert correlation["not_evaluated"] == {"the ping has no correlation": 8}
+    assert correlation["bit"] == Reason.LOW_CORRELATION
+    assert (tests["tilt"]["evaluated"], tests["tilt"]["failed"]) == (4, 4)
+    (lost,) = topic["pings_lost"]
+    assert lost["reasons"] == ["missing", "tilt"]
+    assert lost["time"] == "1970-01-01T00:00:03Z"
+    assert answer["settings"]["quality"]["tilt_fail"] == 30.0
+    assert "8 the ping has no correlation" in said.stderr
+    assert "Pings that lose every bin: 1" in said.stderr
+    assert "Not used: 1 x /adcp: heading is magnetic" in said.stderr
+
+
+def test_the_configuration_moves_the_limits(log, tmp_path):
+    (tmp_path / "run.toml").write_text('[measurements.quality]\ntilt_fail = "off"\ntilt_suspect = "off"\ncorrelation_fail = 5.0\n')
+    _, said = run_qc(log, "--config", tmp_path / "run.toml", "--json", "-")
+    (topic,) = json.loads(said.stdout)["topics"]
+    assert topic["bins"]["fail"] == 0
+    assert topic["pings_lost"] == []
+
+
+def test_a_dive_is_told(tmp_path):
+    depths = [0.0, 20.0, 60.0, 100.0, 60.0, 20.0, 0.0, 0.0]
+    messages = [m for k, depth in enumerate(depths) for m in (fix(60 * k, depth=depth), ping(60 * k, **{**CELLS, "pressure": None}))]
+    (tmp_path / "glider.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
+    _, said = run_qc(tmp_path / "glider.mcap", "--json", "-")
+    track = json.loads(said.stdout)["track"]
+    assert (track["dives"], track["yos"], track["legs"]) == (1, 1, 2)
+    assert [leg["profile_direction"] for leg in track["profiles"]] == [1, -1]
+    assert track["profiles"][0]["depths"] == [20.0, 100.0]
+    assert track["apogees"] == [{"time": "1970-01-01T00:03:00Z", "depth": 100.0}]
+    assert track["surfacings"] == ["1970-01-01T00:06:00Z"]
+    assert "Track: 1 dives, 1 yos, 2 profiles, 1 surfacings" in said.stderr
+
+
+def test_a_pressure_is_shown_as_a_depth(tmp_path):
+    messages = [fix(0), *(ping(60 * k, **{**CELLS, "pressure": p}) for k, p in enumerate([0.0, 500.0, 1000.0, 500.0, 0.0]))]
+    (tmp_path / "glider.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
+    deepest = float(check_quality([tmp_path / "glider.mcap"], RunConfig()).depth.max())
+    assert deepest == pytest.approx(-gsw.z_from_p(1000.0, -40.0), rel=1e-12)
+
+
+def test_a_log_without_pings_is_unusable_and_says_what_it_has(tmp_path):
+    alone = [fix(0), ping(1, **CELLS, coordinate_system="instrument")]
+    (tmp_path / "none.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in alone]))
+    with pytest.raises(MeasurementError, match=r"expected ADCP pings.*1 x /adcp: heading is magnetic") as found:
+        check_quality([tmp_path / "none.mcap"], RunConfig())
+    assert found.value.exit_code == 3
+
+
+def test_a_damaged_log_says_so(log):
+    log.write_bytes(log.read_bytes()[:-200])
+    assert check_quality([log], RunConfig()).exit_code == 4
+
+
+SEAGLIDER = sorted((ROOT.parent / "shared" / "data" / "seaglider").glob("p17101*.nc"))
+REAL = pytest.param(SEAGLIDER, marks=pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there"), id="seaglider")
+
+
+@pytest.mark.parametrize("logs", [[ROOT / "sample_logs" / "survey.mcap"], [ROOT / "sample_logs" / "glider.mcap"], REAL])
+def test_sound_logs_lose_nothing(logs):
+    """Bins that a test fails: none; suspect of anything but being at the surface: one in a thousand."""
+    report = check_quality(logs, RunConfig())
+    for topic in report.topics.values():
+        assert topic.pings > 0
+        assert topic.flags[Flag.FAIL] == 0
+        suspect = sum(count.suspect for name, count in topic.tests.items() if name != "at_surface")
+        assert suspect <= 1e-3 * topic.tests["max_speed"].evaluated
+        assert topic.lost == ()
+
+
+def test_settings_are_checked_and_come_back_from_a_result(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text("[measurements.quality]\nsnr_fail = 9.0\n")
+    with pytest.raises(ConfigError, match="snr_suspect 6 is beyond snr_fail 9"):
+        load_config(path)
+    path.write_text("[measurements.quality]\nnonsense = 9.0\n")
+    with pytest.raises(ConfigError, match=r"known here: .*snr_fail"):
+        load_config(path)
+    path.write_text('[measurements.quality]\nsnr_fail = 1.5\noutlier_fail = "off"\n')
+    config = load_config(path)
+    path.write_text(run_settings_toml(config))
+    assert "outlier_fail" in path.read_text()
+    assert load_config(path) == config
+
+
+def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_path):
+    synthetic.dataset(seed=4, n_members=8, shape=(5, 5)).to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
+    summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), RunConfig())
+    assert (summary.profiles_used, summary.profiles_rejected, summary.bins_used) == (2, 1, 7)
+    assert summary.bins_rejected["tilt"] == 5
+    with (tmp_path / "out.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        found = [message for *_, message in reader.iter_decoded_messages(topics="/flow/innovation")]
+    assert [message.accepted for message in found] == [True, True, False]
+    assert list(found[1].flags) == [1, 4, 3, 1, 9]
+    assert list(found[1].reasons) == [0, Reason.LOW_CORRELATION, Reason.LOW_PERCENT_GOOD, 0, Reason.MISSING]
+    assert [value == value for value in found[1].innovation_east] == [True, False, True, True, False]
+    assert list(found[2].flags) == [4, 4, 4, 4, 9]
+    assert list(found[2].reasons) == [Reason.TILT] * 4 + [Reason.TILT | Reason.MISSING]

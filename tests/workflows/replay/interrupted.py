@@ -1,0 +1,39 @@
+"""A small ocean with a log of a glider in it, and replays that are stopped after some messages."""
+
+from pathlib import Path
+
+from replay_kit.forecast import read_truth
+from replay_kit.studies.twins import make_twin
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.replay import replay
+from tests import synthetic
+
+
+class Killed(BaseException):
+    """What stops a run in these tests and no code of the project knows."""
+
+
+def make_ocean(folder: Path, config, n_pings: int) -> Path:
+    """A folder with an ensemble, the truth withheld from it, and a glider's log; ``truth_in`` reads the truth."""
+    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
+    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    make_twin(truth_in(folder, config), "glider", n_pings, 0.05, 1, folder / "glider.mcap")
+    return folder
+
+
+def truth_in(folder: Path, config):
+    return read_truth(str(folder / "truth.nc"), config.forecast)
+
+
+def run_until(job, config, stop_after):
+    """The replay of a job; stopped by ``Killed`` after some messages, if a number is given."""
+    seen = 0
+
+    def on_message(_):
+        nonlocal seen
+        seen += 1
+        if seen == stop_after:
+            raise Killed
+
+    return replay(job, config, planner_of(config.planner), on_message)

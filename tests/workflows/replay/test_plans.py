@@ -1,0 +1,93 @@
+"""When a replay's loop plans, and from where: at intervals, at surfacings, and after the drift at the surface."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from replay_kit.config.planner import PlannerConfig
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Source, VehicleState
+from replay_kit.core.plan import Place
+from replay_kit.estimator.update.screening import rejected
+from replay_kit.workflows.replay.plans import PlanningProblem
+from replay_kit.workflows.replay.session import Session
+from tests import synthetic
+from tests.planners.flow_samples import CENTRE, uniform_flow
+
+FLOW = uniform_flow(0.3, -0.4)
+PROFILE = synthetic.profile(FLOW.grid, 0.0, 0.0, np.array([10.0]), np.zeros((1, 2)))
+SECOND = 10**9
+
+
+class Still:
+    """An estimator that learns nothing."""
+
+    def initial(self):
+        return ()
+
+    def steps(self, state, measurements):
+        for _ in measurements:
+            yield state, rejected(PROFILE, PROFILE.flags, PROFILE.reasons)
+
+    def misfit(self, state, measurement):
+        return np.zeros((1, 2))
+
+    def flow(self, state):
+        return FLOW
+
+
+@dataclass
+class Asked:
+    """A planner that notes when and from where it is asked, and finds nothing."""
+
+    calls: list[tuple[float, Place]] = field(default_factory=list)
+
+    def plan(self, flow: Any, start: Place, goal: Place, start_time_ns: int, warm: Any) -> Any:
+        self.calls.append((start_time_ns / SECOND, start))
+        raise PlanError("nothing is planned here")
+
+
+def profile(seconds):
+    return replace(PROFILE, time_ns=int(seconds * SECOND))
+
+
+def fix(seconds, depth):
+    return VehicleState(int(seconds * SECOND), CENTRE.longitude, CENTRE.latitude, depth, False, Source(0, "/fix", 0, 0))
+
+
+def asked(events, **planner):
+    planned, config = Asked(), RunConfig(planner=PlannerConfig(**planner))
+    problem = PlanningProblem(planned, Place(152.6, -40.0, 0.0), config.planner, config.measurements.surface_depth)
+    session = Session(Still(), FLOW.levels, config, problem)
+    for event in events:
+        session.take([event])
+    session.assimilate_buffer()
+    return planned.calls
+
+
+def test_plans_are_an_interval_apart():
+    events = [fix(0, 0.0), *map(profile, (0, 50, 99, 100, 101, 150, 199, 230, 250, 329, 330))]
+    # the first interval begins with the first profile, each further one with the plan before
+    assert [time for time, _ in asked(events, interval=100.0)] == [100.0, 230.0, 330.0]
+
+
+def test_a_plan_at_a_surfacing_puts_the_next_one_off_by_an_interval():
+    events = [fix(0, 0.0), profile(10), fix(20, 50.0), fix(90, 0.0), fix(95, 0.0), *map(profile, (120, 189, 190, 200, 289, 290))]
+    calls = asked(events, when="surfacing", interval=100.0, surface_time=600.0)
+    # planned at the surfacing for the end of its drift; then nothing surfaces for an interval, twice
+    assert [time for time, _ in calls] == [690.0, 190.0, 290.0]
+
+
+@pytest.mark.parametrize("seconds", [0.0, 600.0, 3600.0])
+def test_a_plan_at_a_surfacing_begins_where_the_current_takes_the_vehicle(seconds):
+    events = [fix(0, 0.0), fix(20, 50.0), fix(90, 0.0), fix(95, 0.0)]
+    ((time, start),) = asked(events, when="surfacing", surface_time=seconds)
+    assert time == 90.0 + seconds
+    drift = to_local(Projection(CENTRE.longitude, CENTRE.latitude), start.longitude, start.latitude)
+    np.testing.assert_allclose(drift, [0.3 * seconds, -0.4 * seconds], rtol=0.02, atol=1e-6)
+    assert start.depth == 0.0

@@ -1,0 +1,89 @@
+"""What a replay's loop gives its estimator: mean currents go to those that take them, and are counted otherwise."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.observation import PathMean
+from replay_kit.estimator.update.screening import rejected
+from replay_kit.workflows.replay.session import Session
+from tests import synthetic
+
+GRID = synthetic.ensemble(n_members=2).grid
+PROFILE = synthetic.random_profiles(GRID, 1)[0]
+
+
+class Recorder:
+    """An estimator that notes what it is given."""
+
+    def __init__(self, takes_paths):
+        self.takes_paths = takes_paths
+
+    def initial(self):
+        return ()
+
+    def steps(self, state, measurements):
+        for measurement in measurements:
+            state = (*state, measurement)
+            yield state, replace(rejected(PROFILE, PROFILE.flags, PROFILE.reasons), accepted=True)
+
+    def misfit(self, state, measurement):
+        return np.zeros((PROFILE.depth.size, 2))
+
+    def flow(self, state):
+        return None
+
+
+def mean_current():
+    two = np.array([1.0, 2.0])
+    return PathMean(5, np.array([1, 4]), two, two, two, two / 3.0, (0.1, 0.2), 0.02, "dac", 1, PROFILE.source)
+
+
+def given(takes_paths):
+    session = Session(Recorder(takes_paths), GRID.levels, RunConfig())
+    session.take([PROFILE, mean_current(), PROFILE])
+    session.assimilate_buffer()
+    return session.state
+
+
+class Published:
+    """A result that notes when grids and digests are written."""
+
+    def __init__(self):
+        self.grids_ns, self.digests_ns = [], []
+
+    def innovation(self, innovation):
+        pass
+
+    def grids(self, now_ns, flow, depths):
+        self.grids_ns.append(now_ns)
+
+    def digest(self, now_ns):
+        self.digests_ns.append(now_ns)
+
+
+def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_after_the_last_ones():
+    config = RunConfig(output={"interval": 60.0, "depths": (10.0,)})
+    published, estimator = Published(), Recorder(False)
+    estimator.flow = lambda state: SimpleNamespace(levels=GRID.levels)
+    session = Session(estimator, GRID.levels, config)
+    session.writer = published
+    for seconds in range(0, 250, 25):
+        session.take([replace(PROFILE, time_ns=seconds * 10**9)])
+    session.assimilate_buffer()
+    assert published.grids_ns == published.digests_ns == [seconds * 10**9 for seconds in (0, 75, 150, 225)]
+
+
+def test_an_estimator_that_takes_paths_is_given_them_in_order():
+    run = given(True)
+    assert [isinstance(each, PathMean) for each in run.estimation.current] == [False, True, False]
+    assert run.statistics.profiles.positions[1] == (2.0, 2.0)
+    assert run.statistics.notes([]) == []
+
+
+def test_another_is_not_and_the_report_counts_them():
+    run = given(False)
+    assert run.estimation.current == (PROFILE, PROFILE)
+    assert run.statistics.notes([]) == ["1 mean currents (dac): not supported by this estimator"]
