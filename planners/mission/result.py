@@ -137,4 +137,4 @@ def _binding(task: MissionTask, attempt: Attempt, n_legs: int) -> str:
         return f"limit: max_duration = {settings.max_duration:g} s"
     ground = float(np.linalg.norm(flight.place[0, -1] - flight.place[0, 0])) / max(float(flight.time[-1]), 1.0)
     through = float(task.vehicle.speeds(np, task.vehicle.angles[0])[0])
-    return f"the current or what may not be crossed keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s"
+    return f"the current or a constraint keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s"

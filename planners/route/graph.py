@@ -131,7 +131,7 @@ def build_route_graph(
     if not free.any():
         wide = float(np.max(spacing))
         raise PlanError(
-            f"what may not be entered leaves no water that a search on {wide:.0f} m finds; allow a wider path, or dive less deep"
+            f"land, shallows and no-go areas leave no water that a search on {wide:.0f} m finds; allow a wider path, or dive less deep"
         )
     return RouteGraph(table.origin, spacing, current, free, _edges(current, free, spacing, speed))
 

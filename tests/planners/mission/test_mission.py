@@ -307,7 +307,7 @@ def test_missions_that_cannot_be_asked_for(goals: tuple[Place, ...], settings: M
 def test_areas_that_leave_no_water_are_said():
     flow = still_flow()
     areas = (_area(flow, -90e3, -90e3, 90e3, -0.2e3), _area(flow, -90e3, 0.2e3, 90e3, 90e3))
-    with pytest.raises(PlanError, match="leaves no water"):
+    with pytest.raises(PlanError, match="land, shallows and no-go areas leave no water"):
         plan_mission(flow, MissionRequest(place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=SETTINGS, no_go=areas))
 
 
