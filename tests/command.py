@@ -5,17 +5,49 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from subprocess import CompletedProcess
 from unittest import mock
 
 import pytest
+from cyclopts import CycloptsError
 
-from replay_kit.cli.app import main
+from replay_kit.cli.app import main, report, run
+from replay_kit.core.errors import ReplayKitError
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended: its exit code, what it printed, and the error that it ended with."""
+
+    exit_code: int
+    stdout: str
+    stderr: str
+    exception: CycloptsError | ReplayKitError | None
+
+    @property
+    def output(self) -> str:
+        return self.stdout + self.stderr
+
+
+def invoke(arguments: Sequence[str], columns: int = 160) -> Outcome:
+    """Run ``replay-kit`` with arguments on a terminal of so many columns; errors that are not its own pass through."""
+    out, err, exception = io.StringIO(), io.StringIO(), None
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        mock.patch.dict(os.environ, COLUMNS=str(columns)),
+    ):
+        try:
+            code = run(list(arguments))
+        except (CycloptsError, ReplayKitError) as error:
+            code, exception = report(error), error
+    return Outcome(code, out.getvalue(), err.getvalue(), exception)
 
 
 def run_command(folder: Path, arguments: Sequence[str]) -> CompletedProcess[str]:
-    """Run ``replay-kit`` with arguments in a folder, on a terminal of 160 columns; return its exit code and what it printed."""
+    """Run ``replay-kit`` as a process would in a folder, on a terminal of 160 columns; return its exit code and what it printed."""
     out, err, command = io.StringIO(), io.StringIO(), ["replay-kit", *arguments]
     with (
         contextlib.chdir(folder),

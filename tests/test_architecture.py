@@ -42,6 +42,7 @@ def test_planners_see_the_core_alone():
     ("module", "line"),
     [
         ("replay_kit/workflows/replay/replay.py", "from planners import plan"),
+        ("replay_kit/cli/plan.py", "from planners import plan"),
         ("replay_kit/results/slices.py", "import planners.route.region as region"),
         ("replay_kit/core/geodesy.py", "from casadi import SX"),
         ("planners/route/region.py", "from replay_kit.workflows.replay.statistics import RunStatistics"),

@@ -1,260 +1,181 @@
-"""The command line: parse, configure, one library call, exit code.
+"""The command line: parse, one call of a workflow or study, exit code.
 
 Exit codes: 0 done; 1 the run failed inside; 2 bad option or configuration; 3 input unusable; 4 finished, but something was lost;
 5 a result could not be made again; 130 interrupted.
 """
 
+import gc
 import logging
 import os
 import sys
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import typer
+from cyclopts import App, CycloptsError, Parameter
+from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError, UnknownOptionError
+from cyclopts.token import Token
 
 from replay_kit import __version__
-from replay_kit.cli.experiment import experiment
-from replay_kit.cli.info import info
-from replay_kit.cli.make import fit, synthesize, twin
-from replay_kit.cli.options import (
-    ClockOption,
-    ConfigOption,
-    IncludeInputsOption,
-    JsonOption,
-    LeadOption,
-    LevelsOption,
-    LevelStepOption,
-    ModesOption,
-    OnceCommand,
-    OverwriteOption,
-    RegionOption,
-    RemapOption,
-    console_beside,
-    ends_in,
-    forecast_part,
-    part_named,
-    place,
-    progress,
-    radius,
-    remapped,
-    write_json,
-)
-from replay_kit.cli.plan import plan
-from replay_kit.cli.qc import qc
-from replay_kit.config.run import load_config
+from replay_kit.cli.console import wide_console
+from replay_kit.cli.options import CHOICES, check_endings
 from replay_kit.core.errors import ReplayKitError
-from replay_kit.estimator.baselines import BASELINES
-from replay_kit.results.summary import print_summary, to_json
-from replay_kit.workflows.convert import convert as convert_logs
-from replay_kit.workflows.convert import convert_json, print_converted
-from replay_kit.workflows.paths import check_paths
-from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay import dry_run as dry
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
-from replay_kit.workflows.replay.replay import replay as replay_logs
-from replay_kit.workflows.verify import print_verdict, verdict_json
-from replay_kit.workflows.verify import verify as verify_result
 
-# Without markup, or units in brackets such as [m/s] would be taken for styles and vanish from the help.
-app = typer.Typer(
-    name="replay-kit",
-    help="What was the water doing, and where should the vehicle go next?",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+# Loading modules and laying out help make many small objects that stay; looking for garbage among them takes a sixth of the help's time.
+gc.set_threshold(50_000, 20, 20)
+
+# What each command needs, and what it does.
+_COMMANDS = {
+    "replay": (
+        "LOG... --ensemble FILE -o OUT.mcap",
+        "Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP.",
+    ),
+    "info": ("LOG...", "Report what is in a log and what it can be used for."),
+    "qc": ("LOG...", "Show the outcome of each quality test of the ADCP's bins, and the dives of the track."),
+    "convert": (
+        "LOG... -o OUT.mcap|OUT.tlog",
+        "Convert logs to one MCAP or telemetry log without loss of what that format can hold; several logs are merged by time.",
+    ),
+    "plan": (
+        "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
+        "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line.",
+    ),
+    "twin": ("--truth FILE[#member] -o X.mcap|X.tlog", "Make a log by moving a vehicle with a simulated ADCP through a known current."),
+    "synthesize": (
+        "--ensemble E.nc --truth T.nc",
+        "Make a synthetic ensemble (incompressible, eddying, baroclinic) and a truth withheld from it.",
+    ),
+    "fit": ("ENSEMBLE -o TOML", "Fit the prior to an ensemble by leaving members out, and report what was chosen."),
+    "verify": (
+        "OUT.mcap",
+        "Make a result again from its inputs and the configuration in it, and name the first difference, with exit code 5.",
+    ),
+}
+_STUDIES = {
+    "accuracy": (
+        "--ensemble FILE (--truth FILE | --leave-out K)",
+        "Compare estimators on twin surveys: error and calibration against the number of pings.",
+    ),
+    "dives": (
+        "LOG... --ensemble FILE",
+        "Predict each dive of a log from the dives before it: profiles, depth-averaged current, place of surfacing.",
+    ),
+    "missions": (
+        "--ensemble FILE --leave-out K,K,...",
+        "Fly gliders through members left out: changes in time, relative profiles, mean currents, outliers, biases, intervals.",
+    ),
+    "paper": (
+        "--ensemble FILE (--truth FILE | --leave-out K) -o DIR",
+        "Compute the study of Kong et al. (IROS 2021) on an ensemble: its tables, figures, and a report of where its method holds.",
+    ),
+    "planning": (
+        "--ensemble FILE -o DIR",
+        "Plan on estimates, fly in the truth: glides, missions, scenarios, random islands, problems without a solution.",
+    ),
+}
+
+
+def _group(name: str, help: str, **more: Any) -> App:
+    # plain text, or units in brackets such as [m/s] would be taken for styles and vanish from the help
+    defaults = Parameter(negative="", show_env_var=False)
+    version = f"replay-kit {__version__}"
+    return App(name=name, help=help, help_format="plaintext", version=version, default_parameter=defaults, group_parameters=CHOICES, **more)
+
+
+def _usage_of(command: str, required: str) -> str:
+    return f"Usage: replay-kit {command} {required} [OPTIONS]"
+
+
+app = _group(
+    "replay-kit",
+    "Estimate the ocean current from a vehicle's logs and an ensemble forecast, and plan a glide over it.",
+    config=check_endings,
+    result_action="return_value",
+    exit_on_error=False,
+    suppress_keyboard_interrupt=False,
+    print_error=False,
 )
-app.add_typer(experiment, name="experiment")
-
-# The root of usage errors: click's own or the copy that newer typer carries, so it is found through a public name.
-_UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+experiment = _group("experiment", "Studies: the accuracy of the estimator and of the plans made on it.")
+# by their import paths, so that the modules of a command are loaded when it is called
+for _name, (_usage, _help) in _COMMANDS.items():
+    app.command(f"replay_kit.cli.commands.{_name}:{_name}", name=_name, help=_help, usage=_usage_of(_name, _usage))
+for _name, (_usage, _help) in _STUDIES.items():
+    _path = f"replay_kit.cli.commands.experiment.{_name}:{_name}"
+    experiment.command(_path, name=_name, help=_help, usage=_usage_of(f"experiment {_name}", _usage))
+app.command(experiment)
+app.register_install_completion_command(help="Install the completion of commands and options in the shell.")
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
-        code = _run()
+        code = run(sys.argv[1:])
         sys.stdout.flush()
     except BrokenPipeError:
         # nobody reads on; the interpreter's last flush must not complain about it again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 1
-    except OSError as error:
-        print(f"replay-kit: {error}", file=sys.stderr)
-        code = 1
+    except (CycloptsError, ReplayKitError, OSError, KeyboardInterrupt) as error:
+        code = report(error)
     sys.exit(code)
 
 
-def _run() -> int:
-    """Return the exit code of the command given; typer is kept from answering an interrupt itself, as it does so without a word."""
-    try:
-        code = app(standalone_mode=False)
-    except _UsageError as error:
-        error.show()
-        return int(error.exit_code)
-    except ReplayKitError as error:
-        print(f"replay-kit: {error}", file=sys.stderr)
-        return error.exit_code
-    except (KeyboardInterrupt, typer.Abort):
-        code = 130
-    if code == 130:
-        print("replay-kit: interrupted", file=sys.stderr)
-    return code if isinstance(code, int) else 0
+def run(arguments: list[str]) -> int:
+    """Return the exit code of a command.
+
+    Args:
+        arguments: What follows the program's name.
+
+    Raises:
+        CycloptsError: The arguments cannot be parsed.
+        ReplayKitError: The command ended with an error of its own.
+    """
+    code = app(arguments, console=wide_console())
+    # without a command the help is shown, but nothing was done
+    return 2 if arguments in ([], ["experiment"]) else code or 0
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        print(f"replay-kit {__version__}")
-        raise typer.Exit
+def report(error: CycloptsError | ReplayKitError | OSError | KeyboardInterrupt) -> int:
+    """Print an error that ends a command on standard error; return its exit code."""
+    message, code = str(error), 1
+    if isinstance(error, CycloptsError):
+        message, code = _explained(error), 2
+    elif isinstance(error, ReplayKitError):
+        code = error.exit_code
+    elif isinstance(error, KeyboardInterrupt):
+        message, code = "interrupted", 130
+    print(f"replay-kit: {message}", file=sys.stderr)
+    return code
 
 
-@app.callback()
-def _root(
-    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and leave.")] = False,
-) -> None:
-    """What was the water doing, and where should the vehicle go next?"""
+def _explained(error: CycloptsError) -> str:
+    """Return the message of a usage error, and where the options are listed."""
+    command = " ".join(("replay-kit", *(error.command_chain or ())))
+    if isinstance(error, RepeatArgumentError):
+        message = _repeated(error)
+    elif isinstance(error, MissingArgumentError):
+        message = _missing(error)
+    else:
+        message = str(error)
+    return f"{message} See {command} --help."
 
 
-@app.command(cls=OnceCommand)
-def replay(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG...", help="Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)."
-        ),
-    ],
-    ensemble: Annotated[
-        Path, typer.Option("--ensemble", metavar="FILE", help="Ensemble forecast: CF NetCDF or Zarr with a member dimension.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT.mcap", callback=ends_in(".mcap"), help="Result, for any MCAP viewer.")],
-    config: ConfigOption = None,
-    goal: Annotated[str | None, typer.Option("--goal", metavar="LON,LAT,DEPTH", help="Where to go next [degrees, degrees, m].")] = None,
-    planner: Annotated[
-        Literal["glide", "mission"] | None,
-        typer.Option("--planner", help="To the goal: one glide, or a mission of dives planned anew at each surfacing."),
-    ] = None,
-    estimator: Annotated[str | None, typer.Option("--estimator", help=f"reduced_basis (ours), or {', '.join(BASELINES)}.")] = None,
-    preset: Annotated[
-        Literal["default", "paper"] | None, typer.Option("--preset", help="Estimator: the project's, or the paper's exactly.")
-    ] = None,
-    modes: ModesOption = None,
-    region: RegionOption = None,
-    levels: LevelsOption = None,
-    level_step: LevelStepOption = None,
-    lead: LeadOption = None,
-    reference_time: Annotated[
-        str | None, typer.Option("--reference-time", help="Start of the forecast, for a file of leads without one.")
-    ] = None,
-    place_ensemble: Annotated[bool, typer.Option("--place-ensemble", help="Move the ensemble's centre to the log's mean fix.")] = False,
-    clock: ClockOption = None,
-    start: Annotated[str | None, typer.Option("--start", help="First time used, ISO 8601 UTC.")] = None,
-    end: Annotated[str | None, typer.Option("--end", help="Last time used, ISO 8601 UTC.")] = None,
-    netcdf: Annotated[
-        Path | None,
-        typer.Option("--netcdf", metavar="GRID.nc", callback=ends_in(".nc"), help="Estimate and standard error on the grid, CF NetCDF."),
-    ] = None,
-    save_estimate: Annotated[
-        Path | None, typer.Option("--save-estimate", metavar="FLOW.nc", callback=ends_in(".nc"), help="The estimate without loss.")
-    ] = None,
-    truth: Annotated[str | None, typer.Option("--truth", metavar="T.nc[#member]", help="Known truth to score against.")] = None,
-    truth_radius: Annotated[
-        float | None, typer.Option("--truth-radius", metavar="KM", help="Score only this near to the profiles [km].")
-    ] = None,
-    checkpoint: Annotated[
-        Path | None, typer.Option("--checkpoint", metavar="FILE", help="Go on from here when the run was killed; deleted at the end.")
-    ] = None,
-    remap: RemapOption = None,
-    include_inputs: IncludeInputsOption = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be used, and the memory and time expected.")] = False,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP."""
-    job = ReplayJob(
-        logs=tuple(logs),
-        ensemble=ensemble,
-        out=out,
-        goal=place(goal, "--goal"),
-        netcdf=netcdf,
-        save_estimate=save_estimate,
-        truth=truth,
-        truth_radius_km=radius(truth_radius),
-        checkpoint=checkpoint,
-        overwrite=overwrite,
-        include_inputs=include_inputs,
-    )
-    check_outputs(job, also_read=[config], also_written=[json_file])
-    times = {"reference_time": reference_time, "place": True if place_ensemble else None}
-    settings = load_config(
-        config,
-        {
-            "logs": {"clock": clock, "start": start, "end": end, "remap": remapped(remap)},
-            "forecast": {**forecast_part(region, levels, level_step, lead), **times},
-            "estimator": {"name": estimator, "preset": preset, "modes": modes},
-            "planner": {"kind": planner},
-        },
-    )
-    if dry_run:
-        result = dry.dry_run(job, settings)
-        dry.print_dry_run(result, console_beside(json_file))
-        write_json(json_file, dry.dry_run_json(result))
-        return
-    with part_named(out), progress("replaying") as advance:
-        summary, _ = replay_logs(job, settings, planner_of(settings.planner), advance)
-    print_summary(summary, console_beside(json_file))
-    write_json(json_file, to_json(summary))
-    raise typer.Exit(summary.exit_code)
+def _missing(error: MissingArgumentError) -> str:
+    """Return what is wrong when an option is missing: an unknown one, where there is one, for it may be the missing one misspelt."""
+    unknown = next((token for token in error.unused_tokens or () if token.startswith("--")), None)
+    if unknown is None or error.app is None:
+        return str(error)
+    token = Token(keyword=unknown.partition("=")[0], value=unknown, source="cli")
+    return str(UnknownOptionError(token=token, argument_collection=error.app.assemble_argument_collection(), verbose=False))
 
 
-@app.command(cls=OnceCommand)
-def verify(
-    result: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="A result of replay.")],
-    inputs: Annotated[
-        list[Path] | None,
-        typer.Option("--inputs", metavar="DIR", help="Folder of logs and ensemble; else beside the result, then here."),
-    ] = None,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Make a result again from its inputs and the configuration in it; name what differs, with exit 5."""
-    check_paths([result], [json_file], overwrite)
-    with progress("replaying") as advance:
-        verdict = verify_result(result, inputs or [], planner_of, advance)
-    print_verdict(verdict, console_beside(json_file))
-    write_json(json_file, verdict_json(verdict))
-    raise typer.Exit(0 if verdict.same else 5)
-
-
-@app.command(cls=OnceCommand)
-def convert(
-    inputs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="IN...",
-            help="Logs: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP); several are merged by time.",
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", "-o", metavar="OUT.mcap|OUT.tlog", callback=ends_in(".mcap", ".tlog"), help="One log; its ending chooses the format."
-        ),
-    ],
-    remap: RemapOption = None,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Convert logs to one MCAP or telemetry log, losing nothing that it can hold."""
-    check_paths(inputs, [out, json_file], overwrite)
-    settings = load_config(None, {"logs": {"remap": remapped(remap)}})
-    with progress("converting") as advance:
-        summary = convert_logs(inputs, out, overwrite, settings.logs, advance)
-    print_converted(summary, console_beside(json_file))
-    write_json(json_file, convert_json(summary))
-    raise typer.Exit(4 if summary.losses else 0)
-
-
-for command in (info, qc, fit, twin, synthesize, plan):
-    app.command(cls=OnceCommand)(command)
+def _repeated(error: RepeatArgumentError) -> str:
+    """Return the option that is given more than once, and its values."""
+    given = error.token.keyword
+    assert given is not None
+    assert error.app is not None
+    names = error.app.assemble_argument_collection()[given].names
+    words = error.root_input_tokens or []
+    split = [word.partition("=") for word in words]
+    after = [*words[1:], ""]
+    values = [value if equals else after[k] for k, (name, equals, value) in enumerate(split) if name in names]
+    return f"{names[0]}: expected one value, got {' and '.join(values)}; give the option once."

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class GatingConfig(BaseModel):
     """``[gating]``: gate, softening and covariance inflation; the paper preset uses none of them."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     gate: Literal["reject", "soften", "off"] = Field(
         default="reject",

@@ -17,20 +17,22 @@ DepthUnit = Literal["m", "dm", "cm", "mm", "dbar", "bar", "Pa", "hPa", "kPa"]
 
 
 class _Map(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
-    topic: str = Field(min_length=1, description="the messages of this topic are read so, whatever their schema")
-    depth: Path | None = Field(default=None, description="the vehicle's depth, height or pressure")
-    depth_unit: DepthUnit = Field(default="m", description="of depth; a unit of pressure makes it a pressure")
-    depth_positive: Literal["down", "up"] = Field(default="down", description="which way depth grows; of no effect on a pressure")
-    depth_absolute: bool = Field(default=False, description="whether a pressure includes the atmosphere's 1013.25 hPa")
+    topic: str = Field(min_length=1, description="Topic whose messages are read in this way, whatever their schema.")
+    depth: Path | None = Field(default=None, description="Path of the vehicle's depth, height or pressure.")
+    depth_unit: DepthUnit = Field(default="m", description="Unit of depth; a unit of pressure makes it a pressure.")
+    depth_positive: Literal["down", "up"] = Field(
+        default="down", description="Direction in which depth increases; without effect on a pressure."
+    )
+    depth_absolute: bool = Field(default=False, description="Whether a pressure includes that of the atmosphere, 1013.25 hPa.")
 
 
 class _PlaceMap(_Map):
     longitude: Path | None = None
     latitude: Path | None = None
     angle_unit: AngleUnit = "deg"
-    dead_reckoned: bool = Field(default=False, description="whether the position was computed, not measured")
+    dead_reckoned: bool = Field(default=False, description="Whether the position was computed by dead reckoning, not measured.")
 
 
 class PositionMap(_PlaceMap):
@@ -52,21 +54,31 @@ class ProfileMap(_PlaceMap):
     """A topic with profiles of the current, and with the vehicle's position if the same message holds it; ``depth`` is the instrument's."""
 
     kind: Literal["profile"]
-    reference: Literal["earth", "platform"] = Field(description="what the velocities are relative to; there is no default guess")
-    frame: Literal["enu", "ned", "ship", "instrument", "beam"] = Field(description="what the components are, in this order")
-    velocity: Path | None = Field(default=None, description="components cell after cell, as lists of lists or flat")
-    components: int | None = Field(default=None, ge=2, description="components a cell, when velocity is flat")
-    east: Path | None = Field(default=None, description="one number a cell; with north instead of velocity")
+    reference: Literal["earth", "platform"] = Field(description="What the velocities are relative to; there is no default.")
+    frame: Literal["enu", "ned", "ship", "instrument", "beam"] = Field(description="Frame of the velocity components, in this order.")
+    velocity: Path | None = Field(default=None, description="Path of the components, cell after cell, as lists of lists or flat.")
+    components: int | None = Field(default=None, ge=2, description="Number of components per cell, when velocity is flat.")
+    east: Path | None = Field(
+        default=None, description="Path of the eastward velocity, one number per cell; with north instead of velocity."
+    )
     north: Path | None = None
     speed_unit: SpeedUnit = "m/s"
-    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(default=None, description="m/s, error of each component")
-    missing: tuple[float, ...] = Field(default=(), description="numbers in the message that mean no velocity, such as -32768")
-    depths: Path | None = Field(default=None, description="of the cells' centres below the surface; depth_positive holds for them")
-    distances: Path | None = Field(default=None, description="of the cells' centres from the instrument, instead of depths")
-    cell_size: float | Path | None = Field(default=None, description="a number or a path; with first_cell instead of both")
-    first_cell: float | Path | None = Field(default=None, description="instrument to the centre of the first cell; a number or a path")
-    distance_unit: LengthUnit = Field(default="m", description="of depths, distances, cell_size and first_cell")
-    orientation: Literal["down", "up"] = Field(default="down", description="where the instrument looks")
+    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(default=None, description="Standard error of each component [m/s].")
+    missing: tuple[float, ...] = Field(default=(), description="Numbers in the message that mark a missing velocity, such as -32768.")
+    depths: Path | None = Field(
+        default=None, description="Path of the depths of the cells' centres below the surface; depth_positive applies to them."
+    )
+    distances: Path | None = Field(
+        default=None, description="Path of the distances of the cells' centres from the instrument, instead of depths."
+    )
+    cell_size: float | Path | None = Field(
+        default=None, description="Size of the cells, a number or a path; with first_cell instead of depths and distances."
+    )
+    first_cell: float | Path | None = Field(
+        default=None, description="Distance from the instrument to the centre of the first cell, a number or a path."
+    )
+    distance_unit: LengthUnit = Field(default="m", description="Unit of depths, distances, cell_size and first_cell.")
+    orientation: Literal["down", "up"] = Field(default="down", description="Direction in which the instrument looks.")
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -85,20 +97,24 @@ class ProfileMap(_PlaceMap):
 
 
 class VelocityMap(_PlaceMap):
-    """A topic with one velocity at one depth: a current meter's, a mooring's, a drifter's; ``depth`` is where it was measured.
+    """A topic with one velocity at one depth, of a current meter, mooring or drifter; ``depth`` is where it was measured.
 
-    With a place of its own (paths, or ``place``) it says nothing of where the vehicle is; without one it was measured at the vehicle.
+    With a place of its own (paths, or ``place``) it does not locate the vehicle; without one it was measured at the vehicle.
     """
 
     kind: Literal["velocity"]
-    reference: Literal["earth", "platform"] = Field(description="what the velocity is relative to; there is no default guess")
+    reference: Literal["earth", "platform"] = Field(description="What the velocity is relative to; there is no default.")
     east: Path
     north: Path
     speed_unit: SpeedUnit = "m/s"
-    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(default=None, description="m/s, error of each component")
-    missing: tuple[float, ...] = Field(default=(), description="numbers in the message that mean no velocity, such as -32768")
-    at_depth: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description="m, where the message does not say it")
-    place: tuple[float, float] | None = Field(default=None, description="longitude and latitude of what does not move")
+    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(default=None, description="Standard error of each component [m/s].")
+    missing: tuple[float, ...] = Field(default=(), description="Numbers in the message that mark a missing velocity, such as -32768.")
+    at_depth: Annotated[float, Field(ge=0.0)] | None = Field(
+        default=None, description="Depth of the measurement, where the message does not state it [m]."
+    )
+    place: tuple[float, float] | None = Field(
+        default=None, description="Longitude and latitude of an instrument that does not move [degrees]."
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

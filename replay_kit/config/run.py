@@ -8,12 +8,14 @@ import tomllib
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
+from replay_kit.config.explain import explain
 from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
 from replay_kit.config.mapping import TopicMap
+from replay_kit.config.option import Option
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
 from replay_kit.config.time import TimeConfig
@@ -58,18 +60,27 @@ _Depth = Annotated[float, Field(ge=0.0)]
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    # built when first used: a command's help needs the fields alone
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class LogConfig(_Section):
     """``[logs]``: how logs are read."""
 
-    clock: Literal["log", "publish", "header"] = Field(default="log", description="which stamp orders the replay")
-    system: int | None = Field(default=None, ge=0, le=255, description="MAVLink system to read; a log with positions of several needs it")
-    start: _Time | None = Field(default=None, description="first time used, ISO 8601 UTC")
-    end: _Time | None = Field(default=None, description="last time used, ISO 8601 UTC")
-    reorder_window: float = Field(default=1.0, ge=0.0, description="s; messages later than this are counted as late and left out")
-    remap: dict[str, str] = Field(default_factory=dict, description="topics to call by another name, old = new")
+    clock: Annotated[Literal["log", "publish", "header"], Option("--clock")] = Field(
+        default="log", description="Time stamp that orders the replay."
+    )
+    system: int | None = Field(
+        default=None, ge=0, le=255, description="MAVLink system to read; required for a log with positions of several systems."
+    )
+    start: Annotated[_Time | None, Option("--start", "TIME")] = Field(default=None, description="First time used, ISO 8601 UTC.")
+    end: Annotated[_Time | None, Option("--end", "TIME")] = Field(default=None, description="Last time used, ISO 8601 UTC.")
+    reorder_window: float = Field(
+        default=1.0, ge=0.0, description="Largest delay at which a message is still sorted in [s]; later ones are counted and left out."
+    )
+    remap: Annotated[dict[str, str], Option("--remap", "OLD=NEW")] = Field(
+        default_factory=dict, description="New names of topics, by their old names; the option may be repeated."
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -91,89 +102,130 @@ class LogConfig(_Section):
 class MeasurementConfig(_Section):
     """``[measurements]``: how messages become observations."""
 
-    position_max_age: float = Field(default=600.0, gt=0.0, description="s; a ping farther than this from any fix is not used")
-    surface_depth: float = Field(default=3.0, gt=0.0, description="m; shallower than this the vehicle is at the surface")
-    velocity_std: float = Field(default=0.09, gt=0.0, description="m/s; error of a bin whose message states none")
-    reference: Literal["earth", "platform"] | None = Field(
-        default=None, description="what profiles are relative to whose message does not say so; without it they are not used"
+    position_max_age: float = Field(
+        default=600.0, gt=0.0, description="Longest time from a ping to the nearest fix [s]; a ping farther from any fix is not used."
     )
-    use_relative: bool = Field(default=True, description="whether profiles are used that nothing makes absolute, for their shear")
-    use_dac: bool = Field(default=True, description="whether dives' depth-averaged currents are used")
+    surface_depth: float = Field(default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m].")
+    velocity_std: float = Field(
+        default=0.09, gt=0.0, description="Standard error of each velocity component of a bin whose message states none [m/s]."
+    )
+    reference: Literal["earth", "platform"] | None = Field(
+        default=None,
+        description="What the velocities are relative to in profiles whose message does not state it; without it these are not used.",
+    )
+    use_relative: bool = Field(default=True, description="Use profiles relative to a platform of unknown velocity, for their shear.")
+    use_dac: bool = Field(default=True, description="Use the depth-averaged currents of dives.")
     use_inverted: bool = Field(
         default=True,
-        description="whether profiles that were computed from a dive's pings and mean current are used instead of these",
+        description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these.",
     )
     dead_reckoning: Literal["corrected", "through_water"] = Field(
         default="corrected",
-        description="through_water: it knows of no current, and gives the mean one of dives whose log states none",
+        description="Whether dead-reckoned positions include a current; through_water: they do not, and give the depth-averaged current of "
+        "dives whose log states none.",
     )
-    dac_std: float = Field(default=0.02, gt=0.0, description="m/s; error of a dive's mean current that states none, beside its fixes'")
+    dac_std: float = Field(
+        default=0.02,
+        gt=0.0,
+        description="Standard error of a depth-averaged current that states none [m/s], in addition to that of its fixes.",
+    )
     use_drift: bool = Field(
-        default=False, description="whether the way between fixes at the surface counts as the current's; not for vehicles under power"
+        default=False, description="Use the drift between fixes at the surface as a current; not for vehicles under power."
     )
-    drift_std: float = Field(default=0.07, gt=0.0, description="m/s; error of such a drift, the wind's, beside its fixes'")
+    drift_std: float = Field(
+        default=0.07, gt=0.0, description="Standard error of such a drift caused by the wind [m/s], in addition to that of its fixes."
+    )
     water_track_distance: Annotated[float, Field(ge=0.0)] | None = Field(
-        default=None, description="m below the vehicle; where the layer of a DVL's water track is, which its message does not say"
+        default=None, description="Distance of a DVL's water-track layer below the vehicle [m], which its message does not state."
     )
-    drift_depth: float = Field(default=0.5, ge=0.0, description="m; where the current that drifts the vehicle is")
-    fix_std: float = Field(default=20.0, gt=0.0, description="m; error of each component of a fix, in mean currents between fixes")
+    drift_depth: float = Field(default=0.5, ge=0.0, description="Depth of the current that moves a drifting vehicle [m].")
+    fix_std: float = Field(
+        default=20.0, gt=0.0, description="Standard error of each component of a fix [m], in mean currents between fixes."
+    )
     correlation_depth: float = Field(
-        default=0.0, ge=0.0, description="m; e-folding distance of the correlation of a ping's own errors, where it states none"
+        default=0.0, ge=0.0, description="E-folding distance of the correlation of the errors within a ping that states none [m]."
     )
-    map: tuple[TopicMap, ...] = Field(default=(), description="how to read topics that no known kind covers; replay-kit info --suggest")
-    max_speed: float = Field(default=5.0, gt=0.0, description="m/s; a bin with a faster component is not used")
+    map: tuple[TopicMap, ...] = Field(
+        default=(), description="How to read topics that no known kind covers; replay-kit info --suggest writes a first version."
+    )
+    max_speed: float = Field(default=5.0, gt=0.0, description="Largest velocity component of a bin that is used [m/s].")
     magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(
-        default=None, description="degrees east; for pings whose heading is magnetic and that state none"
+        default=None, description="Declination for pings with a magnetic heading that state none [degrees east]."
     )
-    quality: QualityConfig = QualityConfig()
+    quality: QualityConfig = Field(default_factory=QualityConfig)
 
 
 class ForecastConfig(_Section):
     """``[forecast]``: which part of the ensemble is used."""
 
-    region: tuple[float, float, float, float] | None = Field(default=None, description="west, south, east, north [degrees]")
-    levels: tuple[_Depth, ...] | None = Field(default=None, description="m; the nearest levels are taken")
-    level_step: int = Field(default=1, ge=1, description="every n-th level is used")
-    lead: float | None = Field(
+    region: Annotated[tuple[float, float, float, float] | None, Option("--region", "W,S,E,N")] = Field(
+        default=None, description="West, south, east and north bound of the part used [degrees]. Default: all."
+    )
+    levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
+        default=None, description="Depth levels used [m]; the nearest are taken. Default: all."
+    )
+    level_step: Annotated[int, Option("--level-step")] = Field(default=1, ge=1, description="Use every n-th level.")
+    lead: Annotated[float | None, Option("--lead", "LEAD")] = Field(
         default=None,
-        description="forecast period in the file's unit; the nearest is taken. Default: all dated leads where the estimate goes through "
-        "time, else the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date",
+        description="Forecast period in the file's unit; the nearest is taken. Default: all dated leads where the estimate changes in "
+        "time, else the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date.",
     )
     time: _Time | None = Field(
         default=None,
-        description="ISO 8601 UTC; the nearest time is taken. Default: all times where the estimate goes through time, else the time "
-        "nearest to the log's first message; the first time without a log",
+        description="Time of the forecast, ISO 8601 UTC; the nearest is taken. Default: all times where the estimate changes in time, else "
+        "the time nearest to the log's first message; the first time without a log.",
     )
-    reference_time: _Time | None = Field(default=None, description="ISO 8601 UTC, for a file of leads that has none")
-    place: bool = Field(default=False, description="move the ensemble's centre to the mean fix of the log")
+    reference_time: Annotated[_Time | None, Option("--reference-time", "TIME")] = Field(
+        default=None, description="Start of the forecast, ISO 8601 UTC, for a file of leads that states none."
+    )
+    place: Annotated[bool, Option("--place-ensemble")] = Field(
+        default=False, description="Move the ensemble's centre to the mean fix of the log."
+    )
 
 
 class EstimatorConfig(_Section):
     """``[estimator]``: the basis, the prior and the error model; ``None`` means the preset's own value."""
 
-    name: str = Field(default="reduced_basis", description="the project's own, or a baseline: naive3d, nearest, etkf, ...")
-    preset: Literal["default", "paper"] = "default"
-    modes: int | None = Field(default=300, ge=1, description="basis flows a level; fewer when fewer exist; 'all' for all")
-    speed: float | None = Field(
-        default=None, gt=0.0, description="m/s, the kernel's amplitude mu; default the RMS component speed of the first level"
+    name: Annotated[str, Option("--estimator", "NAME")] = Field(
+        default="reduced_basis",
+        description="The project's own estimator, reduced_basis, or a baseline: naive3d, nearest, ensemble_mean, etkf, letkf, gp, "
+        "depth_average.",
     )
-    length_horizontal: float | None = Field(default=None, gt=0.0, description="m; default two cells, paper 10 km")
-    length_vertical: float = Field(default=100.0, gt=0.0, description="m; paper only")
-    nugget: float = Field(default=1e-6, ge=0.0, description="of the kernel's largest eigenvalue; default only")
+    preset: Annotated[Literal["default", "paper"], Option("--preset")] = Field(
+        default="default", description="Settings of the estimator: the project's own, or exactly those of Kong et al. (IROS 2021)."
+    )
+    modes: Annotated[int | None, Option("--modes", "N|all")] = Field(
+        default=300, ge=1, description="Number of modes per level, fewer where fewer exist; 'all' for all."
+    )
+    speed: float | None = Field(
+        default=None, gt=0.0, description="Amplitude of the kernel [m/s]. Default: RMS component speed of the first level."
+    )
+    length_horizontal: float | None = Field(
+        default=None, gt=0.0, description="Horizontal length of the kernel [m]. Default: two cells; 10 km with the preset paper."
+    )
+    length_vertical: float = Field(default=100.0, gt=0.0, description="Vertical length of the kernel [m]; preset paper only.")
+    nugget: float = Field(default=1e-6, ge=0.0, description="Share of the kernel's largest eigenvalue added to all; preset default only.")
     sample_share: float | None = Field(
         default=None,
         ge=0.0,
         le=1.0,
-        description="of the sample covariance in the prior; the localised one has the rest; default: fitted by leaving members out",
+        description="Share of the sample covariance in the prior; the localised covariance has the rest. Default: fitted by leaving "
+        "members out.",
     )
     shift_distance: float | None = Field(
-        default=None, ge=0.0, description="m, of the members' shifted copies, 0 for none; default one correlation length; default only"
+        default=None,
+        ge=0.0,
+        description="Distance of the members' shifted copies [m], 0 for none; preset default only. Default: one correlation length.",
     )
     localisation_radius: float | None = Field(
-        default=None, gt=0.0, description="m, where the taper ends; default 6.5 correlation lengths; default only"
+        default=None,
+        gt=0.0,
+        description="Distance at which the localisation's taper is zero [m]; preset default only. Default: 6.5 correlation lengths.",
     )
-    representation_error_std: float | None = Field(default=None, ge=0.0, description="m/s; None: from what the truncated basis leaves out")
-    paper_error_std: float = Field(default=0.12, gt=0.0, description="m/s; error of every bin under the paper preset")
+    representation_error_std: float | None = Field(
+        default=None, ge=0.0, description="Representation error [m/s]. Default: from what the truncated basis does not represent."
+    )
+    paper_error_std: float = Field(default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s].")
 
     @field_validator("modes", mode="before")
     @classmethod
@@ -189,31 +241,31 @@ class EstimatorConfig(_Section):
 class OutputConfig(_Section):
     """``[output]``: what is published, and how often."""
 
-    depths: tuple[_Depth, ...] | None = Field(default=None, description="m; depth slices published; three levels by default")
-    interval: float = Field(default=21600.0, gt=0.0, description="s of log time between published grids")
-    checkpoint_interval: float = Field(default=3600.0, gt=0.0, description="s of log time between checkpoints")
-    threads: int = Field(default=1, ge=1, description="BLAS threads; other counts give other last bits")
+    depths: tuple[_Depth, ...] | None = Field(default=None, description="Depths of the published slices [m]. Default: three levels.")
+    interval: float = Field(default=21600.0, gt=0.0, description="Log time between published grids [s].")
+    checkpoint_interval: float = Field(default=3600.0, gt=0.0, description="Log time between checkpoints [s].")
+    threads: int = Field(default=1, ge=1, description="Number of BLAS threads; another number changes the last bits of the results.")
 
 
 class RunConfig(_Section):
     """All of a run's settings."""
 
-    logs: LogConfig = LogConfig()
-    measurements: MeasurementConfig = MeasurementConfig()
-    forecast: ForecastConfig = ForecastConfig()
-    estimator: EstimatorConfig = EstimatorConfig()
-    time: TimeConfig = TimeConfig()
-    gating: GatingConfig = GatingConfig()
-    planner: PlannerConfig = PlannerConfig()
-    output: OutputConfig = OutputConfig()
+    logs: LogConfig = Field(default_factory=LogConfig)
+    measurements: MeasurementConfig = Field(default_factory=MeasurementConfig)
+    forecast: ForecastConfig = Field(default_factory=ForecastConfig)
+    estimator: EstimatorConfig = Field(default_factory=EstimatorConfig)
+    time: TimeConfig = Field(default_factory=TimeConfig)
+    gating: GatingConfig = Field(default_factory=GatingConfig)
+    planner: PlannerConfig = Field(default_factory=PlannerConfig)
+    output: OutputConfig = Field(default_factory=OutputConfig)
 
 
-def load_config(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> RunConfig:
+def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -> RunConfig:
     """Return the configuration of a TOML file with command-line options laid over it.
 
     Args:
         path: The TOML file; None for the defaults.
-        overrides: Section name to option values; values of None are not options.
+        overrides: Tables as in the file, of option values; values of None are not options.
 
     Raises:
         ConfigError: The file is missing or no TOML, or a key or value is wrong.
@@ -229,49 +281,19 @@ def load_config(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | 
     if "trust" in tables:
         keys = ", ".join(f"{old} is {new}" for old, new in RENAMED_KEYS.items())
         raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")
-    for section, values in (overrides or {}).items():
-        given = {key: value for key, value in values.items() if value is not None}
-        if given:
-            table = tables.get(section, {})
-            tables[section] = {**table, **given} if isinstance(table, dict) else given
     try:
-        return RunConfig.model_validate(tables)
+        return RunConfig.model_validate(_laid_over(tables, overrides or {}))
     except ValidationError as error:
-        raise ConfigError(f"{path or 'options'}: {_explain(error)}") from error
+        raise ConfigError(f"{path or 'options'}: {explain(error, RunConfig)}") from error
 
 
-def _explain(error: ValidationError) -> str:
-    lines = []
-    for item in error.errors():
-        key = ".".join(str(part) for part in item["loc"])
-        if item["type"] == "extra_forbidden":
-            known = sorted(_known_keys(item["loc"][:-1]))
-            lines.append(f"unknown key '{key}'; known here: {', '.join(known)}")
-        else:
-            lines.append(f"'{key}': {item['msg'].removeprefix('Value error, ')}, got {item['input']!r}")
-    return "; ".join(lines)
-
-
-def _known_keys(location: tuple[int | str, ...]) -> list[str]:
-    """Return the keys known at a place: of a section, or of an entry of a list whose kind is stated."""
-    model: type[BaseModel] = RunConfig
-    for part in location:
-        if isinstance(part, int) or part not in model.model_fields:
-            continue
-        found = [kind for kind in _models_in(model.model_fields[part].annotation) if _is_kind(kind, location)]
-        if not found:
-            break
-        model = found[0]
-    return list(model.model_fields)
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for argument in get_args(annotation) for model in _models_in(argument)]
-
-
-def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
-    """Return whether a model is what a place in the configuration says: pydantic names an entry's kind in the place."""
-    kinds = get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
-    return len(kinds) != 1 or kinds[0] in location
+def _laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a table with the values given in place of its own; tables are merged, values of None are not given."""
+    merged = dict(table)
+    for key, value in given.items():
+        below = merged.get(key, {})
+        if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "remap":
+            merged[key] = _laid_over(below, value)
+        elif value is not None:
+            merged[key] = value
+    return merged

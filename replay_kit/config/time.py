@@ -4,42 +4,52 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from replay_kit.config.option import Option
+
 Oscillation = Literal["steady", "inertial", "M2", "S2", "K1", "O1"]
 Bias = Literal["heading", "scale", "shear"]
 
 
 class TimeConfig(BaseModel):
-    """``[time]``: the sea's change, oscillations and the instrument's biases."""
+    """``[time]``: change of the current in time, oscillations, and biases of the instrument."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
-    scale: Literal["auto", "static"] | Annotated[float, Field(gt=0.0)] = Field(
+    scale: Annotated[Literal["auto", "static"] | Annotated[float, Field(gt=0.0)], Option("--time-scale", "S|auto|static")] = Field(
         default="auto",
-        description="s, over which what the forecast does not say of the current is forgotten; auto: from the ensemble's change between "
-        "its times, where it has several that are dated, else static; static: the current does not change",
+        description="Time over which the part of the current that the forecast does not explain is forgotten [s]; auto: from the "
+        "ensemble's change between its dated times, static where it has one; static: the current does not change.",
     )
     trajectory_scale: float | None = Field(
-        default=None, gt=0.0, description="s, over which a mixture of the members' own evolutions is forgotten; default five times scale"
+        default=None,
+        gt=0.0,
+        description="Time over which a mixture of the members' own evolutions is forgotten [s]. Default: five times scale.",
     )
     dropped_std: float = Field(
         default=1e-3,
         ge=0.0,
-        description="m/s; directions of the localised prior are dropped whose standard deviation adds up to this at most",
+        description="Total standard deviation of the directions of the localised prior that are left out, at most [m/s].",
     )
     window: float = Field(
         default=0.0,
         ge=0.0,
-        description="s; profiles that lie within it of the first of them are one update, for logs of 1 to 10 Hz; 0 takes each alone",
+        description="Time within which profiles are combined into one update [s], for logs of 1 to 10 Hz; 0 updates with each alone.",
     )
-    oscillators: tuple[Oscillation, ...] = Field(
+    oscillators: Annotated[tuple[Oscillation, ...], Option("--oscillators", "O1,O2,...")] = Field(
         default=(),
-        description="uniform over the region, with a depth structure of their own: inertial, M2, S2, K1, O1; steady is what does not turn "
-        "and is finer in depth than the forecast's levels",
+        description="Oscillations uniform over the region with their own depth structure: inertial, M2, S2, K1, O1; steady does not "
+        "rotate and resolves depth more finely than the forecast's levels.",
     )
-    oscillator_std: float = Field(default=0.1, gt=0.0, description="m/s; prior standard deviation of an oscillation's components")
-    oscillator_scale: float = Field(default=259200.0, gt=0.0, description="s, over which an oscillation's phase is forgotten")
-    oscillator_depth_length: float = Field(default=100.0, gt=0.0, description="m, over which oscillations stay alike in depth")
-    biases: tuple[Bias, ...] = Field(default=(), description="errors of the instrument that are estimated: heading, scale, shear")
-    heading_bias_std: float = Field(default=5.0, gt=0.0, description="degrees, prior")
-    scale_bias_std: float = Field(default=0.05, gt=0.0, description="share of the velocity relative to the platform, prior")
-    shear_bias_std: float = Field(default=2e-4, gt=0.0, description="m/s a metre from the instrument, along the way through water, prior")
+    oscillator_std: float = Field(default=0.1, gt=0.0, description="Prior standard deviation of the components of an oscillation [m/s].")
+    oscillator_scale: float = Field(default=259200.0, gt=0.0, description="Time over which the phase of an oscillation is forgotten [s].")
+    oscillator_depth_length: float = Field(default=100.0, gt=0.0, description="Correlation length of oscillations in depth [m].")
+    biases: tuple[Bias, ...] = Field(default=(), description="Errors of the instrument that are estimated: heading, scale, shear.")
+    heading_bias_std: float = Field(default=5.0, gt=0.0, description="Prior standard deviation of the heading bias [degrees].")
+    scale_bias_std: float = Field(
+        default=0.05, gt=0.0, description="Prior standard deviation of the scale bias, as a share of the velocity relative to the platform."
+    )
+    shear_bias_std: float = Field(
+        default=2e-4,
+        gt=0.0,
+        description="Prior standard deviation of the shear bias along the way through water [m/s per m from the instrument].",
+    )

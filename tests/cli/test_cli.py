@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replay_kit.cli import make as cli_make
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
+from replay_kit.core.paths import check_paths
 from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies import twins
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.info.inspect import inspect_log
-from replay_kit.workflows.paths import check_paths
 from tests import synthetic
 from tests.command import run_command
 from tests.places import ROOT
@@ -126,10 +126,11 @@ def test_links_and_part_files_of_inputs_are_inputs_too(tmp_path):
 
 def test_usage_errors_and_help_keep_their_codes_and_words(tmp_path):
     for arguments, code, said in (
-        (["twin", "--nope"], 2, "No such option"),
+        (["twin", "--nope"], 2, "Unknown option: --nope"),
         (["twin", "--truth", "t.nc", "-o", "x.mcap", "--pings", "0"], 2, "--pings"),
         (["info", "absent.mcap"], 3, "no such file"),
         ([], 2, ""),
+        (["experiment"], 2, ""),
     ):
         done = run_command(tmp_path, arguments)
         assert done.returncode == code, done.stderr
@@ -151,7 +152,7 @@ def test_an_error_of_the_system_is_a_line_and_exit_1(tmp_path, monkeypatch):
     def bad(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(cli_make, "write_ensemble", bad)
+    monkeypatch.setattr(twins, "write_ensemble", bad)
     done = run_command(tmp_path, ["synthesize", "--ensemble", "e.nc", "--truth", "t.nc"])
     assert done.returncode == 1
     assert done.stderr == "replay-kit: [Errno 28] No space left on device\n"
@@ -194,7 +195,7 @@ def test_ctrl_c_elsewhere_names_no_part(tmp_path, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli_make, "write_ensemble", stop)
+    monkeypatch.setattr(twins, "write_ensemble", stop)
     done = run_command(tmp_path, ["synthesize", "--ensemble", "e.nc", "--truth", "t.nc"])
     assert (done.returncode, done.stderr) == (130, "replay-kit: interrupted\n")
 

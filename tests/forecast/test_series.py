@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.cli.options import LeadOption
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.workflows.replay.build import read_forecasts
 from tests import synthetic
+from tests.command import invoke
 
 DAY = 86_400 * 10**9
 
@@ -78,7 +78,7 @@ def test_a_command_without_a_log_uses_the_last_lead(tmp_path):
 
 
 def test_the_help_says_each_of_these_cases():
-    option = next(part for part in LeadOption.__metadata__ if hasattr(part, "help")).help
+    option = " ".join(invoke(["fit", "--help"], columns=600).stdout.split())
     for said in (option, ForecastConfig.model_fields["lead"].description):
         assert "the nearest is taken" in said
         assert "all dated leads" in said

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from replay_kit.cli.options import remapped
+from replay_kit.cli.settings import remapped
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.logs import open_log
@@ -40,7 +40,6 @@ def test_a_copy_takes_the_new_name(tmp_path: Path) -> None:
 
 
 def test_options() -> None:
-    assert remapped(None) is None
     assert remapped(["/a=/b", "/c=d=e"]) == {"/a": "/b", "/c": "d=e"}
     for wrong in (["/a"], ["=/b"], ["/a="], ["/a=/b", "/a=/c"]):
         with pytest.raises(ConfigError, match="--remap"):

@@ -6,9 +6,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from rich.console import Console
-from typer.testing import CliRunner
 
-from replay_kit.cli.app import app
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
@@ -20,6 +18,7 @@ from replay_kit.measurements import observations
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from replay_kit.workflows.info.inspect import iso
+from tests.command import invoke
 from tests.logs.log_samples import tlog
 from tests.places import DATA
 from tests.studies.twins.truths import make_truth
@@ -94,7 +93,7 @@ def test_the_command_ends_with_4_where_bytes_were_lost_and_with_0_where_none_wer
     (tmp_path / "cut.tlog").write_bytes(data[:5000] + b"\x00" * 50 + data[5000:])
     for name, code in (("sound", 0), ("cut", 4)):
         out, answer = tmp_path / f"{name}.mcap", tmp_path / f"{name}.json"
-        done = CliRunner().invoke(app, ["convert", str(tmp_path / f"{name}.tlog"), "-o", str(out), "--json", str(answer)])
+        done = invoke(["convert", str(tmp_path / f"{name}.tlog"), "-o", str(out), "--json", str(answer)])
         assert done.exit_code == code, done.exception
         # what could be read is written all the same
         assert out.exists()
@@ -193,7 +192,7 @@ def test_late_fixes_become_frames_too(tmp_path: Path) -> None:
 
 def test_the_help_names_every_format() -> None:
     for command in ("replay", "convert"):
-        said = " ".join(CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "400"}).output.split())
+        said = " ".join(invoke([command, "--help"], columns=400).output.split())
         assert "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
 
 

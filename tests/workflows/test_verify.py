@@ -9,9 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
-from typer.testing import CliRunner
 
-from replay_kit.cli import app as cli
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
@@ -23,6 +21,7 @@ from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
 from tests import synthetic
+from tests.command import invoke
 
 
 @pytest.fixture(scope="module")
@@ -202,7 +201,7 @@ def test_inputs_are_known_by_their_content(run, tmp_path):
 
 
 def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
-    said = CliRunner().invoke(cli.app, ["verify", str(run / "out.mcap"), "--json", str(tmp_path / "verdict.json")])
+    said = invoke(["verify", str(run / "out.mcap"), "--json", str(tmp_path / "verdict.json")])
     assert said.exit_code == 0
     assert "made again bit for bit" in said.output
     assert json.loads((tmp_path / "verdict.json").read_text())["same"] is True
@@ -214,7 +213,7 @@ def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
         return message.SerializeToString()
 
     path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, change))
-    said = CliRunner().invoke(cli.app, ["verify", str(path), "--inputs", str(run)])
+    said = invoke(["verify", str(path), "--inputs", str(run)])
     assert said.exit_code == 5
     assert f"message {index} differs: /vehicle/fix" in said.output
     assert "latitude: " in said.output

@@ -11,12 +11,12 @@ from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.observation import VehicleState
+from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
-from replay_kit.workflows.paths import check_paths, truth_path
 
 
 @dataclass(frozen=True, slots=True)

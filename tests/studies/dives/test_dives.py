@@ -6,9 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from typer.testing import CliRunner
 
-from replay_kit.cli.app import app
 from replay_kit.config.run import EstimatorConfig, RunConfig, load_config
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
@@ -27,6 +25,7 @@ from replay_kit.studies.twins import Options, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
 from replay_kit.workflows.replay.inputs import look_ahead
 from tests import synthetic
+from tests.command import invoke
 from tests.places import DATA
 from tests.reference import dives as slow
 
@@ -189,18 +188,18 @@ def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_pa
     synthetic.dataset(n_members=9, shape=(5, 6)).to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
     (tmp_path / "paper.toml").write_text('[estimator]\npreset = "paper"\n')
     command = ["experiment", "dives", str(log), "--ensemble", str(tmp_path / "ensemble.nc"), "--modes", "6"]
-    answer, run = tmp_path / "dives.json", CliRunner()
-    done = run.invoke(app, [*command, "--time-scale", "86400", "--oscillators", "inertial,M2", "--json", str(answer)])
+    answer = tmp_path / "dives.json"
+    done = invoke([*command, "--time-scale", "86400", "--oscillators", "inertial,M2", "--json", str(answer)])
     assert done.exit_code == 0, done.output
     assert "Surfacings:" in done.output
     found = json.loads(answer.read_text())
     assert found["oscillators"] == ["inertial", "M2"]
     assert found["dives"][-1]["settings"]["scale"] == 86400.0
     assert found["rmse"]["profiles"]["estimate"] < found["rmse"]["profiles"]["zero"]
-    refused = run.invoke(app, [*command, "--config", str(tmp_path / "paper.toml")])
+    refused = invoke([*command, "--config", str(tmp_path / "paper.toml")])
     assert isinstance(refused.exception, ConfigError)
     synthetic.dataset(n_members=9, shape=(5, 6), west=20.0).to_netcdf(tmp_path / "far.nc", engine="h5netcdf")
-    elsewhere = run.invoke(app, [*command[:3], "--ensemble", str(tmp_path / "far.nc"), "--modes", "6"])
+    elsewhere = invoke([*command[:3], "--ensemble", str(tmp_path / "far.nc"), "--modes", "6"])
     assert isinstance(elsewhere.exception, MeasurementError)
     assert "--place-ensemble" in str(elsewhere.exception)
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from replay_kit.cli.app import app
+from replay_kit.cli.app import run
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, ForecastError
@@ -286,10 +286,10 @@ def test_the_command_writes_tables_and_replaces_none_unasked(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     words = "--ensemble e.nc --leave-out 2 --reference-time 2020-01-01T00:00:00Z --modes 8 --study outliers --pings 6 -o out"
     command = ["experiment", "missions", *words.split()]
-    app(command, standalone_mode=False)
+    run(command)
     assert "with outliers, gate reject" in capsys.readouterr().out
     answer = json.loads((tmp_path / "out" / "missions.json").read_text())
     assert (answer["times"], answer["job"]["studies"]) == (2, ["outliers"])
     assert (tmp_path / "out" / "missions.csv").read_text().count("\n") == len(answer["rows"]) + 1
     with pytest.raises(ConfigError, match="--overwrite"):
-        app(command, standalone_mode=False)
+        run(command)

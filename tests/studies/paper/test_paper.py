@@ -15,10 +15,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
 import planners
-from replay_kit.cli.app import app
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
@@ -39,6 +37,7 @@ from replay_kit.studies.twins.reachable import draw_pairs
 from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
+from tests.command import invoke
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig()
@@ -351,12 +350,12 @@ def ocean(tmp_path_factory):
     return place
 
 
-def invoke(ocean, *arguments):
-    return CliRunner().invoke(app, ["experiment", "paper", "--ensemble", str(ocean / "ensemble.nc"), *map(str, arguments)])
+def paper(ocean, *arguments):
+    return invoke(["experiment", "paper", "--ensemble", str(ocean / "ensemble.nc"), *map(str, arguments)])
 
 
 def refused(ocean, *arguments):
-    done = invoke(ocean, *arguments)
+    done = paper(ocean, *arguments)
     assert done.exit_code != 0
     return done.exception
 
@@ -400,7 +399,7 @@ def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatc
         "--json",
         ocean / "a.json",
     ]
-    done = invoke(ocean, *options)
+    done = paper(ocean, *options)
     assert done.exit_code == 0, done.exception
     assert "Table III" in done.stdout
     assert (ocean / "a.json").read_text() == (ocean / "full" / "paper.json").read_text()

@@ -11,11 +11,9 @@ from types import SimpleNamespace
 import matplotlib.image
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import planners
 from planners.mission.flights import fly_mission
-from replay_kit.cli.app import app
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import to_local
@@ -31,6 +29,7 @@ from replay_kit.studies.planning.scenarios import area_downstream, entering
 from replay_kit.studies.planning.world import build_world
 from replay_kit.studies.scoring.bootstrap import bootstrap_ratio
 from tests import synthetic
+from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow, place, uniform_flow
 from tests.reference import polygon
 
@@ -83,9 +82,9 @@ def answer(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planners, "plan", partial(plan, settings=planners.GlideSettings(starts=1, n_steps=8)))
         patch.setattr(planners, "MissionSettings", lambda **how: settings(**{**how, "max_legs": 3}))
-        done = CliRunner().invoke(app, [*command, "--study", ",".join(DRAWN), "--json", str(folder / "answer.json")])
+        done = invoke([*command, "--study", ",".join(DRAWN), "--json", str(folder / "answer.json")])
     assert done.exit_code == 0, done.output
-    again = CliRunner().invoke(app, [*command, "--study", "masked"])
+    again = invoke([*command, "--study", "masked"])
     return folder / "out", json.loads((folder / "answer.json").read_text()), done.output, again
 
 
@@ -271,7 +270,7 @@ def test_what_is_refused(changed, words):
 
 def test_a_wrong_option_makes_no_folder(tmp_path):
     command = ["experiment", "planning", "--ensemble", str(tmp_path / "none.nc"), "-o", str(tmp_path / "out"), "--study", "glide"]
-    assert "expected some of glides" in str(CliRunner().invoke(app, command).exception)
+    assert "expected some of glides" in str(invoke(command).exception)
     assert not (tmp_path / "out").exists()
 
 

@@ -5,9 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from replay_kit.cli.app import app
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, EstimatorError, PlanError
 from replay_kit.studies.accuracy import AccuracyJob, run_accuracy, to_json
@@ -18,6 +16,7 @@ from replay_kit.studies.planning.result import StudyReport
 from replay_kit.studies.planning.run import Study
 from replay_kit.studies.reports.tables import Table
 from tests import synthetic
+from tests.command import invoke
 
 MEMBERS = synthetic.ensemble(n_members=5, shape=(5, 6))
 CONFIG = EstimatorConfig(modes=6)
@@ -107,7 +106,7 @@ def test_a_run_that_is_killed_leaves_the_methods_that_were_done(failing, ensembl
     answer = tmp_path / "answer.json"
     command = ["experiment", "accuracy", "--ensemble", str(ensemble), "--leave-out", "2", "--pings", "1,3", "--seeds", "1", "--modes", "6"]
     with pytest.raises(Killed):
-        CliRunner().invoke(app, [*command, "--methods", "nearest,etkf,ensemble_mean", "--json", str(answer)])
+        invoke([*command, "--methods", "nearest,etkf,ensemble_mean", "--json", str(answer)])
     said = json.loads(answer.read_text())
     assert said["unfinished"] is True
     assert [(row["method"], row["pings"]) for row in said["results"]] == [("nearest", 1), ("nearest", 3)]
@@ -118,7 +117,7 @@ def test_a_command_whose_methods_all_fail_writes_why_and_is_no_success(failing, 
     failing(np.linalg.LinAlgError("singular"))
     answer = tmp_path / "answer.json"
     command = ["experiment", "accuracy", "--ensemble", str(ensemble), "--leave-out", "2", "--pings", "1", "--seeds", "1", "--modes", "6"]
-    done = CliRunner().invoke(app, [*command, "--methods", "etkf", "--json", str(answer)])
+    done = invoke([*command, "--methods", "etkf", "--json", str(answer)])
     assert isinstance(done.exception, EstimatorError)
     assert "etkf after 1 pings: LinAlgError: singular" in done.output
     said = json.loads(answer.read_text())
@@ -161,7 +160,7 @@ def test_a_study_with_a_fault_of_the_program_ends_the_run(studies, error):
 
 
 def planning(ensemble, out, *more):
-    return CliRunner().invoke(app, ["experiment", "planning", "--ensemble", str(ensemble), "-o", str(out), "--modes", "6", *more])
+    return invoke(["experiment", "planning", "--ensemble", str(ensemble), "-o", str(out), "--modes", "6", *more])
 
 
 def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(studies, ensemble, tmp_path):

@@ -9,7 +9,6 @@ import math
 import numpy as np
 import pytest
 
-from replay_kit.cli import info as cli_info
 from replay_kit.config.run import load_config
 from replay_kit.core.message import Message
 from replay_kit.estimator import build_estimator
@@ -19,6 +18,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.quality.import_faults import declination_of, depth_faults, direction_faults, scale_faults
 from replay_kit.studies.twins import make_twin
 from replay_kit.workflows.info.import_check import ImportCheck, Suspicion, check_import, import_check_json, soundings
+from tests.command import invoke
 from tests.measurements.samples import mavlink_frames, ping
 from tests.places import SAMPLES
 from tests.planted import NAMES, PINGS, planted
@@ -121,13 +121,13 @@ def test_an_infinite_gain_is_null_in_json():
     assert answer["undetermined"] == ["e"]
 
 
-def test_info_with_an_ensemble(capsys, tmp_path, surveys):
+def test_info_with_an_ensemble(tmp_path, surveys):
     write_mcap_log(tmp_path / "wrong.mcap", planted(surveys[0], "the declination was applied twice"))
     (tmp_path / "run.toml").write_text("[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n")
-    with pytest.raises(cli_info.typer.Exit) as end:
-        cli_info.info([tmp_path / "wrong.mcap"], config=tmp_path / "run.toml", ensemble=SAMPLES / "ensemble.nc")
-    assert end.value.exit_code == 0
-    said = capsys.readouterr().out
+    options = ["--config", str(tmp_path / "run.toml"), "--ensemble", str(SAMPLES / "ensemble.nc")]
+    done = invoke(["info", str(tmp_path / "wrong.mcap"), *options])
+    assert done.exit_code == 0
+    said = done.stdout
     assert "LIKELY FAULT: the declination was applied twice" in said
 
 
@@ -136,14 +136,13 @@ def test_a_malformed_ping_states_no_declination():
     assert math.isnan(declination_of(Message(0, "/x", "DEBUG_FLOAT_ARRAY", {"name": "ADCP_CFG"}, 0, 0)))
 
 
-def test_a_mission_in_two_files_is_checked_as_one(capsys, tmp_path, surveys):
+def test_a_mission_in_two_files_is_checked_as_one(tmp_path, surveys):
     messages = list(planted(surveys[1], "the sign of east is wrong"))
     files = [tmp_path / "nav.mcap", tmp_path / "adcp.mcap"]
     for file, pings in zip(files, (False, True), strict=True):
         write_mcap_log(file, [message for message in messages if (message.topic == "/adcp") == pings])
     (tmp_path / "run.toml").write_text("[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n")
-    with pytest.raises(cli_info.typer.Exit):
-        cli_info.info(files, config=tmp_path / "run.toml", ensemble=SAMPLES / "ensemble.nc", json_file=tmp_path / "info.json")
-    assert capsys.readouterr().out.count("LIKELY FAULT: the sign of east is wrong") == 1
+    options = ["--config", tmp_path / "run.toml", "--ensemble", SAMPLES / "ensemble.nc", "--json", tmp_path / "info.json"]
+    assert invoke(["info", *map(str, [*files, *options])]).stdout.count("LIKELY FAULT: the sign of east is wrong") == 1
     answer = json.loads((tmp_path / "info.json").read_text())
     assert (answer["import_check"]["profiles"], len(answer["logs"])) == (30, 2)

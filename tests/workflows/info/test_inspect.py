@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from replay_kit.cli import info as cli_info
 from replay_kit.config.run import load_config
 from replay_kit.workflows.info.inspect import inspect_log, print_info
+from tests.command import invoke
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 
@@ -25,29 +25,28 @@ def log(tmp_path):
     return path
 
 
-def run_info(capsys, *arguments, **options):
-    with pytest.raises(cli_info.typer.Exit) as end:
-        cli_info.info(*arguments, **options)
-    return end.value.exit_code, capsys.readouterr()
+def run_info(*arguments):
+    done = invoke(["info", *map(str, arguments)])
+    return done.exit_code, done
 
 
-def test_a_suggested_mapping_is_printed_alone(capsys, log):
-    code, said = run_info(capsys, [log], suggest=cli_info.Path("-"))
+def test_a_suggested_mapping_is_printed_alone(log):
+    code, said = run_info(log, "--suggest", "-")
     assert code == 0
-    assert said.out.startswith("# A first mapping")
-    assert 'topic = "/vendor/nav"' in said.out
-    assert "/adcp" not in said.out
-    assert "mavlink" not in said.out
-    assert "Use: replay" in said.err
+    assert said.stdout.startswith("# A first mapping")
+    assert 'topic = "/vendor/nav"' in said.stdout
+    assert "/adcp" not in said.stdout
+    assert "mavlink" not in said.stdout
+    assert "Use: replay" in said.stderr
 
 
-def test_a_suggested_mapping_makes_the_topic_usable(capsys, log, tmp_path):
+def test_a_suggested_mapping_makes_the_topic_usable(log, tmp_path):
     before = inspect_log(log, load_config(None))
     assert set(before.unknown) == {"/vendor/nav", "/vendor/text"}
-    code, _ = run_info(capsys, [log], suggest=tmp_path / "map.toml")
+    code, _ = run_info(log, "--suggest", tmp_path / "map.toml")
     assert code == 0
-    _, said = run_info(capsys, [log], config=tmp_path / "map.toml", json_file=cli_info.Path("-"))
-    assert json.loads(said.out)["logs"][0]["positions"] == before.content.positions + 3
+    _, said = run_info(log, "--config", tmp_path / "map.toml", "--json", "-")
+    assert json.loads(said.stdout)["logs"][0]["positions"] == before.content.positions + 3
 
 
 def test_a_depth_averaged_current_is_no_position(tmp_path):
@@ -64,5 +63,5 @@ def test_every_note_of_the_reader_and_what_is_damaged_or_unchecked_is_printed(lo
     told = {"notes": ("the clock was set twice",), "undecodable": {"/raw": (7, "no schema")}, "unchecked": {"chunks": 3}}
     text = io.StringIO()
     print_info(replace(found, report=replace(found.report, **told)), Console(file=text, width=200))
-    for words in ("Note: the clock was set twice", "Cannot be decoded: 7 x /raw: no schema", "No checksum covers"):
+    for words in ("Note: the clock was set twice", "Cannot be decoded: 7 x /raw: no schema", "Without a checksum"):
         assert words in text.getvalue()

@@ -1,14 +1,12 @@
 """``replay-kit qc``: what each test did, told as a table and as JSON, and that a replay uses the same."""
 
 import json
-from pathlib import Path
 
 import gsw
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from replay_kit.cli import qc as cli_qc
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
@@ -17,6 +15,7 @@ from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
+from tests.command import invoke
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 from tests.places import ROOT
@@ -41,17 +40,15 @@ def log(tmp_path):
     return path
 
 
-def run_qc(capsys, *arguments, **options):
-    with pytest.raises(cli_qc.typer.Exit) as end:
-        cli_qc.qc(*arguments, **options)
-    return end.value.exit_code, capsys.readouterr()
+def run_qc(*arguments):
+    done = invoke(["qc", *map(str, arguments)], columns=200)
+    return done.exit_code, done
 
 
-def test_each_test_says_what_it_did(capsys, monkeypatch, log):
-    monkeypatch.setenv("COLUMNS", "200")
-    code, said = run_qc(capsys, [log], json_file=Path("-"))
+def test_each_test_says_what_it_did(log):
+    code, said = run_qc(log, "--json", "-")
     assert code == 0
-    answer = json.loads(said.out)
+    answer = json.loads(said.stdout)
     (topic,) = answer["topics"]
     assert topic["pings"] == 3
     assert topic["bins"] == {"good": 6, "not_evaluated": 0, "suspect": 1, "fail": 5, "missing": 3}
@@ -65,31 +62,31 @@ def test_each_test_says_what_it_did(capsys, monkeypatch, log):
     assert lost["reasons"] == ["missing", "tilt"]
     assert lost["time"] == "1970-01-01T00:00:03Z"
     assert answer["settings"]["quality"]["tilt_fail"] == 30.0
-    assert "8 the ping has no correlation" in said.err
-    assert "Pings that lose every bin: 1" in said.err
-    assert "Not used: 1 x /adcp: heading is magnetic" in said.err
+    assert "8 the ping has no correlation" in said.stderr
+    assert "Pings that lose every bin: 1" in said.stderr
+    assert "Not used: 1 x /adcp: heading is magnetic" in said.stderr
 
 
-def test_the_configuration_moves_the_limits(capsys, log, tmp_path):
+def test_the_configuration_moves_the_limits(log, tmp_path):
     (tmp_path / "run.toml").write_text('[measurements.quality]\ntilt_fail = "off"\ntilt_suspect = "off"\ncorrelation_fail = 5.0\n')
-    _, said = run_qc(capsys, [log], config=tmp_path / "run.toml", json_file=Path("-"))
-    (topic,) = json.loads(said.out)["topics"]
+    _, said = run_qc(log, "--config", tmp_path / "run.toml", "--json", "-")
+    (topic,) = json.loads(said.stdout)["topics"]
     assert topic["bins"]["fail"] == 0
     assert topic["pings_lost"] == []
 
 
-def test_a_dive_is_told(capsys, tmp_path):
+def test_a_dive_is_told(tmp_path):
     depths = [0.0, 20.0, 60.0, 100.0, 60.0, 20.0, 0.0, 0.0]
     messages = [m for k, depth in enumerate(depths) for m in (fix(60 * k, depth=depth), ping(60 * k, **{**CELLS, "pressure": None}))]
     (tmp_path / "glider.mcap").write_bytes(json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]))
-    _, said = run_qc(capsys, [tmp_path / "glider.mcap"], json_file=Path("-"))
-    track = json.loads(said.out)["track"]
+    _, said = run_qc(tmp_path / "glider.mcap", "--json", "-")
+    track = json.loads(said.stdout)["track"]
     assert (track["dives"], track["yos"], track["legs"]) == (1, 1, 2)
     assert [leg["profile_direction"] for leg in track["profiles"]] == [1, -1]
     assert track["profiles"][0]["depths"] == [20.0, 100.0]
     assert track["apogees"] == [{"time": "1970-01-01T00:03:00Z", "depth": 100.0}]
     assert track["surfacings"] == ["1970-01-01T00:06:00Z"]
-    assert "Track: 1 dives, 1 yos, 2 profiles, 1 surfacings" in said.err
+    assert "Track: 1 dives, 1 yos, 2 profiles, 1 surfacings" in said.stderr
 
 
 def test_a_pressure_is_shown_as_a_depth(tmp_path):

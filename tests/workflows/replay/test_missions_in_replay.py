@@ -13,10 +13,8 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rich.console import Console
-from typer.testing import CliRunner
 
 from planners import MissionRequest, plan_mission
-from replay_kit.cli import app as cli
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError
@@ -33,6 +31,7 @@ from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml
 from replay_kit.workflows.verify import verify
 from tests import synthetic
+from tests.command import invoke
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
 PLANNER = PlannerConfig(kind="mission", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0)
@@ -174,7 +173,7 @@ def test_settings_that_contradict_each_other_are_refused(tmp_path, ocean):
     # asked for on the command line; a glide has no dives that could be too deep
     path.write_text(run_settings_toml(CONFIG.model_copy(update={"planner": PlannerConfig(depth=900.0)})))
     logs = [str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "-o", str(tmp_path / "out.mcap")]
-    done = CliRunner().invoke(cli.app, ["replay", *logs, "--config", str(path), "--goal=152.42,-39.66,0", "--planner", "mission"])
+    done = invoke(["replay", *logs, "--config", str(path), "--goal=152.42,-39.66,0", "--planner", "mission"])
     assert "[planner] depth is 900 m" in str(done.exception)
 
 

@@ -8,9 +8,7 @@ import pytest
 import xarray as xr
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from typer.testing import CliRunner
 
-from replay_kit.cli import app as cli
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.core.flow.load import load
@@ -27,6 +25,7 @@ from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
+from tests.command import invoke
 
 SETTINGS = RunConfig()
 GOAL = Place(152.3, -39.8, 150.0)
@@ -280,7 +279,7 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
         "--json",
         str(tmp_path / "o.json"),
     ]
-    done = CliRunner().invoke(cli.app, arguments)
+    done = invoke(arguments)
     assert done.exit_code == 0, done.output
     assert "RMS innovation by dive" in done.output
     answer = json.loads((tmp_path / "o.json").read_text())
@@ -292,7 +291,7 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
 
 
 def test_info_says_what_a_log_is_good_for(ocean, tmp_path):
-    done = CliRunner().invoke(cli.app, ["info", str(ocean / "glider.mcap"), str(ocean / "glider.tlog"), "--json", str(tmp_path / "i.json")])
+    done = invoke(["info", str(ocean / "glider.mcap"), str(ocean / "glider.tlog"), "--json", str(tmp_path / "i.json")])
     assert done.exit_code == 0, done.output
     one, other = json.loads((tmp_path / "i.json").read_text())["logs"]
     assert one["use"].startswith("replay")
@@ -310,14 +309,14 @@ def test_info_says_what_a_log_is_good_for(ocean, tmp_path):
 )
 def test_bad_options_end_as_configuration_errors(ocean, tmp_path, arguments, error):
     base = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "-o", str(tmp_path / "o.mcap")]
-    done = CliRunner().invoke(cli.app, [*base, *arguments])
+    done = invoke([*base, *arguments])
     assert isinstance(done.exception, error)
     assert done.exception.exit_code == 2
 
 
 def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path):
     arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--modes", "20", "--dry-run"]
-    done = CliRunner().invoke(cli.app, [*arguments, "-o", str(tmp_path / "o.mcap"), "--json", str(tmp_path / "d.json")])
+    done = invoke([*arguments, "-o", str(tmp_path / "o.mcap"), "--json", str(tmp_path / "d.json")])
     assert done.exit_code == 0, done.output
     answer = json.loads((tmp_path / "d.json").read_text())
     assert (answer["profiles_used"], answer["members"], answer["modes"], answer["state_size"]) == (40, 40, 20, 80)
@@ -325,7 +324,7 @@ def test_a_dry_run_says_what_would_be_used_and_writes_nothing(ocean, tmp_path):
 
 
 def test_version():
-    done = CliRunner().invoke(cli.app, ["--version"])
+    done = invoke(["--version"])
     assert done.exit_code == 0
     assert done.output.startswith("replay-kit ")
 
@@ -385,5 +384,5 @@ def test_nothing_is_claimed_to_be_known_outside_the_region(ocean):
 
 def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
     arguments = ["replay", str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--dry-run", "--estimator", "etkf"]
-    done = CliRunner().invoke(cli.app, [*arguments, "-o", str(tmp_path / "o.mcap")])
+    done = invoke([*arguments, "-o", str(tmp_path / "o.mcap")])
     assert isinstance(done.exception, ConfigError)

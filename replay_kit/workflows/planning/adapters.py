@@ -1,28 +1,21 @@
-"""The planners bound to a configuration: what ``replay`` and the studies ask of them."""
+"""The planners bound to a configuration, behind the protocol that ``replay`` and the studies call."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 import planners
 from planners.mission.flights import fly_mission, surfacing_ellipses
-from planners.output.mission import as_glide, legs_table
+from planners.output.mission import as_glide
 from planners.route.region import locate, region_of
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import distance, to_geographic
-from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing
-from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay.planner import Planner, PlanResult
-from replay_kit.workflows.replay.provenance import run_settings_toml
 
 # The estimates that a mission is planned on reach over so many times the way through still water.
 _AHEAD = 1.5
@@ -177,46 +170,3 @@ def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:
         goal_legs=(1,),
         goal_times=surfaces,
     )
-
-
-def config_of(config: RunConfig, settings: planners.MissionSettings) -> RunConfig:
-    """Return the configuration that a mission was planned with: what only ``plan`` sets otherwise is laid over it.
-
-    Args:
-        config: With the command's options.
-        settings: Of the mission; weights of an objective have no place in a configuration.
-    """
-    planned: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
-    if isinstance(settings.objective, str):
-        planned["objective"] = settings.objective
-    return config.model_copy(update={"planner": config.planner.model_copy(update=planned)})
-
-
-def write_plan(
-    path: Path,
-    overwrite: bool,
-    made: tuple[planners.MissionPlan, Array | None],
-    projection: Projection,
-    metadata: Mapping[str, Mapping[str, str]],
-    config: RunConfig,
-) -> None:
-    """Write a mission as a result of its own.
-
-    Args:
-        path: The result.
-        overwrite: Replace an existing one.
-        made: The mission, and its ellipses of shape (L, 5) or None.
-        projection: The local frame of its track.
-        metadata: Inputs, options and versions.
-        config: All settings, attached as ``config.toml``.
-
-    Raises:
-        ConfigError: The result exists and may not be replaced, or cannot be written.
-        ReplayKitError: It could not be written whole.
-    """
-    mission, ellipses = made
-    legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, ellipses)}
-    about = {**metadata, "mission": {"status": mission.status, "message": mission.message}, "legs": legs}
-    with ResultWriter(path, overwrite) as writer:
-        writer.start(projection, mission.start_time_ns, about, run_settings_toml(config))
-        writer.plan(as_glide(mission, projection), projection)

@@ -1,0 +1,62 @@
+"""``experiment accuracy``: estimators compared on twin surveys."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, OneTruth
+from replay_kit.cli.console import console_beside, keep_json, working, write_json
+from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, numbers, option
+from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.paths import check_paths
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Survey:
+    """What is compared, on what."""
+
+    pings: Annotated[str, option("--pings", "Numbers of pings at which estimates are scored.", metavar="N1,N2,...")] = "5,10,25,50,150,450"
+    noise: Noise = 0.09
+    seeds: Annotated[int, option("--seeds", "Number of surveys of each truth, with seeds 0 to N-1.", least=1)] = 5
+    methods: Annotated[
+        str | None,
+        option(
+            "--methods",
+            "Estimators compared. Default: default,paper,paper_cells,naive3d,nearest,ensemble_mean,etkf,letkf,gp.",
+            metavar="M1,M2,...",
+        ),
+    ] = None
+
+
+@takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
+def accuracy(
+    *,
+    truths: Annotated[OneTruth, TO_INPUTS],
+    survey: Annotated[Survey, TO_OPTIONS] = Survey(),
+    settings: Settings,
+    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+) -> int:
+    """Return 0.
+
+    Raises:
+        EstimatorError: Every method failed.
+    """
+    check_paths([*truths.files, settings.file], [answer.json_file], answer.overwrite)
+    config = settings.load()
+
+    from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
+
+    truths.check("accuracy")
+    counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
+    methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
+    job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
+    members, withheld = truths.read(config.forecast)
+    with working(config.output.threads) as advance:
+        result = run_accuracy(
+            members, withheld, config.estimator, job, advance, lambda partial: keep_json(answer.json_file, to_json(partial))
+        )
+    print_accuracy(result, console_beside(answer.json_file))
+    write_json(answer.json_file, to_json(result))
+    if all(row.failed for row in result.rows):
+        raise EstimatorError(f"experiment accuracy: every method failed, the first with {result.rows[0].failed}")
+    return 0

@@ -1,0 +1,111 @@
+"""``experiment planning``: plans made on estimates, flown in truths that the estimates do not know."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth
+from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, option
+from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.paths import check_paths
+
+if TYPE_CHECKING:
+    from replay_kit.studies.planning import PlanningResult
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truths(OneTruth):
+    """The ensemble and its truths."""
+
+    leave_out: Annotated[
+        str | None,
+        option("--leave-out", "Members that are withheld as truths. Default: 20 evenly spread.", metavar="K,K,...|all"),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sizes:
+    """What is planned, and how many of each."""
+
+    study: Annotated[
+        str | None,
+        option(
+            "--study",
+            "Parts of the study: glides, missions, scenarios, masked, infeasible, replanning. Default: all possible.",
+            metavar="S1,S2,...",
+        ),
+    ] = None
+    pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides and missions, over all truths.", least=1)] = 100
+    pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
+    legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
+    scenarios: Annotated[int, option("--scenarios", "Number of missions planned for samples.", least=1)] = 10
+    fresh: Annotated[int, option("--fresh", "Number of further samples that these are flown through.", least=1)] = 500
+    masks: Annotated[int, option("--masks", "Number of random cases with islands and areas.", least=1)] = 200
+    replans: Annotated[int, option("--replans", "Number of missions planned anew at each surfacing.", least=1)] = 40
+    noise: Noise = 0.09
+    seed: Annotated[int, option("--seed", "Seed of everything that is drawn.", least=0)] = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs(Answer):
+    """What is written."""
+
+    out: Annotated[Path, option("--out -o", "Folder for report, tables and pictures; made if absent.", metavar="DIR"), FOLDER]
+
+
+@takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
+def planning(
+    *,
+    truths: Annotated[Truths, TO_INPUTS],
+    outputs: Annotated[Outputs, TO_OUTPUTS],
+    sizes: Annotated[Sizes, TO_OPTIONS] = Sizes(),
+    settings: Settings,
+) -> int:
+    """Return 0.
+
+    Raises:
+        EstimatorError: Every part of the study failed.
+    """
+    from replay_kit.studies import planning as study
+    from replay_kit.studies.reports.write import check_folder
+
+    out = outputs.out
+    possible = [name for name in study.STUDIES if truths.truth is None or name != study.WITHOUT_TRUTH]
+    chosen = tuple(possible) if sizes.study is None else tuple(sizes.study.split(","))
+    check_folder(out)
+    check_paths([*truths.files, settings.file], [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
+    config = settings.load()
+    job = study.PlanningJob(
+        chosen,
+        truths.leave_out,
+        sizes.pairs,
+        sizes.pings,
+        sizes.noise,
+        sizes.legs,
+        scenarios=sizes.scenarios,
+        fresh=sizes.fresh,
+        masks=sizes.masks,
+        replans=sizes.replans,
+        seed=sizes.seed,
+    )
+    # before anything is read or made
+    job.check(study.STUDIES)
+    members, withheld = truths.read(config.forecast)
+
+    def keep(partial: "PlanningResult") -> None:
+        # made before the first study, so that a folder that cannot be made is reported at once
+        out.mkdir(exist_ok=True)
+        if partial.reports:
+            study.write_planning(out, partial)
+
+    with working(config.output.threads) as advance:
+        result = study.run_planning(members, withheld, config.estimator, job, advance, keep)
+    console = console_beside(outputs.json_file)
+    study.print_planning(result, console)
+    console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
+    write_json(outputs.json_file, study.to_json(result))
+    if all(report.failed for report in result.reports):
+        raise EstimatorError(f"experiment planning: every study failed, the first with {result.reports[0].failed}")
+    return 0

@@ -1,0 +1,42 @@
+"""Options that studies share: the truths, the folder of the report."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from replay_kit.cli.options import Ending, Ensemble, Truth, option
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.paths import truth_path
+
+if TYPE_CHECKING:
+    from replay_kit.core.grid import Ensemble as Members
+
+FOLDER = Ending()
+# Settings that the estimators of these studies have; name and preset are those that a study compares.
+ESTIMATOR = {"estimator.name", "estimator.preset"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OneTruth:
+    """The ensemble, and one truth of its own or members withheld."""
+
+    ensemble: Ensemble
+    truth: Truth = None
+    leave_out: Annotated[str | None, option("--leave-out", "Members that are withheld as truths.", metavar="K|all|most-distant")] = None
+
+    @property
+    def files(self) -> list[Path | None]:
+        """The files that are read."""
+        return [self.ensemble, truth_path(self.truth)]
+
+    def check(self, study: str) -> None:
+        """Raise ConfigError unless one of the two is given."""
+        if (self.truth is None) == (self.leave_out is None):
+            raise ConfigError(f"experiment {study}: expected one of --truth and --leave-out")
+
+    def read(self, config: ForecastConfig) -> "tuple[Members, Members | None]":
+        """Return the ensemble, and the truth where it is one of its own."""
+        from replay_kit.forecast import read_ensemble, read_truth
+
+        return read_ensemble(self.ensemble, config), None if self.truth is None else read_truth(self.truth, config)

@@ -1,0 +1,62 @@
+"""``info``: what is in a log."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from replay_kit.cli.console import console_beside, write_json, write_text
+from replay_kit.cli.options import INPUTS, TO_OUTPUTS, Answer, Ending, Log, option
+from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.paths import check_paths
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs(Answer):
+    """What is written."""
+
+    suggest: Annotated[
+        Path | None,
+        option("--suggest", "Write a first mapping of the topics that no known kind covers; - is standard output.", metavar="FILE.toml"),
+        Ending((".toml",), stream=True),
+    ] = None
+
+
+@takes_settings("logs.clock", "logs.system", "logs.remap", "measurements")
+def info(
+    *logs: Log,
+    ensemble: Annotated[
+        Path | None,
+        option(
+            "--ensemble",
+            "Ensemble forecast against which axes, signs, units, declination and depths are checked.",
+            metavar="FILE",
+            group=INPUTS,
+        ),
+    ] = None,
+    outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
+    settings: Settings,
+) -> int:
+    """Return 0, or 4 when bytes of a log were lost."""
+    suggest, json_file = outputs.suggest, outputs.json_file
+    if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
+        raise ConfigError("--suggest and --json: only one of them can have standard output; give the other a file")
+    check_paths([*logs, settings.file, ensemble], [suggest, json_file], outputs.overwrite)
+    config = settings.load()
+
+    from replay_kit.measurements import suggestions
+    from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
+    from replay_kit.workflows.info.inspect import info_json, inspect_log, print_info
+
+    found = [inspect_log(path, config) for path in logs]
+    check = None if ensemble is None else check_logs(list(logs), ensemble, config)
+    console = console_beside(json_file, suggest)
+    for log in found:
+        print_info(log, console)
+    if check is not None:
+        print_import_check(check, console)
+    if suggest is not None:
+        write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
+    answer = {"logs": [info_json(log) for log in found]}
+    write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
+    return 4 if any(log.report.losses for log in found) else 0

@@ -1,0 +1,186 @@
+"""``plan``: a glider's mission on an estimate."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from replay_kit.cli.console import console_beside, write_json, write_text
+from replay_kit.cli.options import MCAP, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ending, argument, flag, numbers, option, place
+from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.paths import check_paths
+
+if TYPE_CHECKING:
+    from replay_kit.workflows.planning.mission import PlannedMission
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Places:
+    """From where to where, and what must be kept clear of."""
+
+    start: Annotated[str, option("--start", "Where the mission begins [degrees, degrees, m].", metavar="LON,LAT,DEPTH")]
+    goal: Annotated[
+        list[str],
+        option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"),
+    ]
+    no_go: Annotated[
+        Path | None,
+        option(
+            "--no-go", "Polygons that the glider must not enter; with the property surface_only dives may pass below.", metavar="GEOJSON"
+        ),
+    ] = None
+    bathymetry: Annotated[Path | None, option("--bathymetry", "Depth of the bottom on a grid.", metavar="FILE.nc")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aim:
+    """What the mission is for."""
+
+    objective: Annotated[
+        str | None,
+        option(
+            "--objective",
+            "What is minimised: time, energy, closest, or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5. "
+            "Default: time.",
+            metavar="NAME|WEIGHTS",
+        ),
+    ] = None
+    mooring: Annotated[
+        str | None, option("--mooring", "Stay within a radius of the goal [m] for a duration [hours].", metavar="RADIUS,HOURS")
+    ] = None
+    surfacings_only: Annotated[
+        bool, flag("--surfacings-only", "With --mooring, only surfacings must lie within the radius, not the track between them.")
+    ] = False
+    line: Annotated[bool, flag("--line", "Follow the line from the start to the goal.")] = False
+    line_weight: Annotated[float | None, option("--line-weight", "Cross-track penalty with --line [h per h and km].", least=0.0)] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """How the mission is planned."""
+
+    angles: Annotated[
+        str | None, option("--angles", "Shallowest and steepest glide angle [degrees]. Default: 15,35.", metavar="MIN,MAX")
+    ] = None
+    spline: Annotated[
+        int,
+        option("--spline", "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.", least=0),
+    ] = 0
+    risk: Annotated[
+        float | None,
+        option(
+            "--risk", "Keep a margin such that at most this share of the samples violates a constraint; needs --samples.", metavar="SHARE"
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs(Answer):
+    """What is written."""
+
+    out: Annotated[Path | None, option("--out -o", "Predicted track and legs, for any MCAP viewer.", metavar="PLAN.mcap"), MCAP] = None
+    geojson: Annotated[
+        Path | None,
+        option("--geojson", "Track, surfacings and goals; - is standard output.", metavar="FILE"),
+        Ending((".geojson", ".json"), stream=True),
+    ] = None
+    csv: Annotated[
+        Path | None,
+        option("--csv", "One line for each leg; - is standard output.", metavar="FILE"),
+        Ending((".csv",), stream=True),
+    ] = None
+    waypoints: Annotated[
+        Path | None,
+        option(
+            "--waypoints",
+            "Short list of places to head for: .csv, .geojson, .json, .ma for a Slocum, .targets for a Seaglider.",
+            metavar="FILE",
+        ),
+        Ending((".csv", ".geojson", ".json", ".ma", ".targets")),
+    ] = None
+    waypoint_tolerance: Annotated[
+        float | None,
+        option(
+            "--waypoint-tolerance",
+            "Distance off the track within which no waypoint is needed [m]. Default: the tolerance of the plan.",
+            least=0.0,
+        ),
+    ] = None
+
+
+@takes_settings(
+    "planner",
+    without=[f"planner.{key}" for key in ("kind", "when", "interval", "flow_step", "objective", "min_angle", "max_angle")],
+    short="planner",
+)
+def plan(
+    *flows: Annotated[
+        Path, argument("FLOW", "Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.")
+    ],
+    places: Annotated[Places, TO_INPUTS],
+    aim: Annotated[Aim, TO_OPTIONS] = Aim(),
+    method: Annotated[Method, TO_OPTIONS] = Method(),
+    settings: Settings,
+    outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
+) -> int:
+    """Return 0; a plan that cannot reach its goal is a result."""
+    streams = outputs.geojson, outputs.csv, outputs.json_file
+    if sum(str(path) == "-" for path in streams) > 1:
+        raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
+    check_paths([*flows, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite)
+    start, goals = place(places.start, "--start"), tuple(place(text, "--goal") for text in places.goal)
+    least, most = _pair(method.angles, "--angles", "MIN,MAX") or (None, None)
+    config = settings.load(planner={"min_angle": least, "max_angle": most})
+
+    from replay_kit.workflows.planning.mission import make_mission
+    from replay_kit.workflows.planning.outputs import print_mission, write_mission
+    from replay_kit.workflows.planning.request import MissionKind, PlanJob
+
+    kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
+    job = PlanJob(
+        flows,
+        start,
+        goals,
+        kind=kind,
+        no_go=places.no_go,
+        bathymetry=places.bathymetry,
+        spline=method.spline,
+        risk=method.risk,
+        waypoints=outputs.waypoints is not None,
+        waypoint_tolerance=outputs.waypoint_tolerance,
+    )
+    job.check()
+    planned = make_mission(job, config.planner)
+    print_mission(planned, console_beside(*streams))
+    _write(planned, outputs)
+    if outputs.out is not None:
+        asked = {"start": places.start, "goals": " ".join(places.goal), "objective": aim.objective, "mooring": aim.mooring}
+        more = {
+            "spline": method.spline,
+            "risk": method.risk,
+            "surfacings_only": aim.surfacings_only,
+            "line_weight": kind.cross_track_weight,
+        }
+        write_mission(outputs.out, outputs.overwrite, planned, job, {**asked, **more}, config)
+    return 0
+
+
+def _write(planned: "PlannedMission", outputs: Outputs) -> None:
+    """Write the mission in each text format that is asked for."""
+    from replay_kit.workflows.planning.outputs import mission_csv, mission_geojson, mission_json, waypoint_file
+
+    if outputs.geojson is not None:
+        write_text(outputs.geojson, mission_geojson(planned))
+    if outputs.csv is not None:
+        write_text(outputs.csv, mission_csv(planned))
+    if outputs.waypoints is not None and planned.waypoints is not None:
+        write_text(outputs.waypoints, waypoint_file(planned.waypoints, outputs.waypoints))
+    write_json(outputs.json_file, mission_json(planned))
+
+
+def _pair(text: str | None, name: str, form: str) -> tuple[float, float] | None:
+    """Return the two numbers of an option; None when it is not given."""
+    if text is None:
+        return None
+    first, second = numbers(text, name, form)
+    return first, second

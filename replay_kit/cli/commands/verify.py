@@ -1,0 +1,36 @@
+"""``verify``: a result made again and compared."""
+
+from pathlib import Path
+from typing import Annotated
+
+from replay_kit.cli.console import console_beside, progress, write_json
+from replay_kit.cli.options import INPUTS, TO_OUTPUTS, Answer, argument, option
+from replay_kit.core.paths import check_paths
+
+
+def verify(
+    result: Annotated[Path, argument("OUT.mcap", "A result of replay.")],
+    /,
+    *,
+    inputs: Annotated[
+        list[Path] | None,
+        option(
+            "--inputs",
+            "Folder of the logs and the ensemble; may be repeated. Default: the result's, then this.",
+            metavar="DIR",
+            group=INPUTS,
+        ),
+    ] = None,
+    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+) -> int:
+    """Return 0, or 5 when the result could not be made again."""
+    from replay_kit.workflows.planning import planner_of
+    from replay_kit.workflows.verify import print_verdict, verdict_json
+    from replay_kit.workflows.verify import verify as verify_result
+
+    check_paths([result], [answer.json_file], answer.overwrite)
+    with progress("replaying") as advance:
+        verdict = verify_result(result, inputs or [], planner_of, advance)
+    print_verdict(verdict, console_beside(answer.json_file))
+    write_json(answer.json_file, verdict_json(verdict))
+    return 0 if verdict.same else 5

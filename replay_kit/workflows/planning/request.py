@@ -1,0 +1,150 @@
+"""What the command ``plan`` is asked for, with the options that exclude each other refused."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+from planners import Line, MissionPlan, MissionRequest, Mooring, Weights, plan_line, plan_mission, plan_mooring
+from planners.mission.values import Objective
+from replay_kit.core.errors import ConfigError, PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.plan import Place
+
+# Cost of an hour one kilometre off the line, in hours, when that is not stated.
+_LINE_WEIGHT = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionKind:
+    """A mission to goals; a mooring or a line when one of these is given.
+
+    Attributes:
+        mooring: Radius [m] and duration [hours] of a mooring.
+        surfacings_only: Whether only the surfacings of a mooring must lie within its radius.
+        line: Whether the mission follows the line from its start to its goal.
+        line_weight: Cross-track penalty of a line [h per h and km]; None for 10.
+        objective: Name of an objective, or weights; None for the configuration's.
+    """
+
+    mooring: tuple[float, float] | None = None
+    surfacings_only: bool = False
+    line: bool = False
+    line_weight: float | None = None
+    objective: str | None = None
+
+    @property
+    def cross_track_weight(self) -> float | None:
+        """Cross-track penalty of a line [h per h and km]; None when no line is followed."""
+        return (_LINE_WEIGHT if self.line_weight is None else self.line_weight) if self.line else None
+
+    def check(self, n_goals: int, risk: float | None, waypoints: bool) -> None:
+        """Refuse options that do not go together.
+
+        Args:
+            n_goals: Number of goals.
+            risk: Share of samples that may violate a constraint; None when none is stated.
+            waypoints: Whether a list of waypoints is asked for.
+
+        Raises:
+            ConfigError: Two options exclude each other, or one needs another that is not given.
+        """
+        moored, lined = self.mooring is not None, self.line
+        refusals = (
+            (self.surfacings_only and not moored, "--surfacings-only: expected --mooring beside it; only a mooring counts surfacings"),
+            (self.line_weight is not None and not lined, "--line-weight: expected --line beside it"),
+            (self.objective is not None and moored, "--objective: a mooring has none but to stay near its place; leave it out"),
+            (moored and lined, "--mooring and --line: a mission is one or the other"),
+            ((moored or lined) and (n_goals > 1 or risk is not None), "--mooring and --line: expected one --goal and no --risk"),
+            (waypoints and moored, "--waypoints: a mooring has none on its way; give the glider the mooring's place"),
+        )
+        for refused, message in refusals:
+            if refused:
+                raise ConfigError(message)
+
+    def plan(self, flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest) -> MissionPlan:
+        """Return the mission of this kind.
+
+        Args:
+            flow: The current, or its estimates for increasing times.
+            request: Start, goals, vehicle, settings and constraints.
+        """
+        if self.mooring is not None:
+            radius, hours = self.mooring
+            return plan_mooring(flow, request, Mooring(radius, 3600.0 * hours, self.surfacings_only))
+        if self.cross_track_weight is not None:
+            return plan_line(flow, request, Line(weight=self.cross_track_weight))
+        return plan_mission(flow, request)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanJob:
+    """A mission to plan, and the files that it is planned on.
+
+    Attributes:
+        flows: Files of the estimate; several hold for increasing times.
+        start: Where it begins.
+        goals: Where it goes, in this order.
+        kind: To goals, a mooring, or along a line.
+        no_go: GeoJSON of areas; None for none.
+        bathymetry: NetCDF with the depth of the bottom; None for none.
+        spline: Points per kernel length of the B-spline that the optimisation uses; 0 optimises in the estimate itself.
+        risk: Share of samples that may violate a constraint; None plans without samples.
+        waypoints: Whether a short list of waypoints is made.
+        waypoint_tolerance: Distance off the track where no waypoint is needed [m]; None for the plan's tolerance.
+    """
+
+    flows: tuple[Path, ...]
+    start: Place
+    goals: tuple[Place, ...]
+    kind: MissionKind = MissionKind()
+    no_go: Path | None = None
+    bathymetry: Path | None = None
+    spline: int = 0
+    risk: float | None = None
+    waypoints: bool = False
+    waypoint_tolerance: float | None = None
+
+    def check(self) -> None:
+        """Refuse options that do not go together.
+
+        Raises:
+            ConfigError: Two options exclude each other, or one needs another that is not given.
+        """
+        if self.waypoint_tolerance is not None and not self.waypoints:
+            raise ConfigError("--waypoint-tolerance: expected --waypoints beside it")
+        self.kind.check(len(self.goals), self.risk, self.waypoints)
+
+    def check_samples(self, count: int) -> None:
+        """Refuse samples or a risk that do not go with the estimates given.
+
+        Args:
+            count: Number of samples asked for.
+
+        Raises:
+            ConfigError: There are several estimates, or the risk is not a share, or comes without samples.
+        """
+        n_flows, risk = len(self.flows), self.risk
+        if risk is not None and not (0.0 <= risk < 1.0 and count > 0 and n_flows == 1):
+            raise ConfigError(
+                f"--risk: expected a share from 0 to below 1, --samples and one estimate, got {risk:g}, {count} and {n_flows}"
+            )
+        if count > 0 and n_flows > 1:
+            raise ConfigError("--samples: samples of one estimate do not change in time as several do; give one estimate")
+
+
+def objective_of(text: str) -> Objective | Weights:
+    """Return an objective by its name, or weights such as ``time=1,energy=0.02,closest=5``.
+
+    Raises:
+        ConfigError: It is neither.
+    """
+    for name in get_args(Objective):
+        if text == name:
+            return name  # type: ignore[no-any-return]
+    try:
+        pairs = [part.partition("=") for part in text.split(",")]
+        return Weights(**{name: float(value) for name, _, value in pairs})
+    except (TypeError, ValueError, PlanError) as error:
+        known = ", ".join(get_args(Objective))
+        raise ConfigError(f"--objective: expected one of {known}, or weights time=A,energy=B,closest=C, got {text!r}") from error

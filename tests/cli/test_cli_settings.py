@@ -1,0 +1,149 @@
+"""Options made from the settings: each setting is an option, means what the key in a file means, and help is quick to have."""
+
+import subprocess
+import sys
+
+import pytest
+
+from planners.output.waypoints import FORMS
+from replay_kit.cli.app import app
+from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.errors import ConfigError
+from replay_kit.studies.accuracy import METHODS
+from replay_kit.studies.missions import STUDIES as MISSION_STUDIES
+from replay_kit.studies.planning import STUDIES as PLANNING_STUDIES
+from tests.command import invoke
+from tests.places import ROOT
+
+# as a file and as options have them
+SAME = [
+    ("logs.remap", "{ '/a' = '/b', '/c' = '/d' }", ["/a=/b", "/c=/d"]),
+    ("logs.clock", "'header'", "header"),
+    ("logs.start", "'2018-11-16'", "2018-11-16"),
+    ("forecast.region", "[-10, 20.5, -5, 25]", "-10,20.5,-5,25"),
+    ("forecast.levels", "[5, 150]", "5,150"),
+    ("forecast.place", "true", True),
+    ("estimator.modes", "'all'", "all"),
+    ("time.scale", "'static'", "static"),
+    ("time.scale", "86400.0", "86400"),
+    ("time.oscillators", "['M2', 'inertial']", "M2,inertial"),
+    ("measurements.use_dac", "false", False),
+    ("measurements.quality.tilt_fail", "'off'", "off"),
+    ("planner.depth", "300", "300"),
+    ("output.depths", "[10]", "10"),
+]
+
+
+def given(path: str, value: object) -> Settings:
+    """Return the settings of a command whose only option is that of one setting."""
+
+    @takes_settings(path)
+    def command(settings: Settings) -> int:
+        return 0
+
+    kind = command.__kwdefaults__["settings"].__class__
+    return kind(**{path.replace(".", "__"): value})
+
+
+@pytest.mark.parametrize(("path", "text", "value"), SAME)
+def test_an_option_means_what_the_key_in_a_file_means(path, text, value, tmp_path) -> None:
+    section, _, key = path.rpartition(".")
+    (tmp_path / "run.toml").write_text(f"[{section}]\n{key} = {text}\n")
+    assert given(path, value).load() == load_config(tmp_path / "run.toml") != RunConfig()
+
+
+def test_options_win_over_the_file_and_leave_its_other_keys(tmp_path) -> None:
+    (tmp_path / "run.toml").write_text("[measurements.quality]\ntilt_fail = 20.0\nleg = 5.0\n")
+
+    @takes_settings("measurements.quality.tilt_fail")
+    def command(settings: Settings) -> int:
+        return 0
+
+    kind = command.__kwdefaults__["settings"].__class__
+    quality = kind(config=tmp_path / "run.toml", measurements__quality__tilt_fail="25").load().measurements.quality
+    assert (quality.tilt_fail, quality.leg) == (25.0, 5.0)
+    with pytest.raises(ConfigError, match=r"'measurements\.quality\.tilt_fail': .* got 'steep'"):
+        kind(measurements__quality__tilt_fail="steep").load()
+
+
+def test_replay_has_an_option_for_every_setting_with_its_help() -> None:
+    options = {name: option for option in app["replay"].assemble_argument_collection() for name in option.names}
+
+    def check(model: type, prefix: str) -> int:
+        count = 0
+        for name, setting in model.model_fields.items():
+            path = f"{prefix}{name}"
+            if hasattr(setting.annotation, "model_fields"):
+                count += check(setting.annotation, f"{path}.")
+            elif path != "measurements.map":
+                assert options[f"--{path.replace('_', '-')}"].parameter.help.startswith(setting.description), path
+                count += 1
+        return count
+
+    assert check(RunConfig, "") > 90
+
+
+def test_a_section_that_is_not_there_is_a_fault_of_the_program() -> None:
+    with pytest.raises(AssertionError, match="nonsense"):
+        takes_settings("nonsense")
+
+
+def test_help_lists_what_the_libraries_have() -> None:
+    for words, names in (
+        (["plan"], FORMS),
+        (["experiment", "missions"], MISSION_STUDIES),
+        (["experiment", "planning"], PLANNING_STUDIES),
+        (["experiment", "accuracy"], METHODS),
+    ):
+        said = invoke([*words, "--help"], columns=400).stdout
+        assert all(name in said for name in names), words
+
+
+@pytest.mark.parametrize(
+    ("arguments", "nearest"),
+    [
+        (["twin", "--truht", "t.nc", "-o", "x.mcap"], "--truth"),
+        (["replay", "a.mcap", "--ensemble", "e.nc", "-o", "x.mcap", "--mode", "3"], "--modes"),
+        (["replay", "a.mcap", "--ensemble", "e.nc", "-o", "x.mcap", "--planner.dept", "3"], "--planner.depth"),
+        (["replya"], '"replay"'),
+        (["experiment", "acuracy"], '"accuracy"'),
+    ],
+)
+def test_a_misspelt_word_names_the_nearest(arguments, nearest) -> None:
+    done = invoke(arguments)
+    assert done.exit_code == 2
+    assert f"Did you mean {nearest}?" in done.stderr
+    assert "--help." in done.stderr
+
+
+def test_help_is_as_wide_as_it_is_told_to_be() -> None:
+    for columns in (60, 100, 240):
+        lines = invoke(["replay", "--help"], columns=columns).stdout.splitlines()
+        assert max(map(len, lines)) == columns
+    wide = python("-m", "replay_kit", "qc", "--help", env={})
+    assert max(map(len, wide.splitlines())) == 160
+
+
+def test_help_and_refusals_load_no_library_that_takes_long() -> None:
+    code = (
+        "import sys\nfrom replay_kit.cli.app import main\n"
+        "slow = {'numpy', 'scipy', 'xarray', 'matplotlib', 'casadi', 'mcap', 'pymavlink'}\n"
+        "try: main()\nexcept SystemExit: print(sorted(slow & sys.modules.keys()))"
+    )
+    for arguments in (["replay", "--help"], ["replay", "a.mcap", "--nope"], ["plan", "--help"], ["--version"]):
+        assert python("-c", code, *arguments).splitlines()[-1] == "[]", arguments
+
+
+def python(*arguments: str, env: dict[str, str] | None = None) -> str:
+    """Return what a process of its own prints."""
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, env=env, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def test_completion_can_be_installed(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("SHELL", "/bin/bash")
+    assert invoke(["--install-completion"]).exit_code == 0
+    scripts = [path for path in tmp_path.rglob("*") if path.is_file() and "replay" in path.read_text()]
+    assert any("--ensemble" in path.read_text() for path in scripts)
