@@ -14,7 +14,7 @@ import numpy as np
 from planners import Glider
 from planners.flow import field_function
 from planners.mission.leg import leg_depths, leg_function, stage_latent, steps_needed
-from planners.mission.program import MissionData, MissionGuess, MissionShape, _programs, solve_mission
+from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, _programs, solve_mission
 from planners.solver import HOUR, KM, OPTIONS
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -137,7 +137,7 @@ def solve_here(case: Case) -> Solved:
     data = MissionData(case.start, 0.0, case.goal[None], (case.depths,), np.zeros(N), planes, 1.0, 0.0, 50.0, case.flow.latent)
 
     def solve(guess: MissionGuess, warm_start: bool) -> Any:
-        return solve_mission(case.flow, _VEHICLE, shape, data, guess, None, warm_start=warm_start)
+        return solve_mission(MissionModel(case.flow, _VEHICLE, shape), data, guess, warm_start=warm_start)
 
     answer = solve(MissionGuess(case.places, np.full(N, case.heading), np.full(N, _FIRST)), False)
     return Solved(answer.objective, np.rad2deg(answer.guess.headings), lambda: solve(answer.guess, True))

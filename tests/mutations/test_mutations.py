@@ -124,6 +124,7 @@ def test_the_survivor_of_a_small_project_is_named(tmp_path):
     (tmp_path / "tests" / "test_toy.py").write_text(
         "from planners.toy import positive\n\n\ndef test_positive():\n    assert positive(1)\n    assert not positive(-1)\n"
     )
+    shutil.copy(ROOT / "tests" / "places.py", tmp_path / "tests" / "places.py")
     shutil.copytree(ROOT / "tests" / "mutations", tmp_path / "tests" / "mutations", ignore=shutil.ignore_patterns("__pycache__", "test_*"))
     subprocess.run(["git", "init", "--quiet"], cwd=tmp_path, check=True)
     command = [sys.executable, "-m", "tests.mutations", "--seed", "1", "--workers", "2", "--json", "found.json"]

@@ -284,6 +284,7 @@ def test_the_command_writes_tables_and_replaces_none_unasked(tmp_path, monkeypat
     ds["lead"].attrs["units"] = "days"
     ds.to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
     words = "--ensemble e.nc --leave-out 2 --reference-time 2020-01-01T00:00:00Z --modes 8 --study outliers --pings 6 -o out"
     command = ["experiment", "missions", *words.split()]
     run(command)
