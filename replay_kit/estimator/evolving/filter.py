@@ -104,8 +104,7 @@ class EvolvingEstimator:
         """Return the state after an observation, and the innovation.
 
         An observation without a usable bin, older than the state by more than twenty minutes, or the same as the one before, leaves the
-        state untouched. With a window, profiles that lie in it count together: all are held against the state before the first of them,
-        which alone is watched, as they share that state's error.
+        state untouched. Profiles in one window count together: all are compared with the state before the first, which alone is watched.
         """
         group = state.group if state.group is not None and state.group.takes(observation, self.window) else None
         offered = self.offered(state, observation, None if group is None else group.before)
@@ -244,8 +243,7 @@ class EvolvingEstimator:
 
         @cache
         def covariance(levels: tuple[int, ...] | None) -> Array:
-            chosen = slice(None) if levels is None else list(levels)
-            loading = sea.loading(at)[:, chosen].reshape(sea.size, -1)
+            loading = sea.loading(at)[:, slice(None) if levels is None else list(levels)].reshape(sea.size, -1)
             return np.asarray(loading.T @ state.cov[: sea.size, : sea.size] @ loading)
 
         latent = basis.offset + basis.modes @ self.weights(state).reshape(basis.grid.levels.size, -1).T
