@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,8 @@ class Written:
         sequence: Its number in the channel.
         data: As written.
         encoding: Of the data.
-        schema: Name, encoding and definition; None without one.
+        schema: Name and encoding of the schema; None without one.
+        definition: Of the schema; two messages may be equal without it.
     """
 
     topic: str
@@ -62,7 +63,8 @@ class Written:
     sequence: int
     data: bytes
     encoding: str
-    schema: tuple[str, str, bytes] | None
+    schema: tuple[str, str] | None
+    definition: bytes = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +111,14 @@ def read_recorded(path: Path) -> Recorded:
     return Recorded(metadata, config, tuple(digests), attachments)
 
 
-def first_difference(one: Path, other: Path, end: int | None = None) -> Difference | None:
+def first_difference(one: Path, other: Path, end: int | None = None, definitions: bool = True) -> Difference | None:
     """Return the first message that two results do not share; None when they share all.
 
     Args:
         one: A result.
         other: A result; of both, an unfinished one will do.
         end: Ordinal at which to stop; None for the end.
+        definitions: Whether the definitions of the schemas are compared too; results of different contract versions differ there.
     """
     pairs = zip_longest(_messages(one), _messages(other))
     for index, (a, b) in enumerate(islice(pairs, end)):
@@ -123,7 +126,7 @@ def first_difference(one: Path, other: Path, end: int | None = None) -> Differen
             more = a or b
             assert more is not None
             return Difference(index, more.topic, more.time_ns, (f"only {'the first' if b is None else 'the second'} has this message",))
-        if a != b:
+        if a != b or (definitions and a.definition != b.definition):
             return Difference(index, a.topic, a.time_ns, tuple(islice(_what_differs(a, b), _FIELDS_SHOWN)))
     return None
 
@@ -141,9 +144,9 @@ def _messages(path: Path) -> Iterator[Written]:
                 elif isinstance(record, Message):
                     channel = channels[record.channel_id]
                     schema = schemas[channel.schema_id] if channel.schema_id else None
-                    definition = (schema.name, schema.encoding, schema.data) if schema else None
+                    name, definition = ((schema.name, schema.encoding), schema.data) if schema else (None, b"")
                     times = record.log_time, record.publish_time, record.sequence
-                    yield Written(channel.topic, *times, record.data, channel.message_encoding, definition)
+                    yield Written(channel.topic, *times, record.data, channel.message_encoding, name, definition)
         except _DAMAGED:
             # an unfinished file ends where it ends
             return
@@ -154,8 +157,9 @@ def _what_differs(a: Written, b: Written) -> Iterator[str]:
         if getattr(a, name) != getattr(b, name):
             yield f"{name}: {getattr(a, name)} | {getattr(b, name)}"
     if a.schema != b.schema:
-        names = [message.schema[0] if message.schema else None for message in (a, b)]
-        yield f"schema: {names[0]} | {names[1]}" if names[0] != names[1] else f"schema: the definitions of {names[0]} differ"
+        yield "schema: " + " | ".join(" ".join(message.schema or ("none",)) for message in (a, b))
+    elif a.definition != b.definition and a.data == b.data:
+        yield f"schema: the definitions of {a.schema[0] if a.schema else None} differ"
     elif a.data != b.data:
         yield from _contents(a, b)
 
@@ -163,7 +167,7 @@ def _what_differs(a: Written, b: Written) -> Iterator[str]:
 def _contents(a: Written, b: Written) -> Iterator[str]:
     """Yield the fields that differ of two messages of one schema."""
     try:
-        schema = Schema(id=1, name=a.schema[0], encoding=a.schema[1], data=a.schema[2]) if a.schema else None
+        schema = Schema(id=1, name=a.schema[0], encoding=a.schema[1], data=a.definition) if a.schema else None
         decode = DecoderFactory().decoder_for(a.encoding, schema)
         if decode is not None:
             yield from _fields(decode(a.data), decode(b.data), "")
@@ -175,8 +179,8 @@ def _contents(a: Written, b: Written) -> Iterator[str]:
 
 def _fields(a: ProtobufMessage, b: ProtobufMessage, path: str) -> Iterator[str]:
     """Yield the fields that differ, each as path and both values."""
-    for field in a.DESCRIPTOR.fields:
-        ours, theirs, name = getattr(a, field.name), getattr(b, field.name), f"{path}{field.name}"
+    for described in a.DESCRIPTOR.fields:
+        ours, theirs, name = getattr(a, described.name), getattr(b, described.name), f"{path}{described.name}"
         if isinstance(ours, Sequence) and not isinstance(ours, str | bytes):
             if len(ours) != len(theirs):
                 yield f"{name}: {len(ours)} | {len(theirs)} elements"

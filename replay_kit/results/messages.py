@@ -35,7 +35,7 @@ _LEVELS = {
 }
 _SECOND = 1_000_000_000
 # attributes that the messages have under the same names
-_OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic gate signal_dof prior_inflation"
+_OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic signal_dof prior_inflation"
 _OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time"
 
 
@@ -101,6 +101,7 @@ def innovation(value: Innovation) -> bytes:
         "accepted": bool(value.accepted),
         "flags": value.flags.tolist(),
         "reasons": value.reasons.tolist(),
+        "gate_threshold": value.gate,
     }
     for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
         values[f"{name}_east"], values[f"{name}_north"] = getattr(value, name).T
@@ -153,7 +154,7 @@ def plan_outcome(outcome: Outcome) -> bytes:
             "actual": {"longitude": outcome.longitude, "latitude": outcome.latitude, "depth": 0.0},
             "distance": outcome.distance,
             "direction_deg": outcome.direction_deg,
-            "late": outcome.late,
+            "delay": outcome.late,
             "inside_ellipse": bool(outcome.inside),
         }
         | {f"ellipse_{name}": math.nan if ellipse is None else getattr(ellipse, field) for name, field in names.items()},

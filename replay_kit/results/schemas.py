@@ -12,7 +12,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 
-CONTRACT_VERSION = 2
+CONTRACT_VERSION = 3
 
 _PACKAGE = "replay_kit"
 _TIME = ".google.protobuf.Timestamp"
@@ -40,84 +40,55 @@ class Field(NamedTuple):
     repeated: bool = False
 
 
+def _fields(type_name: str, *names: str) -> tuple[Field, ...]:
+    """Return fields of one type; ``[]`` behind the type makes them lists."""
+    kind = type_name.removesuffix("[]")
+    return tuple(Field(name, kind, kind != type_name) for name in names)
+
+
 MESSAGES: dict[str, tuple[Field, ...]] = {
     "FlowEstimate": (
-        Field("timestamp", _TIME),
-        Field("n_modes", "uint32"),
-        Field("levels", "double", repeated=True),
-        Field("weights", "double", repeated=True),
-        Field("n_observations", "uint32"),
+        *_fields(_TIME, "timestamp"),
+        *_fields("uint32", "n_modes"),
+        *_fields("double[]", "levels", "weights"),
+        *_fields("uint32", "n_observations"),
     ),
     "Innovation": (
-        Field("timestamp", _TIME),
-        Field("source_input", "uint32"),
-        Field("source_topic", "string"),
-        Field("source_position", "uint64"),
-        Field("source_time", _TIME),
-        Field("dive", "uint32"),
-        Field("depth", "double", repeated=True),
-        Field("innovation_east", "double", repeated=True),
-        Field("innovation_north", "double", repeated=True),
-        Field("innovation_std_east", "double", repeated=True),
-        Field("innovation_std_north", "double", repeated=True),
-        Field("residual_east", "double", repeated=True),
-        Field("residual_north", "double", repeated=True),
-        Field("prior_innovation_east", "double", repeated=True),
-        Field("prior_innovation_north", "double", repeated=True),
-        Field("nis", "double"),
-        Field("dof", "uint32"),
-        Field("accepted", "bool"),
-        Field("error_inflation", "double"),
-        Field("flags", "int32", repeated=True),
-        Field("reasons", "uint32", repeated=True),
-        Field("decision", "string"),
-        Field("gate_statistic", "double"),
-        Field("gate", "double"),
-        Field("signal_dof", "double"),
-        Field("prior_inflation", "double"),
+        *_fields(_TIME, "timestamp"),
+        *_fields("uint32", "source_input"),
+        *_fields("string", "source_topic"),
+        *_fields("uint64", "source_position"),
+        *_fields(_TIME, "source_time"),
+        *_fields("uint32", "dive"),
+        *_fields("double[]", "depth", "innovation_east", "innovation_north", "innovation_std_east", "innovation_std_north"),
+        *_fields("double[]", "residual_east", "residual_north", "prior_innovation_east", "prior_innovation_north"),
+        *_fields("double", "nis"),
+        *_fields("uint32", "dof"),
+        *_fields("bool", "accepted"),
+        *_fields("double", "error_inflation"),
+        *_fields("int32[]", "flags"),
+        *_fields("uint32[]", "reasons"),
+        *_fields("string", "decision"),
+        *_fields("double", "gate_statistic", "gate_threshold", "signal_dof", "prior_inflation"),
     ),
-    "Place": (
-        Field("longitude", "double"),
-        Field("latitude", "double"),
-        Field("depth", "double"),
-    ),
-    "Statistic": (
-        Field("name", "string"),
-        Field("value", "string"),
-    ),
+    "Place": _fields("double", "longitude", "latitude", "depth"),
+    "Statistic": _fields("string", "name", "value"),
     "Plan": (
-        Field("timestamp", _TIME),
-        Field("status", "string"),
-        Field("message", "string"),
-        Field("start", ".replay_kit.Place"),
-        Field("goal", ".replay_kit.Place"),
-        Field("heading_deg", "double"),
-        Field("glide_angle_deg", "double"),
-        Field("speed", "double"),
-        Field("velocity_through_water", "double", repeated=True),
-        Field("duration", "double"),
-        Field("closest_approach", "double"),
-        Field("track_time", "double", repeated=True),
-        Field("track_east", "double", repeated=True),
-        Field("track_north", "double", repeated=True),
-        Field("track_depth", "double", repeated=True),
-        Field("statistics", ".replay_kit.Statistic", repeated=True),
+        *_fields(_TIME, "timestamp"),
+        *_fields("string", "status", "message"),
+        *_fields(".replay_kit.Place", "start", "goal"),
+        *_fields("double", "heading_deg", "glide_angle_deg", "speed"),
+        *_fields("double[]", "velocity_through_water"),
+        *_fields("double", "duration", "closest_approach"),
+        *_fields("double[]", "track_time", "track_east", "track_north", "track_depth"),
+        *_fields(".replay_kit.Statistic[]", "statistics"),
     ),
     "PlanOutcome": (
-        Field("timestamp", _TIME),
-        Field("planned_time", _TIME),
-        Field("predicted_time", _TIME),
-        Field("predicted", ".replay_kit.Place"),
-        Field("actual", ".replay_kit.Place"),
-        Field("distance", "double"),
-        Field("direction_deg", "double"),
-        Field("late", "double"),
-        Field("inside_ellipse", "bool"),
-        Field("ellipse_longitude", "double"),
-        Field("ellipse_latitude", "double"),
-        Field("ellipse_major", "double"),
-        Field("ellipse_minor", "double"),
-        Field("ellipse_bearing", "double"),
+        *_fields(_TIME, "timestamp", "planned_time", "predicted_time"),
+        *_fields(".replay_kit.Place", "predicted", "actual"),
+        *_fields("double", "distance", "direction_deg", "delay"),
+        *_fields("bool", "inside_ellipse"),
+        *_fields("double", "ellipse_longitude", "ellipse_latitude", "ellipse_major", "ellipse_minor", "ellipse_bearing"),
     ),
 }
 

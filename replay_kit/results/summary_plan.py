@@ -50,7 +50,7 @@ def _outcome_json(outcome: Outcome) -> dict[str, Any]:
         "actual": [outcome.longitude, outcome.latitude],
         "distance_m": outcome.distance,
         "direction_deg": outcome.direction_deg,
-        "late_s": outcome.late,
+        "delay_s": outcome.late,
         "inside_ellipse": outcome.inside,
     }
 
@@ -60,7 +60,7 @@ def _figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     return {
         "count": len(outcomes),
         "distance_median_m": float(np.median([outcome.distance for outcome in outcomes])),
-        "late_median_s": float(np.median([outcome.late for outcome in outcomes])),
+        "delay_median_s": float(np.median([outcome.late for outcome in outcomes])),
         "inside_ellipse": float(np.mean(inside)) if inside else None,
     }
 
@@ -71,5 +71,5 @@ def outcomes_sentence(outcomes: Sequence[Outcome]) -> str:
     share = figures["inside_ellipse"]
     return (
         f"{figures['count']} predicted by the plan before; median distance {figures['distance_median_m']:.0f} m, "
-        f"{figures['late_median_s'] / 60.0:+.0f} min" + ("" if share is None else f", {100.0 * share:.0f} % inside the 90 % ellipse")
+        f"{figures['delay_median_s'] / 60.0:+.0f} min" + ("" if share is None else f", {100.0 * share:.0f} % inside the 90 % ellipse")
     )

@@ -1,7 +1,6 @@
-"""Whether a result can be made again: its inputs are replayed with its configuration, and the first difference is named.
+"""Whether a result can be reproduced: its inputs are replayed with its configuration, and the first difference is reported.
 
-The composer of ``replay-kit verify``. The result carries digests of its messages every few hours of log time; the repetition is
-stopped at the first that differs.
+The result holds digests of its messages every few hours of log time; the repeated run stops at the first that differs.
 """
 
 import tempfile
@@ -20,7 +19,7 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
-from replay_kit.results import Difference, Digest, Recorded, first_difference, read_recorded
+from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, first_difference, read_recorded
 from replay_kit.results.mcap_writer import CONFIG_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import Planner
@@ -32,13 +31,13 @@ _VERSIONS = "replay_kit.versions"
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What came of making a result again.
+    """Comparison of a result with its repetition.
 
     Attributes:
         result: The result.
-        messages: Number of messages found the same.
-        difference: The first message that is not; None when all are.
-        others: Attachments and metadata records that are not the same.
+        messages: Number of messages that are the same.
+        difference: The first message that differs; None when none does.
+        others: Attachments and metadata records that differ.
         notes: What may explain a difference: other versions.
     """
 
@@ -50,7 +49,7 @@ class Verdict:
 
     @property
     def same(self) -> bool:
-        """Whether the result was made again, bit for bit."""
+        """Whether the result was reproduced bit for bit."""
         return self.difference is None and not self.others
 
 
@@ -61,7 +60,7 @@ class _DivergedError(Exception):
 def verify(
     result: Path, folders: Sequence[Path], planner_of: Callable[[PlannerConfig], Planner], on_message: Callable[[int], None] | None = None
 ) -> Verdict:
-    """Return what comes of making a result again from its inputs and the configuration in it.
+    """Return the comparison of a result with a new replay of its inputs with its configuration.
 
     Args:
         result: A result of ``replay``.
@@ -73,6 +72,8 @@ def verify(
         LogError: The result cannot be read, or an input is not found.
     """
     recorded = _with_current_keys(read_recorded(result))
+    # another version of the contract names fields otherwise, but their bytes can be compared
+    definitions = _contract(recorded) == str(CONTRACT_VERSION)
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "config.toml"
         settings.write_text(recorded.config_toml, encoding="utf-8")
@@ -83,13 +84,13 @@ def verify(
         made, stopped = _repeat(job, config, planner, recorded.digests, on_message)
         difference = None
         if stopped is not None:
-            difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages)
+            difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages, definitions)
         if stopped is not None and difference is None:
             # the digest itself is what differs: nothing less than everything must be compared
             made, _ = _repeat(job, config, planner, (), on_message)
         others: tuple[str, ...] = ()
         if difference is None:
-            difference = first_difference(result, again)
+            difference = first_difference(result, again, definitions=definitions)
             others = _others_that_differ(recorded, read_recorded(again))
     return Verdict(result, difference.index if difference else made, difference, others, _other_versions(recorded))
 
@@ -104,9 +105,15 @@ def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:
     """Return attachments and metadata records that are not the same, but for versions and what a truth is scored with."""
     attachments = [f"attachment {name}" for name in _unequal(one.attachments, other.attachments)]
     ours, theirs = ({name: _without_truth(values) for name, values in recorded.metadata.items()} for recorded in (one, other))
-    metadata = [f"metadata {name}" for name in _unequal(ours, theirs) if name != _VERSIONS]
+    ignored = {_VERSIONS} if _contract(one) == _contract(other) else {_VERSIONS, "contract"}
+    metadata = [f"metadata {name}" for name in _unequal(ours, theirs) if name not in ignored]
     digests = ["the digests"] if one.digests != other.digests else []
     return (*attachments, *metadata, *digests)
+
+
+def _contract(recorded: Recorded) -> str | None:
+    """Return the version of the contract of a result."""
+    return recorded.metadata.get("contract", {}).get("version")
 
 
 def _unequal(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
@@ -165,6 +172,8 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
 def _other_versions(recorded: Recorded) -> tuple[str, ...]:
     """Say which of the packages that matter to the last bit are not those the result was made with."""
     notes = []
+    if (version_then := _contract(recorded)) != str(CONTRACT_VERSION):
+        notes.append(f"made with contract version {version_then}, here it is {CONTRACT_VERSION}: names of fields were not compared")
     for package, made_with in recorded.metadata.get(_VERSIONS, {}).items():
         try:
             here = __version__ if package == "replay-kit" else version(package)

@@ -80,7 +80,8 @@ def test_innovation(result, innovation: Innovation) -> None:
         )
     np.testing.assert_array_equal(value.depth, innovation.depth)
     assert (value.nis, value.dof, value.accepted, value.dive) == (innovation.nis, innovation.dof, innovation.accepted, innovation.dive)
-    for name in ("error_inflation", "decision", "gate_statistic", "gate", "signal_dof", "prior_inflation"):
+    assert value.gate_threshold == innovation.gate
+    for name in ("error_inflation", "decision", "gate_statistic", "signal_dof", "prior_inflation"):
         assert getattr(value, name) == getattr(innovation, name)
     assert (list(value.flags), list(value.reasons)) == (innovation.flags.tolist(), innovation.reasons.tolist())
     source = innovation.source

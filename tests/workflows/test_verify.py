@@ -39,7 +39,13 @@ def run(tmp_path_factory) -> Path:
 
 
 def changed(
-    source: Path, target: Path, message=None, metadata=lambda name, values: values, attachment=lambda name, data: data, later_ns=0
+    source: Path,
+    target: Path,
+    message=None,
+    metadata=lambda name, values: values,
+    attachment=lambda name, data: data,
+    definition=lambda data: data,
+    later_ns=0,
 ) -> Path:
     """A copy of a result, with the data of its n-th message, its metadata or attachments changed."""
     number, change = message or (-1, None)
@@ -55,7 +61,7 @@ def changed(
                 writer.add_metadata(record.name, values)
         for index, (schema, channel, record) in enumerate(reader.iter_messages(log_time_order=False)):
             if channel.id not in ids:
-                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                schema_id = writer.register_schema(schema.name, schema.encoding, definition(schema.data))
                 ids[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
             data = change(schema, record.data) if index == number else record.data
             if data is not None:
@@ -217,3 +223,20 @@ def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
     assert said.exit_code == 5
     assert f"message {index} differs: /vehicle/fix" in said.output
     assert "latitude: " in said.output
+
+
+def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run, tmp_path):
+    """Version 3 renamed fields, so the definitions of the schemas differ and the messages do not."""
+
+    def older(name, values):
+        return values | {"version": "2"} if name == "contract" else values
+
+    old = changed(
+        run / "out.mcap", tmp_path / "old.mcap", metadata=older, definition=lambda data: data.replace(b"gate_threshold", b"gate_formerly_")
+    )
+    assert first_difference(run / "out.mcap", old).fields == ("schema: the definitions of replay_kit.Innovation differ",)
+    verdict = verify(old, [run], planner_of)
+    assert verdict.same, verdict
+    assert verdict.notes == ("made with contract version 2, here it is 3: names of fields were not compared",)
+    damaged = changed(old, tmp_path / "damaged.mcap", message=(index_of(old, "/flow/innovation"), lambda schema, data: data + b"\x08\x01"))
+    assert not verify(damaged, [run], planner_of).same

@@ -86,7 +86,7 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
         assert (outcome.actual.longitude, outcome.actual.latitude) == (fix.longitude, fix.latitude)
         away = distance(outcome.predicted.longitude, outcome.predicted.latitude, fix.longitude, fix.latitude)
         assert outcome.distance == pytest.approx(float(away), rel=1e-6)
-        assert outcome.late == pytest.approx((ns(outcome.timestamp) - ns(outcome.predicted_time)) / 1e9)
+        assert outcome.delay == pytest.approx((ns(outcome.timestamp) - ns(outcome.predicted_time)) / 1e9)
         # the first leg in the plan ends after its drift
         leg = json.loads(next(item.value for item in plan.statistics if item.name == "leg_001"))
         reached = (ns(outcome.predicted_time) - ns(plan.timestamp)) / 1e9
