@@ -1,4 +1,4 @@
-"""The incompressible kernel in the horizontal (Lee et al., arXiv 1901.09513; ALGORITHM table of ``replay_kit/README.md``).
+"""The incompressible kernel in the horizontal (Lee et al., arXiv 1901.09513; notation in ``replay_kit/core/README.md``).
 
 A stream function with a Gaussian (squared-exponential) covariance k gives velocities u = dpsi/dy, v = -dpsi/dx with
 
