@@ -9,7 +9,7 @@ weights w of r modes a level: f = K modes w summed over levels in the same way. 
 members are all this one value, as ``FlowEstimate``.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -42,7 +42,7 @@ class FlowField:
         depth_functions: How levels combine.
         latent: shape (2N, Z), latent velocities of the flow, all east then all north.
         modes: shape (2N, r), latent velocities of the modes the uncertainty is expressed in; r = 0 without uncertainty.
-        covariance: Of the weights, or a function that computes it when first asked for; read ``weight_cov``.
+        covariance: Of the weights, or a function that returns it for some levels' weights, None for all; read ``weight_cov``.
         time_ns: Time it holds for [ns, UTC]; None when unknown.
         later: Makes the estimate for another time; None when the flow has no model of time.
     """
@@ -52,7 +52,7 @@ class FlowField:
     depth_functions: DepthFunctions
     latent: Array
     modes: Array
-    covariance: Array | Callable[[], Array]
+    covariance: Array | Callable[[tuple[int, ...] | None], Array]
     time_ns: int | None
     later: "Callable[[int], Self] | None" = None
 
@@ -82,7 +82,7 @@ class FlowField:
     @cached_property
     def weight_cov(self) -> Array:
         """Covariance of the weights, shape (rZ, rZ) [m^2/s^2 of mode amplitude], level after level."""
-        return self.covariance() if callable(self.covariance) else self.covariance
+        return self.covariance(None) if callable(self.covariance) else self.covariance
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the covariance itself, not the estimator's state from which it would be computed."""
@@ -132,10 +132,12 @@ class FlowField:
         """
         self._require_uncertainty("standard_error")
         points, depths, shape = _flatten(east, north, depth)
+        used = depth_weights(self.depth_functions, np.unique(depths), self.levels).any(axis=0)
+        blocks = self._covariance_blocks(np.flatnonzero(used))
         variance = np.empty((depths.size, 2))
         for places, part, at in _by_place(points):
             basis = (velocity_kernel(self.kernel, places, self.nodes) @ self.modes).reshape(2, -1, self.n_modes)
-            variance[part] = self._variance(basis, at, depth_weights(self.depth_functions, depths[part], self.levels))
+            variance[part] = _variance(blocks, basis, at, depth_weights(self.depth_functions, depths[part], self.levels))
         known = inside_grid(self.grid, *points.T) & (depths <= self.levels[-1])
         variance[~known] = np.nan
         return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
@@ -158,31 +160,45 @@ class FlowField:
         """Return the same flow without its uncertainty."""
         return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
 
-    def _variance(self, basis: Array, at: NDArray[np.intp], weights: Array) -> Array:
-        """Return diag(H P H'), shape (P, 2): pairs of levels in turn, because a hat function overlaps only its neighbours.
+    def _covariance_blocks(self, levels: NDArray[np.intp]) -> dict[tuple[int, int], Array]:
+        """Return the covariance of some levels' weights in blocks, shape (r, r), by pairs of levels, the later one first.
 
-        Args:
-            basis: shape (2, M, r), the modes at the places.
-            at: shape (P,), each point's place: one quadratic form serves all points over it.
-            weights: shape (P, Z).
+        The covariance of a few levels alone costs a small share of the whole one, unless that is known already.
         """
-        out = np.zeros((weights.shape[0], 2))
-        r = self.n_modes
-        for j in range(self.levels.size):
-            for k in range(j + 1):
-                both = weights[:, j] * weights[:, k] * (1.0 if j == k else 2.0)
-                touched = np.flatnonzero(both)
-                if touched.size:
-                    block = self.weight_cov[j * r : (j + 1) * r, k * r : (k + 1) * r]
-                    places, of_point = np.unique(at[touched], return_inverse=True)
-                    for component in range(2):
-                        rows = basis[component, places]
-                        out[touched, component] += both[touched] * np.einsum("pr,pr->p", rows @ block, rows)[of_point]
-        return out
+        chosen, r = tuple(levels.tolist()), self.n_modes
+        if not chosen:
+            return {}
+        if callable(self.covariance) and "weight_cov" not in vars(self) and 2 * len(chosen) <= self.levels.size:
+            cov, rows = self.covariance(chosen), tuple(range(len(chosen)))
+        else:
+            cov, rows = self.weight_cov, chosen
+        parts = [(level, slice(row * r, (row + 1) * r)) for level, row in zip(chosen, rows, strict=True)]
+        return {(j, k): cov[of_j, of_k] for i, (j, of_j) in enumerate(parts) for k, of_k in parts[: i + 1]}
 
     def _require_uncertainty(self, what: str) -> None:
         if self.n_modes == 0:
             raise EstimatorError(f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none")
+
+
+def _variance(blocks: Mapping[tuple[int, int], Array], basis: Array, at: NDArray[np.intp], weights: Array) -> Array:
+    """Return diag(H P H'), shape (P, 2): pairs of levels in turn, because a hat function overlaps only its neighbours.
+
+    Args:
+        blocks: Of P, shape (r, r), by pairs of levels.
+        basis: shape (2, M, r), the modes at the places.
+        at: shape (P,), each point's place: one quadratic form serves all points over it.
+        weights: shape (P, Z).
+    """
+    out = np.zeros((weights.shape[0], 2))
+    for (j, k), block in blocks.items():
+        both = weights[:, j] * weights[:, k] * (1.0 if j == k else 2.0)
+        touched = np.flatnonzero(both)
+        if touched.size:
+            places, of_point = np.unique(at[touched], return_inverse=True)
+            for component in range(2):
+                rows = basis[component, places]
+                out[touched, component] += both[touched] * np.einsum("pr,pr->p", rows @ block, rows)[of_point]
+    return out
 
 
 def _flatten(east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:

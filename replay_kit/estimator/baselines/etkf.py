@@ -95,8 +95,13 @@ class Etkf(ProfileBaseline[TransformState]):
 
     def flow(self, state: TransformState) -> FlowEstimate:
         """Return the current estimate of a state."""
-        factor = self.anomalies.T @ state.transform
-        return self.reduced.flow_of(self._weights(state), lambda: factor @ factor.T, state.time_ns)
+        factor = (self.anomalies.T @ state.transform).reshape(self.reduced.basis.grid.levels.size, -1, len(state.transform))
+
+        def covariance(levels: tuple[int, ...] | None) -> Array:
+            rows = factor[slice(None) if levels is None else list(levels)].reshape(-1, factor.shape[2])
+            return np.asarray(rows @ rows.T)
+
+        return self.reduced.flow_of(self._weights(state), covariance, state.time_ns)
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
         """Return a velocity minus the ensemble mean and the least-squares fit by the anomalies, shape (P, 2) [m/s]."""

@@ -53,12 +53,12 @@ class Basis:
         """Number of modes r for each level."""
         return int(self.modes.shape[1])
 
-    def flow(self, mean: Array, covariance: Array | Callable[[], Array], time_ns: int | None) -> FlowEstimate:
+    def flow(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
         """Return the flow of weights.
 
         Args:
             mean: shape (Z r,), level after level.
-            covariance: shape (Z r, Z r), or a function that computes it.
+            covariance: shape (Z r, Z r), or a function that computes that of some levels' weights, None for all.
             time_ns: Time it holds for [ns, UTC].
         """
         latent = self.offset + self.modes @ mean.reshape(self.grid.levels.size, -1).T

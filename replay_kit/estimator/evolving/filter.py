@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -193,8 +194,10 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         """Return the current estimate of a state, at its time, without oscillations; its covariance is computed when first asked for."""
         process, at = self.operator.process, self._time(state)
 
-        def covariance() -> Array:
-            loading = process.loading(at).reshape(process.size, -1)
+        @cache
+        def covariance(levels: tuple[int, ...] | None) -> Array:
+            chosen = slice(None) if levels is None else list(levels)
+            loading = process.loading(at)[:, chosen].reshape(process.size, -1)
             return np.asarray(loading.T @ state.cov[: process.size, : process.size] @ loading)
 
         flow = self.basis.flow(self._weights(state), covariance, None if state.time_ns is None and self.time_ns is None else at)

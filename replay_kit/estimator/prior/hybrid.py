@@ -27,11 +27,12 @@ class Prior(Protocol):
         """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
         ...
 
-    def matvec_modes(self, basis: Array) -> Array:
-        """Return the covariance of all weights with modes' combinations at each level, shape (Z, c, Z, r).
+    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights with modes' combinations at each level, shape (Z, c, L, r).
 
         Args:
             basis: shape (c, r); entry [z, c] of the result is the covariance times a weight vector that holds ``basis[c]`` at level z.
+            levels: The L levels; None for all.
         """
         ...
 
@@ -39,8 +40,8 @@ class Prior(Protocol):
         """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
         ...
 
-    def covariance(self) -> Array:
-        """Return the covariance as one matrix, shape (Z r, Z r)."""
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         ...
 
 
@@ -82,21 +83,21 @@ class DiagonalPrior:
         """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
         return self.variance * weights
 
-    def matvec_modes(self, basis: Array) -> Array:
-        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
+    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
         n_levels, n_modes = self.variance.shape
-        out = np.zeros((n_levels, basis.shape[0], n_levels, n_modes))
-        levels = np.arange(n_levels)
-        out[levels, :, levels, :] = self.variance[:, None, :] * basis
+        chosen = np.arange(n_levels) if levels is None else np.array(levels)
+        out = np.zeros((n_levels, basis.shape[0], chosen.size, n_modes))
+        out[chosen, :, np.arange(chosen.size), :] = self.variance[chosen, None, :] * basis
         return out
 
     def mode_std(self) -> Array:
         """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
         return np.asarray(np.sqrt(self.variance.mean(axis=0)))
 
-    def covariance(self) -> Array:
-        """Return the covariance as one matrix, shape (Z r, Z r)."""
-        return np.diag(self.variance.ravel())
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        return np.diag(self.variance[_indices(levels)].ravel())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,15 +125,17 @@ class HybridPrior:
         in_functions = np.matmul((self.vertical @ weights).swapaxes(0, 1), self.horizontal)  # (q, m, r)
         return np.asarray(of_factor + np.einsum("qz,qmr->mzr", self.vertical, in_functions))
 
-    def matvec_modes(self, basis: Array) -> Array:
-        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
+    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
         n_rows, n_levels, n_modes = self.factor.shape
-        n_basis = basis.shape[0]
+        n_basis, chosen = basis.shape[0], _indices(levels)
+        factor, vertical = self.factor[:, chosen], self.vertical[:, chosen]
+        n_chosen = factor.shape[1]
         at_basis = (self.factor @ basis.T).reshape(n_rows, n_levels * n_basis)
-        of_factor = (at_basis.T @ self.factor.reshape(n_rows, n_levels * n_modes)).reshape(n_levels, n_basis, n_levels, n_modes)
+        of_factor = (at_basis.T @ factor.reshape(n_rows, n_chosen * n_modes)).reshape(n_levels, n_basis, n_chosen, n_modes)
         in_modes = np.matmul(basis, self.horizontal).reshape(self.vertical.shape[0], basis.size)  # (q, c r)
-        pairs = np.einsum("qz,qy->zyq", self.vertical, self.vertical).reshape(n_levels**2, -1)
-        in_functions = (pairs @ in_modes).reshape(n_levels, n_levels, n_basis, n_modes)
+        pairs = np.einsum("qz,qy->zyq", self.vertical, vertical).reshape(n_levels * n_chosen, -1)
+        in_functions = (pairs @ in_modes).reshape(n_levels, n_chosen, n_basis, n_modes)
         return np.asarray(of_factor + in_functions.transpose(0, 2, 1, 3))
 
     def mode_std(self) -> Array:
@@ -142,15 +145,22 @@ class HybridPrior:
         in_functions = np.einsum("qrr->r", self.horizontal)
         return np.asarray(np.sqrt((of_factor + in_functions) / self.factor.shape[1]))
 
-    def covariance(self) -> Array:
-        """Return the covariance as one matrix, shape (Z r, Z r)."""
-        n_rows, n_levels, n_modes = self.factor.shape
-        stacked = self.factor.reshape(n_rows, n_levels * n_modes)
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        chosen = _indices(levels)
+        factor, vertical = self.factor[:, chosen], self.vertical[:, chosen]
+        n_rows, n_levels, n_modes = factor.shape
+        stacked = factor.reshape(n_rows, n_levels * n_modes)
         cov = stacked.T @ stacked
         block = cov.reshape(n_levels, n_modes, n_levels, n_modes)
-        for function, of_modes in zip(self.vertical, self.horizontal, strict=True):
+        for function, of_modes in zip(vertical, self.horizontal, strict=True):
             block += np.multiply.outer(np.outer(function, function), of_modes).transpose(0, 2, 1, 3)
         return cov
+
+
+def _indices(levels: tuple[int, ...] | None) -> slice | list[int]:
+    """Return the index of some levels along their axis."""
+    return slice(None) if levels is None else list(levels)
 
 
 def diagonal_prior(member_weights: Array) -> DiagonalPrior:

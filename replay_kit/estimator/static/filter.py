@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -169,14 +170,14 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the current estimate of a state; its covariance is computed when first asked for."""
-        return self.flow_of(state.mean, state.posterior.covariance, state.time_ns)
+        return self.flow_of(state.mean, cache(state.posterior.covariance), state.time_ns)
 
-    def flow_of(self, mean: Array, covariance: Array | Callable[[], Array], time_ns: int | None) -> FlowEstimate:
+    def flow_of(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
         """Return the current estimate of weights.
 
         Args:
             mean: shape (Z r,).
-            covariance: shape (Z r, Z r), or a function that computes it.
+            covariance: shape (Z r, Z r), or a function that computes that of some levels' weights, None for all.
             time_ns: Of the last observation used [ns, UTC]; None for the forecast's.
         """
         flow = self.basis.flow(mean, covariance, self.time_ns if time_ns is None else time_ns)

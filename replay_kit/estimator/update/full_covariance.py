@@ -35,15 +35,17 @@ class FullCovariancePrior:
                 out[:, level] += weights[:, other] @ block.T
         return out
 
-    def matvec_modes(self, basis: Array) -> Array:
-        """Return the covariance of all weights with ``basis``, shape (c, r), at each level: shape (Z, c, Z, r)."""
+    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
         n_modes = basis.shape[1]
         n_levels = self.mean.size // n_modes
-        out = np.empty((n_levels, len(basis), n_levels, n_modes))
+        at = {level: position for position, level in enumerate(range(n_levels) if levels is None else levels)}
+        out = np.empty((n_levels, len(basis), len(at), n_modes))
         for level, other, block in self._lower():
-            out[level, :, other] = basis @ block
-            if level != other:
-                out[other, :, level] = basis @ block.T
+            if other in at:
+                out[level, :, at[other]] = basis @ block
+            if level != other and level in at:
+                out[other, :, at[level]] = basis @ block.T
         return out
 
     def mode_std(self) -> Array:
@@ -51,13 +53,16 @@ class FullCovariancePrior:
         variances = [np.diagonal(block) for level, other, block in self._lower() if level == other]
         return np.asarray(np.sqrt(np.mean(variances, axis=0)))
 
-    def covariance(self) -> Array:
-        """Return the covariance as one matrix, shape (Z r, Z r)."""
-        n, r = self.mean.size, self.blocks.shape[1]
-        out = np.empty((n, n))
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        r = self.blocks.shape[1]
+        chosen = range(self.mean.size // r) if levels is None else levels
+        parts = {level: slice(position * r, (position + 1) * r) for position, level in enumerate(chosen)}
+        out = np.empty((len(parts) * r, len(parts) * r))
         for level, other, block in self._lower():
-            out[level * r : (level + 1) * r, other * r : (other + 1) * r] = block
-            out[other * r : (other + 1) * r, level * r : (level + 1) * r] = block.T
+            if level in parts and other in parts:
+                out[parts[level], parts[other]] = block
+                out[parts[other], parts[level]] = block.T
         return out
 
     def downdate(self, mean: Array, rows: Array) -> "FullCovariancePrior":

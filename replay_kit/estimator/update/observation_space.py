@@ -192,16 +192,17 @@ class ObservationSpacePosterior(ComputedMean):
         """Return the change of the mean for each instrument error of one unit, shape (b, Z, r)."""
         return self.prior_bias_sensitivity + self.prior.matvec(self._to_weights(self.forward[:, 1:]))
 
-    def covariance(self) -> Array:
-        """Return the covariance of the weights, shape (Z r, Z r)."""
-        cov, rows = self.prior.covariance(), self.whitened_cross()
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, shape (L r, L r)."""
+        cov, rows = self.prior.covariance(levels), self.whitened_cross(levels)
         rank_k_update(cov, rows, -rows)
         return cov
 
-    def whitened_cross(self) -> Array:
-        """Return L^-1 H P0, shape (K, Z r)."""
-        at_levels = self.prior.matvec_modes(self.profile_basis).swapaxes(0, 1)  # (2 n, Z, Z, r)
-        return self.factor.solve(self.n, self._rows_of(at_levels.reshape(2 * self.n, self.n_levels, self.prior.mean.size)))
+    def whitened_cross(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the columns of L^-1 H P0 for some levels, None for all, shape (K, L r)."""
+        at_levels = self.prior.matvec_modes(self.profile_basis, levels).swapaxes(0, 1)  # (2 n, Z, L, r)
+        width = at_levels.shape[2] * at_levels.shape[3]
+        return self.factor.solve(self.n, self._rows_of(at_levels.reshape(2 * self.n, self.n_levels, width)))
 
     def design(self, basis: Array) -> Array:
         """Return H with the modes expressed in other directions, shape (K, Z s).

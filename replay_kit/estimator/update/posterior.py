@@ -59,8 +59,8 @@ class Posterior(Protocol):
         """Return the change of the mean for each instrument error of one unit, shape (b, Z, r)."""
         ...
 
-    def covariance(self) -> Array:
-        """Return the covariance as one matrix, shape (Z r, Z r)."""
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         ...
 
     def prefetch(self, profiles: Sequence[ProfileRows]) -> "list[PriorCrossCovariance]":

@@ -115,10 +115,10 @@ class ReducedSubspacePosterior(ComputedMean):
         """Return the change of the mean for each instrument error of one unit, shape (b, Z, r)."""
         return self.prior_bias_sensitivity + self.prior.matvec(self._to_weights(slice(1, None)))
 
-    def covariance(self) -> Array:
-        """Return the covariance of the weights, shape (Z r, Z r)."""
-        cov = self.prior.covariance()
-        across = self.prior.matvec_modes(self.active_directions / self.mode_std).reshape(-1, len(cov))
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, shape (L r, L r)."""
+        cov = self.prior.covariance(levels)
+        across = self.prior.matvec_modes(self.active_directions / self.mode_std, levels).reshape(-1, len(cov))
         rank_k_update(cov, across, -(self._without_room() @ across))
         return cov
 

@@ -1,0 +1,99 @@
+"""The covariance of some levels' weights is that part of the whole one, in every form of the estimate; depth slices ask for no more.
+
+The parts are differences of matrices as large as the prior's, so the tolerance is 1e-12 of the prior's scale.
+"""
+
+import numpy as np
+import pytest
+
+from replay_kit.config.gating import GatingConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.baselines import build_named
+from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.update.full_covariance import FullCovariancePrior
+from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
+from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, nonzero_mode_std, to_reduced_subspace
+from replay_kit.estimator.update.representation import to_full_covariance
+from replay_kit.estimator.update.subspace import directions
+from replay_kit.results.slices import depth_slice
+from tests import synthetic
+
+LEVELS = np.array([5.0, 90.0, 220.0, 300.0])
+WORLD = synthetic.ensemble(n_members=9, shape=(5, 7), levels=LEVELS)
+DEPTH = 10.0 + 20.0 * np.arange(11)
+CHOSEN = (2, 0)
+
+
+def observed(n, seed):
+    rng = np.random.default_rng(seed)
+    places, noise = rng.uniform(-1.5e4, 1.5e4, (n, 2)), 0.2 * rng.standard_normal((n, DEPTH.size, 2))
+    return [synthetic.profile(WORLD.grid, *place, DEPTH, v, time_ns=k) for k, (place, v) in enumerate(zip(places, noise, strict=True))]
+
+
+def last_state(estimator, seed=0, state=None):
+    return list(estimator.steps(estimator.initial() if state is None else state, observed(6, seed)))[-1][0]
+
+
+def static(preset):
+    return build_estimator(WORLD, EstimatorConfig(preset=preset, length_vertical=60.0, modes=20))
+
+
+def evolving():
+    series = tuple(Ensemble(WORLD.grid, WORLD.velocity, day * 86_400 * 10**9, "made") for day in (0, 1))
+    return build_evolving(series, EstimatorConfig(modes=12, sample_share=0.5), TimeConfig(scale=432_000.0), GatingConfig())
+
+
+def posteriors():
+    for preset in ("default", "paper"):
+        estimator = static(preset)
+        first = last_state(estimator).posterior
+        assert isinstance(first, ObservationSpacePosterior)
+        yield first
+        std = nonzero_mode_std(first.prior)
+        yield to_reduced_subspace(first, directions(first.profile_basis * std), std)
+        whole = to_full_covariance(first)
+        yield whole
+        yield last_state(estimator, 1, type(last_state(estimator))(whole, None)).posterior
+
+
+@pytest.mark.parametrize("index", range(8))
+def test_the_covariance_of_some_levels_is_that_part_of_the_whole(index):
+    posterior = list(posteriors())[index]
+    kinds = [ObservationSpacePosterior, ReducedSubspacePosterior, ObservationSpacePosterior, ObservationSpacePosterior]
+    assert isinstance(posterior, kinds[index % 4])
+    assert isinstance(posterior.prior, FullCovariancePrior) == (index % 4 > 1)
+    r = posterior.covariance().shape[0] // LEVELS.size
+    at = np.concatenate([np.arange(level * r, (level + 1) * r) for level in CHOSEN])
+    expected = posterior.covariance()[np.ix_(at, at)]
+    scale = np.abs(posterior.prior.covariance()).max()
+    np.testing.assert_allclose(posterior.covariance(CHOSEN), expected, rtol=0.0, atol=1e-12 * scale)
+
+
+ESTIMATORS = {
+    "static": lambda: static("default"),
+    "evolving": evolving,
+    "etkf": lambda: build_named(WORLD, EstimatorConfig(name="etkf", modes=20), None, GatingConfig()),
+}
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_depth_slice_needs_the_covariance_of_its_levels_alone(name):
+    estimator = ESTIMATORS[name]()
+    state = last_state(estimator)
+    for depth in (90.0, 150.0):
+        flow, whole = estimator.flow(state), estimator.flow(state)
+        assert whole.weight_cov.shape == (LEVELS.size * flow.n_modes, LEVELS.size * flow.n_modes)
+        errors = depth_slice(flow, depth).standard_error
+        assert "weight_cov" not in vars(flow)
+        np.testing.assert_allclose(errors, depth_slice(whole, depth).standard_error, rtol=1e-10)
+        assert np.isfinite(errors).any()
+
+
+def test_no_points_need_no_covariance():
+    estimator = ESTIMATORS["static"]()
+    flow = estimator.flow(estimator.initial())
+    assert flow.standard_error(np.empty(0), 0.0, 10.0).shape == (0, 2)
+    assert "weight_cov" not in vars(flow)
