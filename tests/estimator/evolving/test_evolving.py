@@ -48,6 +48,17 @@ def rows_of(estimator, observation, static):
     return rows.design(), rows.compress(values)[0]
 
 
+def inflated_rows(estimator, observations, static):
+    """Return the rows of observations and their values, whitened by the errors with which the filter uses them."""
+    state, designs, values = estimator.initial(), [], []
+    for observation in observations:
+        state, innovation = estimator.step(state, observation)
+        design, value = rows_of(estimator, observation, static)
+        designs.append(design / np.sqrt(innovation.error_inflation))
+        values.append(value / np.sqrt(innovation.error_inflation))
+    return designs, values
+
+
 def test_the_filter_is_the_joint_gaussian_of_all_observations():
     members = forecasts()
     estimator = build_evolving(members, CONFIG, TimeConfig(scale=2 * 86_400.0, dropped_std=0.0))

@@ -10,7 +10,7 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.observation import Reason
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth
-from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles, rows_of
+from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, inflated_rows, profiles
 from tests.estimator.evolving.test_smoother import FORGETFUL, pooled_static
 from tests.reference import evolving as slow
 
@@ -39,12 +39,7 @@ def test_the_smoother_is_the_joint_gaussian_with_a_late_observation_where_the_fi
     estimator, static = build_evolving(members, CONFIG, FORGETFUL), pooled_static(members)
     observations = profiles(9)
     observations[5] = replace(observations[5], time_ns=observations[4].time_ns - LATE)
-    state, designs, values = estimator.initial(), [], []
-    for observation in observations:
-        state, said = estimator.step(state, observation)
-        design, value = rows_of(estimator, observation, static)
-        designs.append(design / np.sqrt(said.error_inflation))
-        values.append(value / np.sqrt(said.error_inflation))
+    designs, values = inflated_rows(estimator, observations, static)
     times = [o.time_ns for o in observations]
     counted = [*times[:5], times[4], *times[6:]]
     wanted = [times[4] - LATE // 3, times[4], times[5], times[3], times[4] - DAY // 4, times[4] + DAY // 4, times[-1]]

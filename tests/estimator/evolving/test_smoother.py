@@ -8,7 +8,7 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth
-from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, profiles, rows_of
+from tests.estimator.evolving.test_evolving import CONFIG, DAY, forecasts, inflated_rows, profiles
 from tests.reference import evolving as slow
 
 FORGETFUL = TimeConfig(scale=2 * 86_400.0, dropped_std=0.0)
@@ -25,12 +25,7 @@ def test_the_smoother_is_the_joint_gaussian_of_what_it_may_use(lag_days):
     members = forecasts()
     estimator, static = build_evolving(members, CONFIG, FORGETFUL), pooled_static(members)
     observations = profiles(9)
-    state, designs, values = estimator.initial(), [], []
-    for observation in observations:
-        state, said = estimator.step(state, observation)
-        design, value = rows_of(estimator, observation, static)
-        designs.append(design / np.sqrt(said.error_inflation))
-        values.append(value / np.sqrt(said.error_inflation))
+    designs, values = inflated_rows(estimator, observations, static)
     times = [o.time_ns for o in observations]
     wanted = [times[4], 0, times[2] + DAY // 7, times[-1], times[-1] + DAY]
     flows = smooth(estimator, observations, wanted, None if lag_days is None else lag_days * 86_400.0)
