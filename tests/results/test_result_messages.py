@@ -142,7 +142,7 @@ def test_a_grid_below_the_last_level_states_nothing(flow: FlowEstimate, tmp_path
 
 def test_a_grid_of_a_flow_without_uncertainty_has_no_fields_of_errors(flow: FlowEstimate, tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "out.mcap") as writer:
-        writer.grids(flow.time_ns, flow.certain(), [0.5])
+        writer.grids(flow.time_ns, flow.mean_flow(), [0.5])
     value = decoded(tmp_path / "out.mcap")["/flow/grid/0.5m"][0][1]
     assert [field.name for field in value.fields] == ["u", "v", "speed"]
     assert unpacked(value).shape == (5, 7, 3)

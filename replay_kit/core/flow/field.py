@@ -153,11 +153,11 @@ class FlowField:
         factor = vectors * np.sqrt(np.maximum(values, 0.0))
         draws = factor @ np.random.default_rng(seed).standard_normal((values.size, n))
         by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
-        certain = self.certain()
-        return tuple(replace(certain, latent=self.latent + self.modes @ weights.T) for weights in by_level)
+        mean_flow = self.mean_flow()
+        return tuple(replace(mean_flow, latent=self.latent + self.modes @ weights.T) for weights in by_level)
 
-    def certain(self) -> Self:
-        """Return the same flow without its uncertainty."""
+    def mean_flow(self) -> Self:
+        """Return the mean alone: the same flow without uncertainty and model of time."""
         return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
 
     def _covariance_blocks(self, levels: NDArray[np.intp]) -> dict[tuple[int, int], Array]:

@@ -156,7 +156,7 @@ def _run(rung: Rung, case: Case, survey: Survey, config: EstimatorConfig, at: Sc
                 if done in survey.counts:
                     errors.append(_rmse(estimator.flow(state), at))
             # without its uncertainty: at full rank the covariance takes 300 MB
-            flow = estimator.flow(state).certain()
+            flow = estimator.flow(state).mean_flow()
         rmse = _rmse(flow, at)
         note = "" if np.isfinite(rmse) else "the estimate is not a number"
     except ValueError as error:

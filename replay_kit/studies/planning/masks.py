@@ -53,7 +53,7 @@ def with_land(flow: FlowEstimate, dry: NDArray[np.bool_], nugget: float) -> Flow
     # latents of neighbours cancel each other, so they cannot be dropped: the current is fitted again to the remaining points
     left = velocity_kernel(flow.kernel, grid.nodes, flow.nodes) @ flow.latent
     latent = embed(flow.kernel, grid.nodes, left, nugget)
-    return replace(flow.certain(), grid=grid, latent=latent, modes=np.empty((len(latent), 0)))
+    return replace(flow.mean_flow(), grid=grid, latent=latent, modes=np.empty((len(latent), 0)))
 
 
 def draw_masked(flow: FlowEstimate, depth: float, nugget: float, rng: np.random.Generator) -> Masked:

@@ -124,7 +124,7 @@ def _cases(world: World, withheld: Withheld, count: int) -> list[_Case]:
     job, flow = world.job, withheld.estimate()
     how = {"vehicle": world.glider, "settings": planners.MissionSettings(depth=world.depth, legs=job.legs)}
     # a planner knows only the estimate, so its goals are drawn as reachable there
-    pairs = draw_missions(withheld, flow.certain(), count, world.depth, job.legs, job.seed)
+    pairs = draw_missions(withheld, flow.mean_flow(), count, world.depth, job.legs, job.seed)
     samples = flow.sample(job.samples + job.fresh, job.seed)
     return [_Case(flow, samples[: job.samples], samples[job.samples :], pair, how) for pair in pairs]
 

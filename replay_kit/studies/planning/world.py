@@ -82,7 +82,7 @@ class Withheld:
     @cached_property
     def estimated(self) -> Mapping[str, FlowEstimate]:
         """Each method's estimate, without its uncertainty."""
-        return {method: self.estimate(method).certain() for method in METHODS}
+        return {method: self.estimate(method).mean_flow() for method in METHODS}
 
     def flows(self, depth: float) -> dict[str, FlowEstimate]:
         """Return everything to plan on, for what goes down to a depth [m]."""

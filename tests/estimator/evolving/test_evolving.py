@@ -186,7 +186,7 @@ def test_a_rejected_profile_leaves_the_state_untouched():
 
 
 def test_a_flow_without_a_model_of_time_refuses_another_time():
-    flow = build_evolving(forecasts(), CONFIG, WHOLE).flow(build_evolving(forecasts(), CONFIG, WHOLE).initial()).certain()
+    flow = build_evolving(forecasts(), CONFIG, WHOLE).flow(build_evolving(forecasts(), CONFIG, WHOLE).initial()).mean_flow()
     with pytest.raises(EstimatorError, match="has no model of time"):
         flow.at(DAY)
 

@@ -265,7 +265,7 @@ def test_a_flow_computes_its_covariance_once_and_carries_it_when_pickled():
     np.testing.assert_array_equal(copy.weight_cov, flow.weight_cov)
     assert later.time_ns == 8
     with pytest.raises(Exception, match="carries none"):
-        flow.certain().standard_error(0.0, 0.0, 5.0)
+        flow.mean_flow().standard_error(0.0, 0.0, 5.0)
 
 
 def test_standard_errors_of_points_that_share_places_are_diag_hph():
