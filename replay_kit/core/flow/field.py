@@ -44,7 +44,7 @@ class FlowField:
         modes: shape (2N, r), latent velocities of the modes the uncertainty is expressed in; r = 0 without uncertainty.
         covariance: Of the weights, or a function that returns it for some levels' weights, None for all; read ``weight_cov``.
         time_ns: Time it holds for [ns, UTC]; None when unknown.
-        later: Makes the estimate for another time; None when the flow has no model of time.
+        later: Makes the estimate for another time [ns, UTC] from it, as ``evolution`` does; None when the flow has no model of time.
     """
 
     grid: Grid
@@ -54,20 +54,20 @@ class FlowField:
     modes: Array
     covariance: Array | Callable[[tuple[int, ...] | None], Array]
     time_ns: int | None
-    later: "Callable[[int], Self] | None" = None
+    later: "Callable[[Self, int], Self] | None" = None
 
     def at(self, time_ns: int) -> Self:
         """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
 
         Raises:
-            EstimatorError: The flow carries no model of time, as one read from a file or one of a truth.
+            EstimatorError: The flow carries no model of time, as one of a truth or of a baseline.
         """
         if self.later is None:
             raise EstimatorError(
-                "the flow has no model of time (read from a file, a truth, a member or a sample); "
+                "the flow has no model of time (a truth, a member, a sample, a baseline's estimate, or one saved by an earlier version); "
                 "ask the estimate of a replay for another time"
             )
-        return self.later(time_ns)
+        return self.later(self, time_ns)
 
     @property
     def nodes(self) -> Array:

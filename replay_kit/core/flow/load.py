@@ -1,16 +1,20 @@
 """Flows from the files that ``FlowEstimate.save`` writes, and from the attachment ``estimate.nc`` of a result MCAP."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.horizontal import HorizontalKernel
 from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, READ_VERSIONS
+from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Grid, Projection
 
 
@@ -72,7 +76,7 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
     kind = attrs["depth_function_kind"]
     if kind not in ("hat", "gaussian") or latent.shape[0] != 2 * int(grid.wet[0].sum()):
         raise ValueError(f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {int(grid.wet[0].sum())} nodes")
-    return FlowEstimate(
+    flow = FlowEstimate(
         grid=grid,
         kernel=HorizontalKernel(float(attrs["kernel_length_east"]), float(attrs["kernel_length_north"]), float(attrs["kernel_speed"])),
         depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
@@ -80,7 +84,31 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
         modes=values.get("modes", np.empty((latent.shape[0], 0))),
         covariance=values.get("weight_cov", np.empty((0, 0))),
         time_ns=_time_ns(dataset),
+        later=constant if attrs.get("evolution") == "constant" else None,
     )
+    if attrs.get("evolution") != "process":
+        return flow
+    evolution = _evolution(dataset, values)
+    # where nothing was observed the unknowns hold at any time, and the flow may have none
+    at = int(evolution.process.times_ns[0]) if flow.time_ns is None else flow.time_ns
+    return replace(evolution.flow(flow, at), time_ns=flow.time_ns)
+
+
+def _evolution(dataset: xr.Dataset, values: dict[str, Array]) -> Evolution:
+    attrs, mean, unknown_mean, cov = dataset.attrs, values["process_mean"], values["unknown_mean"], values["unknown_cov"]
+    times_ns = np.array(dataset["forecast_time"].attrs[EXACT_TIME].split(), dtype=np.int64)
+    none = np.empty((0, *mean.shape[1:]))
+    process = ProcessModel(
+        times_ns=times_ns,
+        mean=mean,
+        trajectories=values.get("trajectories", np.empty((len(mean), *none.shape))),
+        spread=values["spread"],
+        local=values.get("local", none),
+        trajectory_scale=float(attrs["trajectory_scale"]),
+        local_scale=float(attrs["local_scale"]),
+    )
+    time_ns = int(attrs["evolution_time"]) if "evolution_time" in attrs else None
+    return Evolution(process, values["offset"], unknown_mean, lambda: cov, time_ns)
 
 
 def _time_ns(dataset: xr.Dataset) -> int | None:

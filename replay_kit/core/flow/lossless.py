@@ -2,6 +2,9 @@
 
 CF-1.8 has no 64-bit integers, and no floating-point number of seconds since 1970 holds nanoseconds. The coordinate ``time`` is therefore
 in float64 seconds, for any reader, and its attribute ``nanoseconds_since_1970`` holds the exact time as decimal digits, for this one.
+
+An estimate that changes with time is saved as the process model and the unknowns in it, from which any later estimate is made; the
+covariance of its weights follows from theirs, which is smaller, and is not in the file.
 """
 
 import os
@@ -12,18 +15,23 @@ import numpy as np
 import xarray as xr
 
 from replay_kit import __version__
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.field import FlowField
 
 FORMAT = "replay_kit.FlowEstimate"
-# since version 2 time is in seconds, with its nanoseconds in an attribute, and wet has the depth last; in version 1 time was an integer of
-# nanoseconds, and the depth came first
-FORMAT_VERSION = 2
-READ_VERSIONS = (1, 2)
+# since version 3 the file says how the flow changes with time; since version 2 time is in seconds, with its nanoseconds in an attribute,
+# and wet has the depth last; in version 1 time was an integer of nanoseconds, and the depth came first
+FORMAT_VERSION = 3
+READ_VERSIONS = (1, 2, 3)
 CONVENTIONS = "CF-1.8"
 CF_TIME = {"units": "seconds since 1970-01-01", "calendar": "standard"}
 
 EXACT_TIME = "nanoseconds_since_1970"
+
+#: Name to dimensions, array and meaning.
+_Values = dict[str, tuple[tuple[str, ...], Array, str]]
 
 
 def history(made_by: str, flow: FlowField) -> str:
@@ -41,7 +49,7 @@ def history(made_by: str, flow: FlowField) -> str:
 
 def to_lossless(flow: FlowField) -> xr.Dataset:
     """Return the flow as the dataset from which ``load`` makes an equal one."""
-    grid = flow.grid
+    grid, evolution = flow.grid, flow.later.trimmed() if isinstance(flow.later, Evolution) else None
     # NetCDF has no dimension of length zero that is not unlimited: a flow without uncertainty has neither modes nor weight_cov.
     values = {
         "depth": (("depth",), grid.levels, "m, levels, positive down"),
@@ -53,7 +61,7 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         "wet": (("y", "x", "depth"), np.moveaxis(grid.wet, 0, -1).astype(np.int8), "1 where the forecast has a velocity"),
         "latent": (("component_node", "depth"), flow.latent, "latent velocities, all east then all north"),
         **({"modes": (("component_node", "mode"), flow.modes, "latent velocities of the modes")} if flow.n_modes else {}),
-        **({"weight_cov": (("weight", "weight_2"), flow.weight_cov, "covariance of weights, level after level")} if flow.n_modes else {}),
+        **(_weight_cov(flow) if evolution is None else _evolution(evolution)),
         **({"time": ((), np.float64(flow.time_ns / 1e9), "time of the estimate")} if flow.time_ns is not None else {}),
     }
     variables = {name: xr.Variable(dims, array, {"long_name": words}) for name, (dims, array, words) in values.items()}
@@ -75,9 +83,34 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         "replay_kit_format_version": np.int32(FORMAT_VERSION),
         "source": f"replay-kit {__version__}",
         "depth_function_kind": flow.depth_functions.kind,
+        "evolution": "constant" if flow.later is constant else "none" if evolution is None else "process",
         **{name: np.float64(number) for name, number in numbers.items()},
     }
+    if evolution is not None:
+        attrs |= {"trajectory_scale": evolution.process.trajectory_scale, "local_scale": evolution.process.local_scale}
+        variables["forecast_time"].attrs |= {"units": CF_TIME["units"], EXACT_TIME: " ".join(map(str, evolution.process.times_ns))}
+        if evolution.time_ns is not None:
+            attrs["evolution_time"] = str(evolution.time_ns)
     return xr.Dataset(variables, attrs=attrs)
+
+
+def _weight_cov(flow: FlowField) -> _Values:
+    return {"weight_cov": (("weight", "weight_2"), flow.weight_cov, "covariance of weights, level after level")} if flow.n_modes else {}
+
+
+def _evolution(evolution: Evolution) -> _Values:
+    process = evolution.process
+    values: _Values = {
+        "offset": (("component_node", "depth"), evolution.offset, "latent velocities where all weights are 0"),
+        "forecast_time": (("forecast",), process.times_ns / 1e9, "times of the forecast"),
+        "process_mean": (("forecast", "level", "mode"), process.mean, "mean of the weights"),
+        "trajectories": (("forecast", "member", "level", "mode"), process.trajectories, "weights of one unit of each mixture's unknown"),
+        "spread": (("forecast",), process.spread, "growth of the local corrections"),
+        "local": (("correction", "level", "mode"), process.local, "weights of one unit of each local correction's unknown"),
+        "unknown_mean": (("unknown",), evolution.mean, "mean of the unknowns, those of mixtures first"),
+        "unknown_cov": (("unknown", "unknown_2"), evolution.covariance(), "covariance of the unknowns"),
+    }
+    return {name: value for name, value in values.items() if value[1].size}
 
 
 def _standard(flow: FlowField) -> dict[str, dict[str, str]]:

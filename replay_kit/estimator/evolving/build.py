@@ -10,18 +10,20 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.basis.modes import build_basis, correlation_length
 from replay_kit.estimator.evolving.extras import biases, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.observation_operator import ObservationOperator
-from replay_kit.estimator.evolving.process import ProcessModel, mixture_scale
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.prior.fit import Members, choose_settings, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings, localised_part, shifted_in_modes
 
 # Share of the largest spread below which the members are equal to rounding.
 _LEAST_SPREAD = 1e-3
+# Mixtures of the members' own evolutions decorrelate more slowly than the current at a place, by this factor.
+_TRAJECTORY_FACTOR = 5.0
 
 
 def build_evolving(
@@ -59,6 +61,11 @@ def state_space(operator: ObservationOperator, time: TimeConfig) -> StateSpace:
     end = start + oscillating.size
     parts = {"process": slice(0, start), "oscillations": slice(start, end), "biases": slice(end, end + errors.size)}
     return StateSpace(scales, pairs[:, 0].ravel(), pairs[:, 1].ravel(), np.repeat(oscillating.omega, n_knots), parts)
+
+
+def mixture_scale(configured: float | None, local_scale: float) -> float:
+    """Return the decorrelation time of mixtures of the members [s]: the configured one, else a multiple of the local one."""
+    return configured or _TRAJECTORY_FACTOR * local_scale
 
 
 def _process(weights: Array, members: Members, settings: PriorSettings, times_ns: NDArray[np.int64], time: TimeConfig) -> ProcessModel:

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import Evolution
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.evolving.observation_operator import LinearObservation, ObservationOperator
@@ -192,16 +192,12 @@ class EvolvingEstimator(Estimator[EvolvingState]):
 
     def flow(self, state: EvolvingState) -> FlowEstimate:
         """Return the current estimate of a state, at its time, without oscillations; its covariance is computed when first asked for."""
-        process, at = self.operator.process, self._time(state)
-
-        @cache
-        def covariance(levels: tuple[int, ...] | None) -> Array:
-            chosen = slice(None) if levels is None else list(levels)
-            loading = process.loading(at)[:, chosen].reshape(process.size, -1)
-            return np.asarray(loading.T @ state.cov[: process.size, : process.size] @ loading)
-
-        flow = self.basis.flow(self._weights(state), covariance, None if state.time_ns is None and self.time_ns is None else at)
-        return replace(flow, later=lambda time_ns: self.flow(self.predict(state, time_ns)))
+        basis, process = self.basis, self.operator.process
+        part = slice(0, process.size)
+        evolution = Evolution(process, basis.offset, state.mean[part], lambda: state.cov[part, part], state.time_ns)
+        still = FlowEstimate(basis.grid, basis.kernel, basis.depth_functions, basis.offset, basis.modes, np.empty((0, 0)), None)
+        flow = evolution.flow(still, self._time(state))
+        return replace(flow, time_ns=None) if state.time_ns is None and self.time_ns is None else flow
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:

@@ -11,12 +11,11 @@ from functools import cache
 
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.observation import Measurement, Observation, PathMean
-from replay_kit.estimator.evolving.build import state_space
+from replay_kit.estimator.evolving.build import mixture_scale, state_space
 from replay_kit.estimator.evolving.dive_error import with_dive_error
 from replay_kit.estimator.evolving.extras import oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.likelihood import log_likelihoods
-from replay_kit.estimator.evolving.process import mixture_scale
 
 _DAY = 86_400.0
 # About a factor of 1.5 to 2 apart: a likelihood does not resolve smaller steps.

@@ -12,12 +12,12 @@ import scipy.linalg
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Innovation, Measurement, PathMean
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.observation_operator import ObservationOperator
-from replay_kit.estimator.evolving.process import ProcessModel
 from replay_kit.estimator.evolving.state_space import StateSpace
 
 # Share of the largest singular value below which a direction is not observed.

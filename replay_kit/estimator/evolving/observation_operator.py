@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.noise import bin_noise
 from replay_kit.estimator.evolving.extras import Oscillations
-from replay_kit.estimator.evolving.process import ProcessModel
 from replay_kit.estimator.update.biases import Biases, relative_velocity
 from replay_kit.estimator.update.compression import Bins
 from replay_kit.estimator.update.path_mean import depth_means, local_mean, mean_noise

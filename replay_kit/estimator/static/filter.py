@@ -13,6 +13,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import constant
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
@@ -181,8 +182,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
             time_ns: Of the last observation used [ns, UTC]; None for the forecast's.
         """
         flow = self.basis.flow(mean, covariance, self.time_ns if time_ns is None else time_ns)
-        # a static estimate holds at any time as it is
-        return replace(flow, later=lambda time_ns: replace(flow, time_ns=time_ns))
+        return replace(flow, later=constant)
 
     def rows(self, observation: Observation, used: NDArray[np.intp]) -> ProfileRows:
         """Return the compressed rows of a profile's usable bins."""

@@ -127,6 +127,18 @@ def test_uncertainty_grows_from_the_last_observation_towards_the_forecast_s():
     np.testing.assert_allclose(estimator.flow(state).at(40 * DAY).standard_error(*at), prior, rtol=1e-6)
 
 
+def test_an_estimate_for_a_later_time_is_that_of_the_predicted_state():
+    """Also where the state has biases and oscillations beside the process."""
+    time = TimeConfig(scale=86_400.0, oscillators=("inertial",), biases=("heading",))
+    estimator = build_evolving(forecasts(), CONFIG, time)
+    *_, (state, _) = estimator.steps(estimator.initial(), profiles(12))
+    for time_ns in (DAY, 4 * DAY, 6 * DAY):
+        predicted, later = estimator.flow(estimator.predict(state, time_ns)), estimator.flow(state).at(time_ns)
+        assert predicted.time_ns == later.time_ns == max(time_ns, state.time_ns)
+        np.testing.assert_allclose(later.latent, predicted.latent, rtol=1e-12)
+        np.testing.assert_allclose(later.weight_cov, predicted.weight_cov, rtol=1e-9, atol=1e-14)
+
+
 def test_before_any_observation_the_estimate_is_the_forecast_between_its_times():
     members = forecasts()
     estimator = build_evolving(members, CONFIG, WHOLE)

@@ -193,8 +193,8 @@ def test_a_stated_number_of_legs_is_that_of_the_first_plan():
 
 def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     still = replace(embed_member(synthetic.ensemble(), 0, EstimatorConfig()), time_ns=10**15)
-    growing = replace(still, later=lambda time_ns: replace(still, latent=still.latent * (time_ns / 10**15) ** 20, time_ns=time_ns))
-    same = replace(still, later=lambda time_ns: replace(still, time_ns=time_ns))
+    growing = replace(still, later=lambda _, time_ns: replace(still, latent=still.latent * (time_ns / 10**15) ** 20, time_ns=time_ns))
+    same = replace(still, later=lambda _, time_ns: replace(still, time_ns=time_ns))
     start, goal = Place(152.15, -39.85, 0.0), Place(152.3, -39.8, 0.0)
     planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0))
     # 14 km take 13.4 h at 0.29 m/s, and half as long again: steps to 10, 20 and 30 h

@@ -14,20 +14,12 @@ At one time this is the hybrid prior of a static estimate. Everything is linear 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-
-# Mixtures of the members' own evolutions decorrelate more slowly than the current at a place, by this factor.
-_TRAJECTORY_FACTOR = 5.0
-
-
-def mixture_scale(configured: float | None, local_scale: float) -> float:
-    """Return the decorrelation time of mixtures of the members [s]: the configured one, else a multiple of the local one."""
-    return configured or _TRAJECTORY_FACTOR * local_scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +61,13 @@ class ProcessModel:
     def scales(self) -> Array:
         """Decorrelation time of each unknown, shape (F + B,) [s]."""
         return np.repeat([self.trajectory_scale, self.local_scale], [self.trajectories.shape[1], len(self.local)])
+
+    def since(self, time_ns: int) -> "ProcessModel":
+        """Return the process without the forecast's times that count only before a time [ns, UTC]."""
+        kept = slice(max(int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1, 0), None)
+        return replace(
+            self, times_ns=self.times_ns[kept], mean=self.mean[kept], trajectories=self.trajectories[kept], spread=self.spread[kept]
+        )
 
     def mean_at(self, time_ns: int) -> Array:
         """Return m, shape (Z, r)."""

@@ -1,0 +1,121 @@
+"""How a flow changes with time, in memory and after it was saved."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5netcdf
+import numpy as np
+import pytest
+
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import Evolution, constant
+from replay_kit.core.flow.load import load, load_bytes
+from replay_kit.core.flow.lossless import save_bytes
+from replay_kit.core.flow.process import ProcessModel
+from tests.synthetic_flow import TIME_NS, synthetic_flow
+
+HOUR = 3600 * 10**9
+Z, R = 3, 4
+AT = np.array([0.0, 2e3, -4e3]), np.array([0.0, -3e3, 5e3]), np.array([0.5, 60.0, 150.0])
+
+
+def evolving(n_trajectories: int = 5, n_local: int = 2, time_ns: int | None = TIME_NS) -> FlowEstimate:
+    """A flow of a random process with forecasts every six hours, two of them before the estimate's time."""
+    rng = np.random.default_rng(4)
+    still, times = synthetic_flow(n_modes=R), TIME_NS + HOUR * np.array([-8, -2, 4, 10])
+    n = n_trajectories + n_local
+    process = ProcessModel(
+        times_ns=times,
+        mean=rng.normal(size=(4, Z, R)),
+        trajectories=rng.normal(size=(4, n_trajectories, Z, R)),
+        spread=np.array([0.5, 1.0, 1.5, 2.5]),
+        local=rng.normal(size=(n_local, Z, R)),
+        trajectory_scale=50.0 * 3600.0,
+        local_scale=10.0 * 3600.0,
+    )
+    factor = rng.normal(size=(n, n))
+    cov = 0.05 * factor @ factor.T
+    return Evolution(process, rng.normal(size=still.latent.shape), rng.normal(size=n), lambda: cov, time_ns).flow(still, TIME_NS)
+
+
+def assert_equal_flows(one: FlowEstimate, other: FlowEstimate) -> None:
+    assert one.time_ns == other.time_ns
+    np.testing.assert_array_equal(one.latent, other.latent)
+    np.testing.assert_allclose(one.weight_cov, other.weight_cov, rtol=1e-13, atol=1e-15)
+
+
+def test_six_hours_on_every_unknown_has_decayed_and_the_forecast_has_moved() -> None:
+    flow = evolving()
+    evolution = flow.later
+    assert isinstance(evolution, Evolution)
+    process, later = evolution.process, flow.at(TIME_NS + 6 * HOUR)
+    # one third of the way from the forecast of 4 h to that of 10 h
+    mean, trajectories, spread = (2 / 3 * x[2] + 1 / 3 * x[3] for x in (process.mean, process.trajectories, process.spread))
+    kept = np.exp(-6.0 / np.array([50.0] * 5 + [10.0] * 2))
+    loading = np.concatenate([trajectories, spread * process.local]).reshape(7, -1)
+    weights = mean.ravel() + (kept * evolution.mean) @ loading
+    cov = np.outer(kept, kept) * evolution.covariance() + np.diag(1.0 - kept**2)
+    np.testing.assert_allclose(later.latent, evolution.offset + flow.modes @ weights.reshape(Z, R).T, rtol=1e-12)
+    np.testing.assert_allclose(later.weight_cov, loading.T @ cov @ loading, rtol=1e-11, atol=1e-13)
+    assert later.time_ns == TIME_NS + 6 * HOUR
+    # in one step or in two
+    np.testing.assert_allclose(flow.at(TIME_NS + HOUR).at(TIME_NS + 6 * HOUR).weight_cov, later.weight_cov, rtol=1e-11, atol=1e-13)
+
+
+def test_before_its_last_observation_an_estimate_stays_as_it_is() -> None:
+    flow = evolving()
+    assert_equal_flows(flow.at(TIME_NS - HOUR), flow)
+    assert_equal_flows(flow.at(TIME_NS), flow)
+
+
+@pytest.mark.parametrize(("n_trajectories", "n_local"), [(5, 2), (0, 2), (5, 0)])
+def test_a_saved_estimate_changes_with_time_as_in_memory(tmp_path: Path, n_trajectories: int, n_local: int) -> None:
+    flow = evolving(n_trajectories, n_local)
+    flow.save(tmp_path / "flow.nc")
+    loaded = load(tmp_path / "flow.nc")
+    for hours in (-3, 0, 1, 6, 40):
+        assert_equal_flows(loaded.at(TIME_NS + hours * HOUR), flow.at(TIME_NS + hours * HOUR))
+    np.testing.assert_allclose(loaded.at(TIME_NS + HOUR).standard_error(*AT), flow.at(TIME_NS + HOUR).standard_error(*AT), rtol=1e-12)
+    assert np.abs(flow.at(TIME_NS + 6 * HOUR).velocity(*AT) - flow.velocity(*AT)).max() > 0.1
+    # and is the same when it is saved again
+    assert save_bytes(loaded) == save_bytes(flow)
+
+
+def test_the_forecast_s_times_that_are_over_are_not_saved() -> None:
+    flow = load_bytes(save_bytes(evolving()), "flow")
+    assert isinstance(flow.later, Evolution)
+    assert ((flow.later.process.times_ns - TIME_NS) // HOUR).tolist() == [-2, 4, 10]
+    process = flow.later.process
+    assert process.since(TIME_NS + 4 * HOUR).times_ns[0] == TIME_NS + 4 * HOUR
+    assert process.since(TIME_NS + 4 * HOUR - 1).times_ns[0] == TIME_NS - 2 * HOUR
+    assert process.since(TIME_NS - 90 * HOUR).times_ns.size == 3
+    assert process.since(TIME_NS + 90 * HOUR).times_ns.tolist() == [TIME_NS + 10 * HOUR]
+
+
+def test_a_forecast_alone_holds_at_any_time_also_after_it_was_saved() -> None:
+    flow = replace(evolving(time_ns=None), time_ns=None)
+    loaded = load_bytes(save_bytes(flow), "flow")
+    assert loaded.time_ns is None
+    for hours in (-7, 3, 9):
+        before = flow.at(TIME_NS + hours * HOUR)
+        assert before.time_ns == TIME_NS + hours * HOUR
+        assert_equal_flows(loaded.at(TIME_NS + hours * HOUR), before)
+
+
+def test_a_static_estimate_holds_at_any_time_also_after_it_was_saved(flow: FlowEstimate) -> None:
+    static = replace(flow, later=constant)
+    for known in (static, load_bytes(save_bytes(static), "flow")):
+        later = known.at(TIME_NS + HOUR).at(TIME_NS - HOUR)
+        assert_equal_flows(later, replace(flow, time_ns=TIME_NS - HOUR))
+
+
+def test_files_of_version_2_open_without_a_model_of_time(flow: FlowEstimate, tmp_path: Path) -> None:
+    flow.save(tmp_path / "flow.nc")
+    with h5netcdf.File(tmp_path / "flow.nc", "a") as file:
+        file.attrs["replay_kit_format_version"] = np.int32(2)
+        del file.attrs["evolution"]
+    loaded = load(tmp_path / "flow.nc")
+    assert_equal_flows(loaded, flow)
+    with pytest.raises(EstimatorError, match="has no model of time"):
+        loaded.at(TIME_NS)
