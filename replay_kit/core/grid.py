@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.text import span_text, time_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +22,7 @@ class Projection:
     latitude: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Grid:
     """A forecast's grid in its local frame: a product in depth, curvilinear in the horizontal.
 
@@ -43,6 +44,12 @@ class Grid:
     levels: Array
     wet: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        """Return its shape and what it covers."""
+        z, j, i = self.wet.shape
+        region = f"longitude {span_text(self.longitude)}, latitude {span_text(self.latitude)} degrees, depth {span_text(self.levels)} m"
+        return f"Grid of {z} levels x {j} x {i} points ({100.0 * self.wet.mean():.0f} % wet): {region}"
+
     @property
     def nodes(self) -> Array:
         """Points that are wet at the first level, shape (N, 2) [m], local east and north."""
@@ -50,7 +57,7 @@ class Grid:
         return np.column_stack([self.east[top], self.north[top]])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Ensemble:
     """Forecast members on one grid. A truth is an ensemble of one.
 
@@ -67,6 +74,12 @@ class Ensemble:
     time_ns: int | None
     source: str
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return its source, size and time, and its grid."""
+        speed = float(np.sqrt(np.nanmean(self.velocity**2)))
+        first = f"Ensemble of {self.n_members} members from {self.source}, {time_text(self.time_ns)}, RMS component speed {speed:.3f} m/s"
+        return f"{first}\n  {self.grid}"
 
     @property
     def n_members(self) -> int:

@@ -5,6 +5,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+from replay_kit.core.text import time_text
+
 
 class Message(NamedTuple):
     """One decoded message of a log; a tuple, as a log has millions and a frozen dataclass takes four times as long to make.
@@ -25,6 +27,10 @@ class Message(NamedTuple):
     payload: Mapping[str, Any]
     input: int
     position: int
+
+    def __repr__(self) -> str:
+        """Return what it is and the names of its fields, without their values."""
+        return f"Message {time_text(self.time_ns)} {self.topic} ({self.schema}): {', '.join(map(str, self.payload))}"
 
 
 @dataclass(frozen=True, slots=True)

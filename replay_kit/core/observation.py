@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.text import place_text, span_text, time_text
 
 Reference = Literal["earth", "platform"]
 
@@ -89,7 +90,7 @@ class Source:
     time_ns: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observation:
     """One profile of the horizontal current: n bins under one position.
 
@@ -128,8 +129,17 @@ class Observation:
     correlation_depth: float = 0.0
     platform_velocity: tuple[float, float] | None = None
 
+    def __repr__(self) -> str:
+        """Return where and when it was made, and what it holds."""
+        u, v = (span_text(component, 2) for component in self.velocity.T)
+        usable = int(np.sum((self.flags == Flag.GOOD) | (self.flags == Flag.SUSPECT)))
+        where = f"{time_text(self.time_ns)} at {place_text(self.longitude, self.latitude)}, dive {self.dive}"
+        error = f"error {span_text(self.error_std, 2)} m/s (true axes, relative to {self.reference})"
+        bins = f"{self.depth.size} bins, {usable} usable, {span_text(self.depth)} m deep"
+        return f"Observation {where}: {bins}\n  u {u}, v {v}, {error}"
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PathMean:
     """The current's mean along a path: a dive's depth-averaged current, or the drift at the surface between two fixes.
 
@@ -159,6 +169,14 @@ class PathMean:
     dive: int
     source: Source
 
+    def __repr__(self) -> str:
+        """Return when and over what path the mean was taken, and the mean."""
+        (u, v), path = self.velocity, f"{self.depth.size} points, {span_text(self.depth)} m deep"
+        return (
+            f"PathMean ({self.kind}) {time_text(self.time_ns)}, dive {self.dive}: {path}\n"
+            f"  u {u:.3f}, v {v:.3f} +- {self.error_std:.3f} m/s (true axes)"
+        )
+
 
 #: What an estimator may be given.
 Measurement = Observation | PathMean
@@ -167,7 +185,7 @@ Measurement = Observation | PathMean
 Decision = Literal["accepted", "softened", "rejected", "unusable"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Innovation:
     """What one observation said against the prediction made before it.
 
@@ -216,3 +234,13 @@ class Innovation:
     signal_dof: float = float("nan")
     prior_inflation: float = 1.0
     log_likelihood: float = float("nan")
+
+    def __repr__(self) -> str:
+        """Return what was done with the observation, and how far it lay from the prediction."""
+        parts = (part[np.isfinite(part)] for part in (self.innovation, self.residual))
+        before, after = (f"{np.sqrt(np.mean(part**2)):.3f}" if part.size else "-" for part in parts)
+        bins = f"{self.depth.size} bins, {span_text(self.depth)} m deep"
+        return (
+            f"Innovation {time_text(self.time_ns)}, dive {self.dive}: {self.decision}, {bins}\n"
+            f"  RMS {before} m/s before and {after} m/s after the update, NIS {self.nis:.1f} of {self.dof} degrees of freedom"
+        )

@@ -35,6 +35,21 @@ def check_paths(
             raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
 
 
+def as_path(value: object, what: str) -> Path:
+    """Return a path given as text or ``Path``.
+
+    Args:
+        value: The path.
+        what: What it is the path of, for the error.
+
+    Raises:
+        ConfigError: It is something else.
+    """
+    if isinstance(value, str | Path):
+        return Path(value)
+    raise ConfigError(f"{what}: expected a path (str or Path), got {type(value).__name__}; give the name of the file")
+
+
 def is_stream(path: Path) -> bool:
     """Return whether a path is a pipe or a device, which is written to and not replaced."""
     return path.is_fifo() or path.is_char_device()

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.text import place_text, time_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +26,7 @@ class Place:
 PlanStatus = Literal["reached", "unreachable", "failed"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Plan:
     """A glide at one constant velocity through water, and where it is predicted to go.
 
@@ -61,3 +62,12 @@ class Plan:
     track: Array
     message: str
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return its ends, what to steer and how it turns out."""
+        ends = " to ".join(f"{place_text(end.longitude, end.latitude)}, {end.depth:g} m" for end in (self.start, self.goal))
+        steer = (
+            f"heading {self.heading_deg:.1f} degrees, glide angle {self.glide_angle_deg:.1f} degrees, {self.speed:.2f} m/s through water"
+        )
+        outcome = f"{self.duration / 3600.0:.1f} h, closest approach {self.closest_approach:.0f} m; track of {len(self.track)} points"
+        return f"Plan for {time_text(self.start_time_ns)}: {self.status}; {ends}\n  {steer}, {outcome}"

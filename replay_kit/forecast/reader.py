@@ -10,6 +10,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.core.paths import as_path
 from replay_kit.forecast.depths import in_metres
 from replay_kit.forecast.grid import grid_to_local, local_grid, region_slices, true_to_local, wet_mask
 from replay_kit.forecast.names import MEMBER_NAMES, find_coordinate, find_depth, find_member, find_velocity
@@ -20,7 +21,7 @@ _HINT = "give the path of a NetCDF file or a Zarr store"
 
 
 def read_ensemble(
-    path: Path, config: ForecastConfig, *, near_ns: int | None = None, place_at: tuple[float, float] | None = None
+    path: str | Path, config: ForecastConfig, *, near_ns: int | None = None, place_at: tuple[float, float] | None = None
 ) -> Ensemble:
     """Return the chosen part of an ensemble forecast in its local frame.
 
@@ -75,12 +76,13 @@ def read_truth(spec: str, config: ForecastConfig, *, near_ns: int | None = None,
         return _read(field, member, config, near_ns, place_at, spec)
 
 
-def open_forecast(path: Path) -> xr.Dataset:
+def open_forecast(path: str | Path) -> xr.Dataset:
     """Return a forecast's file, opened.
 
     Raises:
         ForecastError: It is missing, or neither NetCDF nor Zarr.
     """
+    path = as_path(path, "ensemble")
     if not path.exists():
         raise ForecastError(f"{path}: no such file; {_HINT}")
     if path.is_dir():

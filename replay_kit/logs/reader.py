@@ -57,6 +57,12 @@ class LogFile(AbstractContextManager["LogFile"]):
         self._wanted = wanted
         self._files: list[BinaryIO] = []
 
+    def __repr__(self) -> str:
+        """Return the file, and what the pass begun last has read of it."""
+        topics = self.statistics.read
+        read = f"{topics.total()} messages of {len(topics)} topics read so far" if topics else "messages() reads it"
+        return f"Log {self.path} ({self.format}, {Path(self.path).stat().st_size / 1e6:.2f} MB): {read}"
+
     def __exit__(self, *error: object) -> None:
         """Close the file of every unfinished pass."""
         for file in self._files:

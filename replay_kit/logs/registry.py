@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
+from replay_kit.core.paths import as_path
 from replay_kit.logs.adcp.records import AD2CP_MAGICS, PD0_MAGIC
 from replay_kit.logs.reader import LogFile, unreadable
 
@@ -95,7 +96,7 @@ _FOREIGN = (
 )
 
 
-def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogFile:
+def open_log(path: str | Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogFile:
     """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink, DataFlash, Seaglider NetCDF or raw ADCP.
 
     Args:
@@ -108,7 +109,7 @@ def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted
     Raises:
         LogError: The file is missing, no file, empty, unreadable, or of none of the known formats.
     """
-    path = Path(path)
+    path = as_path(path, "log")
     head = _first_bytes(path)
     for form in FORMATS:
         if form.recognises(head):

@@ -21,7 +21,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.horizontal import HorizontalKernel, stream_function_kernel, velocity_kernel
-from replay_kit.core.geodesy import inside_grid
+from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 
 # Points evaluated at once: bounds the memory of the kernel matrix to some 10 MB for a thousand nodes.
@@ -94,13 +94,14 @@ class FlowField:
         """Number of modes of the uncertainty; 0 when the flow has none."""
         return int(self.modes.shape[1])
 
-    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
-        """Return the velocity [m/s], local east and north, at points of the local frame.
+    def velocity(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False) -> Array:
+        """Return the velocity [m/s] at points of the local frame.
 
         Args:
             east: [m], any shape; the three broadcast together.
             north: [m].
             depth: [m], positive down.
+            true_axes: Whether the components are towards true east and true north, instead of the local frame's.
 
         Returns:
             Array of the broadcast shape with one more axis of length 2.
@@ -108,7 +109,7 @@ class FlowField:
         points, depths, shape = _flatten(east, north, depth)
         out = np.empty((depths.size, 2))
         for places, part, at in _by_place(points):
-            by_level = (velocity_kernel(self.kernel, places, self.nodes) @ self.latent).reshape(2, len(places), -1)
+            by_level = self._components(places, self.latent, true_axes)
             weights = depth_weights(self.depth_functions, depths[part], self.levels)
             out[part] = np.einsum("cpz,pz->pc", by_level[:, at], weights)
         return out.reshape(*shape, 2)
@@ -122,8 +123,8 @@ class FlowField:
             out[part] = np.sum(by_level * depth_weights(self.depth_functions, depths[part], self.levels), axis=1)
         return out.reshape(shape)
 
-    def standard_error(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
-        """Return the standard deviation [m/s] of each velocity component; shapes as in ``velocity``.
+    def standard_error(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False) -> Array:
+        """Return the standard deviation [m/s] of each velocity component; arguments and shapes as in ``velocity``.
 
         It is NaN outside the grid's outline and below the last level, where nothing is known.
 
@@ -136,7 +137,7 @@ class FlowField:
         blocks = self._covariance_blocks(np.flatnonzero(used))
         variance = np.empty((depths.size, 2))
         for places, part, at in _by_place(points):
-            basis = (velocity_kernel(self.kernel, places, self.nodes) @ self.modes).reshape(2, -1, self.n_modes)
+            basis = self._components(places, self.modes, true_axes)
             variance[part] = _variance(blocks, basis, at, depth_weights(self.depth_functions, depths[part], self.levels))
         known = inside_grid(self.grid, *points.T) & (depths <= self.levels[-1])
         variance[~known] = np.nan
@@ -159,6 +160,14 @@ class FlowField:
     def mean_flow(self) -> Self:
         """Return the mean alone: the same flow without uncertainty and model of time."""
         return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
+
+    def _components(self, places: Array, latent: Array, true_axes: bool) -> Array:
+        """Return the two components, shape (2, M, k), at places, shape (M, 2), of flows with latent velocities, shape (2N, k)."""
+        rows = (velocity_kernel(self.kernel, places, self.nodes) @ latent).reshape(2, len(places), -1)
+        if not true_axes:
+            return rows
+        longitude, latitude = to_geographic(self.grid.projection, *places.T)
+        return np.stack(rotate_to_geographic(self.grid.projection, longitude[:, None], latitude[:, None], *rows))
 
     def _covariance_blocks(self, levels: NDArray[np.intp]) -> dict[tuple[int, int], Array]:
         """Return the covariance of some levels' weights in blocks, shape (r, r), by pairs of levels, the later one first.

@@ -16,16 +16,18 @@ from replay_kit.core.flow.horizontal import HorizontalKernel
 from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, READ_VERSIONS
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.paths import as_path
 
 
-def load(path: Path) -> FlowEstimate:
+def load(path: str | Path) -> FlowEstimate:
     """Return the flow that ``save`` wrote.
 
     Raises:
         ForecastError: The file is missing, damaged, not such a file, or of another format version.
     """
+    path = as_path(path, "estimate")
     try:
-        data = Path(path).read_bytes()
+        data = path.read_bytes()
     except OSError as error:
         raise ForecastError(f"{path}: cannot read the flow: {error.strerror}") from error
     return load_bytes(data, str(path))

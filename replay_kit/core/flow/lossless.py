@@ -87,8 +87,9 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         **{name: np.float64(number) for name, number in numbers.items()},
     }
     if evolution is not None:
-        attrs |= {"trajectory_scale": evolution.process.trajectory_scale, "local_scale": evolution.process.local_scale}
-        variables["forecast_time"].attrs |= {"units": CF_TIME["units"], EXACT_TIME: " ".join(map(str, evolution.process.times_ns))}
+        process = evolution.process
+        attrs |= {name: np.float64(getattr(process, name)) for name in ("trajectory_scale", "local_scale")}
+        variables["forecast_time"].attrs |= {"units": CF_TIME["units"], EXACT_TIME: " ".join(map(str, process.times_ns))}
         if evolution.time_ns is not None:
             attrs["evolution_time"] = str(evolution.time_ns)
     return xr.Dataset(variables, attrs=attrs)

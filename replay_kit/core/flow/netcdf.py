@@ -20,7 +20,24 @@ from replay_kit.core.grid import Grid
 # Points evaluated at once: bounds the kernel matrix to some tens of MB.
 _CHUNK = 512
 
-_COMPONENTS = (("u", "eastward_sea_water_velocity"), ("v", "northward_sea_water_velocity"))
+_COMPONENTS = {"u": "eastward sea water velocity", "v": "northward sea water velocity"}
+#: Attributes of the variables, after CF.
+ATTRIBUTES = {
+    **{name: {"standard_name": words.replace(" ", "_"), "long_name": words, "units": "m s-1"} for name, words in _COMPONENTS.items()},
+    **{
+        f"{name}_standard_error": {
+            "standard_name": f"{words.replace(' ', '_')} standard_error",
+            "long_name": f"standard error of {words}",
+            "units": "m s-1",
+        }
+        for name, words in _COMPONENTS.items()
+    },
+    "longitude": {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"},
+    "latitude": {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
+    "depth": {"standard_name": "depth", "long_name": "depth below the surface", "units": "m", "positive": "down"},
+    "time": {"standard_name": "time", "long_name": "time"},
+    "estimate_time": {"long_name": "time for which the velocity holds"},
+}
 
 
 def to_dataset(
@@ -55,15 +72,13 @@ def to_dataset(
         "history": history("to_dataset", flow),
     }
     dataset = xr.Dataset(coords=coords, attrs=attrs)
-    for component, (name, standard_name) in enumerate(_COMPONENTS):
-        words = standard_name.replace("_", " ")
-        described = {"standard_name": standard_name, "long_name": words, "units": "m s-1"}
+    for component, name in enumerate(_COMPONENTS):
+        ancillary = {}
         if variance is not None:
-            described["ancillary_variables"] = f"{name}_standard_error"
-            about = {"standard_name": f"{standard_name} standard_error", "long_name": f"standard error of {words}", "units": "m s-1"}
+            ancillary["ancillary_variables"] = of_error = f"{name}_standard_error"
             error = np.sqrt(np.maximum(variance[component], 0.0)).reshape(wet.shape)
-            dataset[f"{name}_standard_error"] = (dims, np.where(wet, error, np.nan), about)
-        dataset[name] = (dims, np.where(wet, velocity[component].reshape(wet.shape), np.nan), described)
+            dataset[of_error] = (dims, np.where(wet, error, np.nan), ATTRIBUTES[of_error])
+        dataset[name] = (dims, np.where(wet, velocity[component].reshape(wet.shape), np.nan), ATTRIBUTES[name] | ancillary)
     return dataset
 
 
@@ -149,12 +164,10 @@ def _weight_cov_at(flow: FlowField, by_level: Array) -> Array:
 
 
 def _coordinates(flow: FlowField, lon: Array, lat: Array, depth: Array) -> tuple[tuple[str, ...], dict[str, xr.Variable]]:
-    lon_attrs = {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"}
-    lat_attrs = {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"}
-    depth_attrs = {"standard_name": "depth", "long_name": "depth below the surface", "units": "m", "positive": "down", "axis": "Z"}
-    coords = {"depth": xr.Variable("depth", depth, depth_attrs)}
+    lon_attrs, lat_attrs = ATTRIBUTES["longitude"], ATTRIBUTES["latitude"]
+    coords = {"depth": xr.Variable("depth", depth, ATTRIBUTES["depth"] | {"axis": "Z"})}
     if flow.time_ns is not None:
-        coords["time"] = xr.Variable((), np.datetime64(flow.time_ns, "ns"), {"standard_name": "time", "long_name": "time", "axis": "T"})
+        coords["time"] = xr.Variable((), np.datetime64(flow.time_ns, "ns"), ATTRIBUTES["time"] | {"axis": "T"})
     if np.all(lon == lon[0]) and np.all(lat == lat[:, :1]):
         coords["latitude"] = xr.Variable("latitude", lat[:, 0], lat_attrs | {"axis": "Y"})
         coords["longitude"] = xr.Variable("longitude", lon[0], lon_attrs | {"axis": "X"})

@@ -5,6 +5,7 @@ from typing import Literal
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Reference
+from replay_kit.core.text import span_text
 
 CoordinateSystem = Literal["beam", "instrument", "ship", "earth"]
 Look = Literal["down", "up"]
@@ -88,7 +89,7 @@ class QualityFields:
     noise_floor: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AdcpPing:
     """A ping of n cells.
 
@@ -137,3 +138,11 @@ class AdcpPing:
     correlation_depth: float
     dive: int | None
     derived: bool
+
+    def __repr__(self) -> str:
+        """Return its size and what its velocities are."""
+        cells, columns = self.velocity.shape
+        return (
+            f"AdcpPing of {cells} cells x {columns} components, {span_text(self.distance)} m {self.orientation} from the transducer\n"
+            f"  {span_text(self.velocity, 2)} m/s in {self.coordinate_system} coordinates, relative to {self.reference}"
+        )

@@ -1,0 +1,145 @@
+"""Velocities of a flow at places in degrees, and along tracks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.evolution import Evolution, constant
+from replay_kit.core.flow.field import FlowField
+from replay_kit.core.flow.netcdf import ATTRIBUTES, wet_at
+from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.text import place_text, span_text, time_text
+from replay_kit.core.time import to_time_ns
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Velocities:
+    """Velocities at points, towards true east and true north; all arrays have the shape of the points.
+
+    Velocity and standard error are NaN where nothing is known: outside the region, on land and below the last level.
+
+    Attributes:
+        longitude: [degrees east].
+        latitude: [degrees north].
+        depth: [m], positive down.
+        time: datetime64[ns], UTC, that was asked for, or along a track; NaT when unknown.
+        estimate_time: datetime64[ns], UTC, for which the velocity holds; later than ``time`` where an estimate that changes with time was
+            asked for the past of its last observation, along a track.
+        u: Eastward velocity [m/s].
+        v: Northward velocity [m/s].
+        u_standard_error: [m/s]; NaN when the flow has no uncertainty.
+        v_standard_error: [m/s].
+    """
+
+    longitude: Array
+    latitude: Array
+    depth: Array
+    time: NDArray[np.datetime64]
+    estimate_time: NDArray[np.datetime64]
+    u: Array
+    v: Array
+    u_standard_error: Array
+    v_standard_error: Array
+
+    def __repr__(self) -> str:
+        """Return where and when, and the velocities with their standard errors."""
+        known = np.isfinite(self.u)
+        rest = "" if known.all() else f"\n  {np.sum(~known)} of {known.size} outside the region, on land or below the last level: NaN"
+        depths = f"{span_text(self.depth)} m deep"
+        if known.shape == ():
+            where = f"{place_text(float(self.longitude), float(self.latitude))}, {depths}, {self._times()}"
+            values = f"u {self.u:.3f} +- {self.u_standard_error:.3f}, v {self.v:.3f} +- {self.v_standard_error:.3f} m/s"
+            return f"Velocity at {where}\n  {values} (true east, true north){rest}"
+        errors = span_text([self.u_standard_error, self.v_standard_error], 2)
+        values = f"u {span_text(self.u, 2)}, v {span_text(self.v, 2)}, standard error {errors} m/s"
+        return f"Velocities at {known.size} points {known.shape}, {depths}, {self._times()}\n  {values} (true east, true north){rest}"
+
+    def _times(self) -> str:
+        times = self.time[~np.isnat(self.time)].astype(np.int64)
+        return " to ".join(dict.fromkeys(time_text(int(end)) for end in (times.min(), times.max()))) if times.size else "no time"
+
+    def to_xarray(self) -> "xr.Dataset":
+        """Return a CF dataset on the dimension ``point``."""
+        import xarray as xr
+
+        names = ("time", "longitude", "latitude", "depth", "estimate_time", "u", "v", "u_standard_error", "v_standard_error")
+        values = {name: ("point", np.ravel(getattr(self, name)), ATTRIBUTES[name]) for name in names}
+        return xr.Dataset(values).set_coords(names[:5])
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a table with a row a point."""
+        return self.to_xarray().reset_coords().to_dataframe()
+
+
+def velocity_at(flow: FlowField, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None) -> Velocities:
+    """Return the velocities at points; see ``FlowEstimate.velocity_at``."""
+    if time is None:
+        return _velocities(flow, (longitude, latitude, depth), None)
+    time_ns = to_time_ns(time)
+    first = flow.later.time_ns if isinstance(flow.later, Evolution) else None
+    if first is not None and time_ns.size and time_ns.min() < first:
+        raise EstimatorError(
+            f"time: {time_text(int(time_ns.min()))} is before the last observation of the estimate, {time_text(first)}; expected that time "
+            "or a later one: leave time out for the estimate's own, or look back with replay_kit.estimator.evolving.smoother"
+        )
+    return _velocities(flow, (longitude, latitude, depth), time_ns)
+
+
+def velocity_along(flow: FlowField, track: Any) -> Velocities:
+    """Return the velocities along a track; see ``FlowEstimate.along``."""
+    if not isinstance(track, Mapping) and not hasattr(track, "keys"):
+        kind = type(track).__name__
+        raise EstimatorError(f"track: expected a table, dataset or mapping with longitude, latitude, depth and perhaps time, got {kind}")
+    columns = {name: track[name] for name in ("longitude", "latitude", "depth", "time") if name in track}
+    index = getattr(track, "index", None)
+    if "time" not in columns and getattr(index, "name", None) == "time":
+        columns["time"] = index
+    if missing := [name for name in ("longitude", "latitude", "depth") if name not in columns]:
+        raise EstimatorError(f"track: expected longitude, latitude, depth and perhaps time, but {', '.join(missing)} is missing")
+    time = columns.pop("time", None)
+    return _velocities(flow, tuple(columns.values()), None if time is None else to_time_ns(time))
+
+
+def _velocities(flow: FlowField, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None) -> Velocities:
+    """Return the velocities at points; those before the last observation of an estimate at the time of that."""
+    own = np.iinfo(np.int64).min if flow.time_ns is None else flow.time_ns  # the former is NaT
+    axes = (np.asarray(axis, dtype=np.float64) for axis in points)
+    longitude, latitude, depth, asked = np.broadcast_arrays(*axes, np.int64(own) if time_ns is None else time_ns)
+    if np.any(np.abs(latitude) > 90.0):
+        raise EstimatorError(f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth")
+    at = np.column_stack([axis.ravel() for axis in (longitude, latitude, depth)])
+    values, held = np.full((len(at), 4), np.nan), asked.ravel().astype(np.int64)
+    if time_ns is None or flow.later is constant:
+        values[:] = _evaluate(flow, *at.T)
+    else:
+        times, which = np.unique(asked, return_inverse=True)
+        for k, time in enumerate(times.tolist()):
+            here = which.ravel() == k
+            now = flow.at(time)
+            values[here] = _evaluate(now, *at[here].T)
+            held[here] = time if now.time_ns is None else now.time_ns
+    kept = (column.reshape(depth.shape)[()] for column in values.T)
+    dates = (value.reshape(depth.shape).astype("datetime64[ns]")[()] for value in (asked, held))
+    return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept)
+
+
+def _evaluate(flow: FlowField, longitude: Array, latitude: Array, depth: Array) -> Array:
+    """Return velocity and standard error, shape (n, 4), at points, each shape (n,); NaN where nothing is known."""
+    out = np.full((depth.size, 4), np.nan)
+    known = np.isfinite(longitude + latitude + depth)
+    east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
+    known[known] = wet_at(flow.grid, east, north, depth[known]) & inside_grid(flow.grid, east, north)
+    east, north = to_local(flow.grid.projection, longitude[known], latitude[known])
+    out[known, :2] = flow.velocity(east, north, depth[known], true_axes=True)
+    if flow.n_modes:
+        out[known, 2:] = flow.standard_error(east, north, depth[known], true_axes=True)
+    return out

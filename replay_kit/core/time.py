@@ -1,0 +1,62 @@
+"""Times as nanoseconds since 1970 (UTC), from text and from what notebooks hold."""
+
+import re
+from datetime import UTC, date, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+from replay_kit.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_LAST_NS = 2**63 - 1
+
+
+def parse_time(text: str) -> int:
+    """Return a time [ns, UTC] written in ISO 8601; without an offset it is UTC, with one it is converted.
+
+    Raises:
+        ConfigError: The text is no such time, or lies outside 1970..2262, the years that 64 bits of nanoseconds hold.
+    """
+    try:
+        moment = datetime.fromisoformat(text.strip())
+    except ValueError as error:
+        raise ConfigError(f"'{text}' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z") from error
+    # a time with an offset is moved by hand, as datetime itself fails on those that leave its years 1..9999
+    offset = moment.utcoffset() or timedelta(0)
+    since = moment.replace(tzinfo=UTC) - _EPOCH - offset
+    # datetime ends at microseconds; logs are stamped in nanoseconds
+    digits = re.search(r"[.,]\d{6}(\d{1,3})", text)
+    time_ns = since // timedelta(microseconds=1) * 1000 + (int(digits[1].ljust(3, "0")) if digits else 0)
+    if not 0 <= time_ns <= _LAST_NS:
+        raise ConfigError(f"'{text}' is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z")
+    return time_ns
+
+
+def to_time_ns(time: Any) -> "NDArray[np.int64]":
+    """Return times [ns, UTC] in the shape given.
+
+    Args:
+        time: ISO 8601 text, ``datetime64``, ``datetime``, pandas' times, or integer nanoseconds since 1970; one or an array of them.
+            Text and times without a zone are UTC.
+
+    Raises:
+        ConfigError: A value is none of these.
+    """
+    # the configuration needs ``parse_time`` alone, before numpy
+    import numpy as np
+
+    values = np.asarray(time)
+    if values.dtype.kind in "iu":
+        return values.astype(np.int64)
+    if values.dtype.kind == "M" and not np.isnat(values).any():
+        return values.astype("datetime64[ns]").astype(np.int64)
+    texts = [each.isoformat() if isinstance(each, date) else each for each in values.ravel().tolist()]
+    if not all(isinstance(text, str) for text in texts):
+        raise ConfigError(
+            "time: expected ISO 8601 text, datetime64 or integer nanoseconds since 1970 (UTC), "
+            f"got {'a missing time (NaT)' if values.dtype.kind == 'M' else repr(time)[:60]}"
+        )
+    return np.array([parse_time(text) for text in texts], dtype=np.int64).reshape(values.shape)
