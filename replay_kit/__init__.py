@@ -1,3 +1,76 @@
-"""replay-kit: what was the water doing, and where should the vehicle go next?"""
+"""replay-kit: what was the water doing, and where should the vehicle go next?
 
-__version__ = "0.1.0"
+    import replay_kit as rk
+
+    result = rk.replay("glider.mcap", "ensemble.nc")
+    result.estimate.velocity_at(152.6, -40.0, 150.0)
+
+Each name is imported when it is first asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from replay_kit.core.version import __version__
+
+if TYPE_CHECKING:
+    from replay_kit.config.run import RunConfig
+    from replay_kit.core.errors import ReplayKitError
+    from replay_kit.core.flow.estimate import FlowEstimate
+    from replay_kit.core.flow.load import load as open_estimate
+    from replay_kit.core.grid import Ensemble
+    from replay_kit.core.observation import Observation
+    from replay_kit.core.plan import Place, Plan
+    from replay_kit.logs import open_log
+    from replay_kit.measurements import observations
+    from replay_kit.results import Result, open_result
+    from replay_kit.workflows.library import open_ensemble, plan, replay
+
+__all__ = [
+    "Ensemble",
+    "FlowEstimate",
+    "Observation",
+    "Place",
+    "Plan",
+    "ReplayKitError",
+    "Result",
+    "RunConfig",
+    "__version__",
+    "observations",
+    "open_ensemble",
+    "open_estimate",
+    "open_log",
+    "open_result",
+    "plan",
+    "replay",
+]
+
+_PUBLIC = {
+    "Ensemble": "core.grid",
+    "FlowEstimate": "core.flow.estimate",
+    "Observation": "core.observation",
+    "Place": "core.plan",
+    "Plan": "core.plan",
+    "ReplayKitError": "core.errors",
+    "Result": "results",
+    "RunConfig": "config.run",
+    "observations": "measurements",
+    "open_ensemble": "workflows.library",
+    "open_estimate": "core.flow.load",
+    "open_log": "logs",
+    "open_result": "results",
+    "plan": "workflows.library",
+    "replay": "workflows.library",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'replay_kit' has no attribute {name!r}; it has {', '.join(__all__)}")
+    value = getattr(import_module(f"replay_kit.{_PUBLIC[name]}"), "load" if name == "open_estimate" else name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

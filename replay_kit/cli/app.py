@@ -14,10 +14,10 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError, UnknownOptionError
 from cyclopts.token import Token
 
-from replay_kit import __version__
 from replay_kit.cli.console import wide_console
 from replay_kit.cli.options import CHOICES, check_endings
 from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.version import __version__
 
 # Loading modules and laying out help make many small objects that stay; looking for garbage among them takes a sixth of the help's time.
 gc.set_threshold(50_000, 20, 20)

@@ -8,10 +8,11 @@ from mcap.reader import make_reader
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_bytes
+from replay_kit.core.paths import as_path
 from replay_kit.results.mcap_writer import ESTIMATE_NAME
 
 
-def read_estimate(path: Path) -> FlowEstimate:
+def read_estimate(path: str | Path) -> FlowEstimate:
     """Return the last estimate of a result MCAP, from its attachment ``estimate.nc``.
 
     Args:
@@ -20,6 +21,7 @@ def read_estimate(path: Path) -> FlowEstimate:
     Raises:
         ForecastError: The file is no readable MCAP or carries no estimate.
     """
+    path = as_path(path, "result")
     try:
         with path.open("rb") as file:
             attachments = [record.data for record in make_reader(file).iter_attachments() if record.name == ESTIMATE_NAME]
@@ -28,5 +30,8 @@ def read_estimate(path: Path) -> FlowEstimate:
     except (McapError, ValueError) as error:
         raise ForecastError(f"{path}: not a complete MCAP: {error!r}") from error
     if not attachments:
-        raise ForecastError(f"{path}: carries no {ESTIMATE_NAME}; expected a result of replay-kit replay")
+        raise ForecastError(
+            f"{path}: carries no {ESTIMATE_NAME}, as a result written without its estimate, of an unfinished run or of a plan alone; "
+            "its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
+        )
     return load_bytes(attachments[-1], f"{path}#{ESTIMATE_NAME}")

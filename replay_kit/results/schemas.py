@@ -15,7 +15,7 @@ from google.protobuf.message_factory import GetMessageClass
 CONTRACT_VERSION = 3
 
 _PACKAGE = "replay_kit"
-_TIME = ".google.protobuf.Timestamp"
+TIME = ".google.protobuf.Timestamp"
 _SCALARS = {
     "double": FieldDescriptorProto.TYPE_DOUBLE,
     "int32": FieldDescriptorProto.TYPE_INT32,
@@ -48,17 +48,17 @@ def _fields(type_name: str, *names: str) -> tuple[Field, ...]:
 
 MESSAGES: dict[str, tuple[Field, ...]] = {
     "FlowEstimate": (
-        *_fields(_TIME, "timestamp"),
+        *_fields(TIME, "timestamp"),
         *_fields("uint32", "n_modes"),
         *_fields("double[]", "levels", "weights"),
         *_fields("uint32", "n_observations"),
     ),
     "Innovation": (
-        *_fields(_TIME, "timestamp"),
+        *_fields(TIME, "timestamp"),
         *_fields("uint32", "source_input"),
         *_fields("string", "source_topic"),
         *_fields("uint64", "source_position"),
-        *_fields(_TIME, "source_time"),
+        *_fields(TIME, "source_time"),
         *_fields("uint32", "dive"),
         *_fields("double[]", "depth", "innovation_east", "innovation_north", "innovation_std_east", "innovation_std_north"),
         *_fields("double[]", "residual_east", "residual_north", "prior_innovation_east", "prior_innovation_north"),
@@ -74,7 +74,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
     "Place": _fields("double", "longitude", "latitude", "depth"),
     "Statistic": _fields("string", "name", "value"),
     "Plan": (
-        *_fields(_TIME, "timestamp"),
+        *_fields(TIME, "timestamp"),
         *_fields("string", "status", "message"),
         *_fields(".replay_kit.Place", "start", "goal"),
         *_fields("double", "heading_deg", "glide_angle_deg", "speed"),
@@ -84,7 +84,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields(".replay_kit.Statistic[]", "statistics"),
     ),
     "PlanOutcome": (
-        *_fields(_TIME, "timestamp", "planned_time", "predicted_time"),
+        *_fields(TIME, "timestamp", "planned_time", "predicted_time"),
         *_fields(".replay_kit.Place", "predicted", "actual"),
         *_fields("double", "distance", "direction_deg", "delay"),
         *_fields("bool", "inside_ellipse"),
@@ -138,3 +138,8 @@ def encode(name: str, values: dict[str, Any]) -> bytes:
         values: Field name to value; nested messages as mappings, times as mappings of seconds and nanos.
     """
     return bytes(_CLASSES[name](**values).SerializeToString(deterministic=True))
+
+
+def decode(name: str, data: bytes) -> Message:
+    """Return a message of the table from its protobuf bytes, with the field names of this version of the contract."""
+    return _CLASSES[name].FromString(data)

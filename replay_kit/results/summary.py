@@ -77,7 +77,7 @@ class TruthScore:
     ensemble_mean_closest_approach_m: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class ReplaySummary:
     """Results of a replay apart from its output files.
 
@@ -120,6 +120,10 @@ class ReplaySummary:
     outcomes: tuple[Outcome, ...] = ()
     truth: TruthScore | None = None
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return the sentences on the estimate."""
+        return "\n".join(_estimate_sentences(self))
 
     @property
     def exit_code(self) -> int:

@@ -8,11 +8,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from replay_kit import __version__
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.version import __version__
 from replay_kit.estimator.basis.modes import build_basis, correlation_length
 from replay_kit.estimator.prior.fit import FitRow, best, fit_settings, fit_steps, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings

@@ -13,12 +13,12 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit import __version__
 from replay_kit.config.gating import with_current_keys
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
+from replay_kit.core.version import __version__
 from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, first_difference, read_recorded
 from replay_kit.results.mcap_writer import CONFIG_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from replay_kit import __version__
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.field import FlowField
+from replay_kit.core.version import __version__
 
 FORMAT = "replay_kit.FlowEstimate"
 # since version 3 the file says how the flow changes with time; since version 2 time is in seconds, with its nanoseconds in an attribute,

@@ -7,7 +7,6 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from replay_kit import __version__
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.depth import depth_weights
@@ -16,6 +15,7 @@ from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, history, write_dataset
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Grid
+from replay_kit.core.version import __version__
 
 # Points evaluated at once: bounds the kernel matrix to some tens of MB.
 _CHUNK = 512

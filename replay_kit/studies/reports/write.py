@@ -12,9 +12,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as ConsoleTable
 
-from replay_kit import __version__
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.version import __version__
 from replay_kit.studies.reports.tables import Cell, Criterion, Table
 
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from replay_kit import __version__
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.version import __version__
 
 _BLOCK = 1 << 20
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")

@@ -117,7 +117,7 @@ def test_a_track_is_a_table_a_dataset_or_a_mapping() -> None:
 
 
 def test_what_is_no_track_is_refused(flow: FlowEstimate) -> None:
-    with pytest.raises(EstimatorError, match="expected a table, dataset or mapping with longitude.* and perhaps time, got list"):
+    with pytest.raises(EstimatorError, match=r"expected a table, dataset or mapping with longitude.* and perhaps time, got list"):
         flow.along([5.0, 62.0])
     with pytest.raises(EstimatorError, match="but latitude, depth is missing"):
         flow.along({"longitude": [5.0]})

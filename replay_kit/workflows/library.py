@@ -1,0 +1,135 @@
+"""What ``import replay_kit`` offers beside the readers: a replay and a plan, each as one call."""
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.message import LogReader
+from replay_kit.core.paths import as_path
+from replay_kit.core.plan import Place, Plan
+from replay_kit.core.time import to_time_ns
+from replay_kit.forecast import read_ensemble
+from replay_kit.results import Result
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.replay import replay as replay_job
+
+#: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.
+Settings = Mapping[str, Any] | str | Path | RunConfig | None
+#: A path, an open log, or several.
+Logs = str | Path | LogReader | Sequence[str | Path | LogReader]
+#: A place, or longitude, latitude [degrees] and depth [m].
+At = Place | tuple[float, float, float]
+
+
+def replay(
+    logs: Logs,
+    ensemble: str | Path,
+    *,
+    goal: At | None = None,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    settings: Settings = None,
+) -> Result:
+    """Return what logs and an ensemble forecast say of the current: the estimate, and tables of what was used.
+
+    Args:
+        logs: Logs of one mission.
+        ensemble: Ensemble file: CF NetCDF or Zarr.
+        goal: Where to go next; None plans nothing.
+        out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
+        overwrite: Whether an existing result is replaced.
+        settings: Such as ``{"forecast": {"levels": [5, 150, 500]}}``; ``replay_kit.RunConfig`` has them all.
+
+    Raises:
+        ReplayKitError: An input cannot be used, or a setting is wrong.
+    """
+    each = logs if isinstance(logs, list | tuple) else [logs]
+    paths = tuple(as_path(getattr(log, "path", log), "log") for log in each)
+    forecast, config = as_path(ensemble, "ensemble"), settings_of(settings)
+    folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
+    file = as_path(out, "out") if folder is None else folder / "result.mcap"
+    job = ReplayJob(paths, forecast, file, goal=None if goal is None else place_of(goal, "goal"), overwrite=overwrite)
+    try:
+        summary, flow = replay_job(job, config, planner_of(config.planner))
+    except BaseException:
+        if folder is not None:
+            shutil.rmtree(folder)
+        raise
+    result = Result(file, summary)
+    # the estimate is at hand, and need not be read back
+    vars(result)["estimate"] = flow
+    if folder is not None:
+        weakref.finalize(result, shutil.rmtree, folder, ignore_errors=True)
+    return result
+
+
+def plan(estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, settings: Settings = None) -> Plan:
+    """Return the best glide, or with ``planner.kind`` mission the best mission, found on an estimate.
+
+    Args:
+        estimate: The current.
+        start: Where it begins.
+        goal: Where it should pass.
+        time: When it begins: ISO 8601 text, datetime64 or integer nanoseconds (UTC); None for the estimate's time.
+        settings: As in ``replay``; ``[planner]`` counts.
+
+    Raises:
+        PlanError: Start or goal is outside the region or on land.
+    """
+    planner, begin, end = planner_of(settings_of(settings).planner), place_of(start, "start"), place_of(goal, "goal")
+    planner.check(estimate, end)
+    start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
+    return planner.plan(estimate, begin, end, start_ns, None).plan
+
+
+def open_ensemble(path: str | Path, *, settings: Settings = None) -> Ensemble:
+    """Return the members of an ensemble forecast that a replay would use.
+
+    Args:
+        path: CF NetCDF file or Zarr store with a member dimension.
+        settings: As in ``replay``; ``[forecast]`` counts.
+
+    Raises:
+        ForecastError: The file is missing or is no such ensemble.
+    """
+    return read_ensemble(path, settings_of(settings).forecast)
+
+
+def settings_of(settings: Settings) -> RunConfig:
+    """Return a whole configuration.
+
+    Raises:
+        ConfigError: A key or value is wrong, or the file is missing.
+    """
+    if isinstance(settings, RunConfig):
+        return settings
+    if isinstance(settings, Mapping):
+        return load_config(None, settings)
+    return load_config(None if settings is None else as_path(settings, "settings"))
+
+
+def place_of(at: At, what: str) -> Place:
+    """Return a place.
+
+    Args:
+        at: The place, or its three numbers.
+        what: What it is, for the error.
+
+    Raises:
+        ConfigError: It is neither.
+    """
+    if isinstance(at, Place):
+        return at
+    try:
+        longitude, latitude, depth = (float(number) for number in at)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{what}: expected longitude, latitude [degrees] and depth [m], got {at!r}") from error
+    return Place(longitude, latitude, depth)

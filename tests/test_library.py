@@ -1,0 +1,163 @@
+"""``import replay_kit``: a replay, a plan and the readers as a notebook uses them."""
+
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import replay_kit as rk
+from replay_kit.config.run import load_config
+from replay_kit.core.errors import ConfigError, ForecastError, LogError, PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.workflows.library import settings_of
+from replay_kit.workflows.replay.provenance import run_settings_toml
+from tests.places import ROOT, SAMPLES
+
+LOG, ENSEMBLE = SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc"
+SETTINGS = {
+    "logs": {"end": "2018-11-16T04:00:00Z"},
+    "forecast": {"levels": [5, 150, 500]},
+    "estimator": {"modes": 10, "sample_share": 0.5, "shift_distance": 0.0},
+    "output": {"depths": [150.0], "interval": 1e6},
+}
+START, GOAL = (153.12, -40.28, 0.0), (153.05, -40.2, 150.0)
+
+
+@pytest.fixture(scope="module")
+def result() -> rk.Result:
+    return rk.replay(LOG, ENSEMBLE, goal=GOAL, settings=SETTINGS)
+
+
+def test_a_replay_is_one_call_and_its_answer_one_more(result) -> None:
+    got = result.estimate.velocity_at(153.1, -40.25, 150.0)
+    assert np.isfinite([got.u, got.v]).all()
+    assert 0.0 < got.u_standard_error < 0.3
+    assert result.summary.profiles_used == (result.observations["decision"] == "accepted").sum() > 20
+    assert repr(result.summary).startswith(f"Observations: {result.summary.profiles_used} profiles used")
+
+
+def test_what_is_opened_is_what_was_made(result, tmp_path: Path) -> None:
+    made = rk.replay([str(LOG)], str(ENSEMBLE), out=str(tmp_path / "out.mcap"), goal=rk.Place(*GOAL), settings=SETTINGS)
+    opened = rk.open_result(str(tmp_path / "out.mcap"))
+    assert made.path.read_bytes() == result.path.read_bytes()
+    assert opened.summary is None
+    np.testing.assert_array_equal(opened.estimate.latent, result.estimate.latent)
+    np.testing.assert_array_equal(opened.estimate.at(2 * 10**18).weight_cov, result.estimate.at(2 * 10**18).weight_cov)
+    with pytest.raises(ConfigError, match="exists"):
+        rk.replay(LOG, ENSEMBLE, out=made.path, settings=SETTINGS)
+    opened.estimate.save(tmp_path / "flow.nc")
+    np.testing.assert_array_equal(rk.open_estimate(str(tmp_path / "flow.nc")).latent, result.estimate.latent)
+
+
+def test_a_temporary_result_lasts_as_long_as_its_value() -> None:
+    made = rk.replay(rk.open_log(LOG), ENSEMBLE, settings=SETTINGS)
+    folder = made.path.parent
+    assert made.path.exists()
+    assert made.plans.empty
+    del made
+    assert not folder.exists()
+
+
+def test_a_replay_that_fails_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(LogError, match=r"nowhere\.mcap: expected a log, there is no such file"):
+        rk.replay("nowhere.mcap", ENSEMBLE)
+    with pytest.raises(ForecastError, match=r"nowhere\.nc: no such file"):
+        rk.replay(LOG, "nowhere.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_plan_is_one_call(result) -> None:
+    plan = rk.plan(result.estimate, START, GOAL)
+    assert plan.status == "reached"
+    assert plan.start_time_ns == result.estimate.time_ns
+    later = rk.plan(result.estimate, rk.Place(*START), GOAL, time="2018-11-17", settings={"planner": {"speed": 0.4}})
+    assert (later.speed, later.start_time_ns) == (0.4, 1_542_412_800 * 10**9)
+    with pytest.raises(PlanError, match="goal"):
+        rk.plan(result.estimate, START, (10.0, 50.0, 0.0))
+
+
+def test_an_ensemble_is_the_part_that_the_settings_choose() -> None:
+    ensemble = rk.open_ensemble(str(ENSEMBLE), settings=SETTINGS)
+    assert ensemble.grid.levels.tolist() == [5.0, 150.0, 500.0]
+    assert repr(ensemble).startswith(f"Ensemble of 40 members from {ENSEMBLE}, 2018-11-16 00:00:00Z, RMS component speed 0.2")
+    assert "Grid of 3 levels x 13 x 21 points (100 % wet): longitude 151.4..153.6, latitude -40.49..-39.51 degrees" in repr(ensemble)
+
+
+def test_settings_are_tables_a_file_or_a_configuration(tmp_path: Path) -> None:
+    config = load_config(None, SETTINGS)
+    (tmp_path / "run.toml").write_text(run_settings_toml(config))
+    for form in (SETTINGS, config, tmp_path / "run.toml", str(tmp_path / "run.toml")):
+        assert settings_of(form) == config
+    assert settings_of(None) == rk.RunConfig()
+    with pytest.raises(ConfigError, match=r"forecast\.lev"):
+        rk.open_ensemble(ENSEMBLE, settings={"forecast": {"lev": [5]}})
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: rk.open_log(3), "log: expected a path (str or Path), got int"),
+        (lambda: rk.open_log([LOG]), "log: expected a path (str or Path), got list"),
+        (lambda: rk.replay([LOG, None], ENSEMBLE), "log: expected a path (str or Path), got NoneType"),
+        (lambda: rk.replay(LOG, rk.open_ensemble(ENSEMBLE)), "ensemble: expected a path (str or Path), got Ensemble"),
+        (lambda: rk.replay(LOG, ENSEMBLE, out=1), "out: expected a path (str or Path), got int"),
+        (lambda: rk.replay(LOG, ENSEMBLE, settings=1), "settings: expected a path (str or Path), got int"),
+        (lambda: rk.replay(LOG, ENSEMBLE, goal=(1.0, 2.0)), "goal: expected longitude, latitude [degrees] and depth [m], got (1.0, 2.0)"),
+        (lambda: rk.open_ensemble(None), "ensemble: expected a path (str or Path), got NoneType"),
+        (lambda: rk.open_estimate(b"x"), "estimate: expected a path (str or Path), got bytes"),
+        (lambda: rk.open_result({}), "result: expected a path (str or Path), got dict"),
+    ],
+)
+def test_a_wrong_type_is_named(call, words: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        call()
+    assert words in str(error.value)
+
+
+def test_texts_of_values_are_short(result) -> None:
+    log = rk.open_log(LOG)
+    assert repr(log) == f"Log {LOG} (mcap, 0.58 MB): messages() reads it"
+    message = next(log.messages())
+    assert repr(message).startswith("Message 2018-11-16 00:00:00Z /vehicle/fix (foxglove.LocationFix): timestamp, frame_id, ")
+    first = next(rk.observations(log.messages()))
+    assert repr(first).splitlines()[0] == (
+        "Observation 2018-11-16 00:00:00Z at 153.1360 E, 40.2916 S, dive 0: 22 bins, 22 usable, 16..688 m deep"
+    )
+    assert repr(first).endswith("error 0.09 m/s (true axes, relative to earth)")
+    plan = rk.plan(result.estimate, START, GOAL)
+    assert (
+        repr(plan).splitlines()[0] == "Plan for 2018-11-16 04:00:00Z: reached; 153.1200 E, 40.2800 S, 0 m to 153.0500 E, 40.2000 S, 150 m"
+    )
+    for value in (log, message, first, plan, result, result.estimate, result.estimate.grid):
+        assert len(repr(value)) < 400
+        assert repr(value).count("\n") <= 2
+
+
+def test_every_public_name_is_there_and_no_other() -> None:
+    assert set(rk.__all__) <= set(dir(rk))
+    for name in rk.__all__:
+        assert getattr(rk, name) is not None
+    assert rk.FlowEstimate is FlowEstimate
+    with pytest.raises(AttributeError, match=r"has no attribute 'relpay'; it has .*replay"):
+        rk.relpay  # noqa: B018
+
+
+def test_signatures_are_short() -> None:
+    for name in rk.__all__:
+        if inspect.isfunction(getattr(rk, name)):
+            assert len(inspect.signature(getattr(rk, name)).parameters) <= 6, name
+
+
+def test_names_are_loaded_when_they_are_asked_for() -> None:
+    program = (
+        "import sys; before = set(sys.modules); import replay_kit as rk; "
+        "assert not {'numpy', 'pydantic', 'xarray', 'scipy'} & (set(sys.modules) - before); "
+        "rk.open_log(sys.argv[1]); "
+        "heavy = {'pandas', 'xarray', 'scipy', 'casadi', 'matplotlib', 'pyproj', 'pymavlink'} & set(sys.modules); assert not heavy, heavy"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(LOG)], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
