@@ -19,7 +19,7 @@ OUTPUTS = Group("Outputs", sort_key=2)
 CHOICES = Group("Options", sort_key=3)
 
 # Endings of file names, which the name of a folder does not have.
-_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml")
+_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml", ".html")
 
 # Of a group of values: each of its fields is an option of its own, under the group's heading.
 TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (Parameter(name="*", group=group) for group in (INPUTS, OUTPUTS, CHOICES))
@@ -114,7 +114,7 @@ Log = Annotated[
     Path,
     argument("LOG", "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP); merged by time."),
 ]
-MCAP, NETCDF = Ending((".mcap",)), Ending((".nc",))
+MCAP, NETCDF, HTML = Ending((".mcap",)), Ending((".nc",)), Ending((".html",))
 Ensemble = Annotated[
     Path, option("--ensemble", "Ensemble forecast: CF NetCDF or Zarr with a member dimension.", metavar="FILE", group=INPUTS)
 ]

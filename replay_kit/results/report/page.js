@@ -1,0 +1,213 @@
+"use strict";
+// Draws the figures of the page. Each figure has traces of plotly with references that are resolved here:
+//   "$table.column"                          a column of its data
+//   {"$choose": k, "of": [...]}              by the k-th control
+//   {"$field": name, "at": [...]}            two last axes of a packed array; "c0" is the choice of the control 0
+//   {"$op": "hypot"|"rms"|"dry", "of": [..]} of fields, cell by cell
+//   {"$color": name}                         a colour of the page's style, which changes between light and dark
+// A trace of the type "arrows" becomes lines along u and v.
+const MISSING = -32768;
+const unpacked = async (id) => {
+  const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+};
+const styled = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const state = { figures: [], choices: {}, arrays: {} };
+
+function packedArray(figure, name) {
+  const key = `${figure.key}.${name}`;
+  if (!state.arrays[key]) {
+    const bytes = Uint8Array.from(atob(figure.packed[name].data), (c) => c.charCodeAt(0));
+    state.arrays[key] = new Int16Array(bytes.buffer);
+  }
+  return state.arrays[key];
+}
+
+function field(figure, name, at) {
+  const { shape, scale } = figure.packed[name];
+  const values = packedArray(figure, name);
+  const [rows, columns] = shape.slice(-2);
+  let start = 0;
+  at.forEach((index, axis) => {
+    const k = typeof index === "string" ? state.choices[figure.key][Number(index.slice(1))] : index;
+    start = start * shape[axis] + k;
+  });
+  start *= rows * columns;
+  const out = [];
+  for (let j = 0; j < rows; j += 1) {
+    const row = [];
+    for (let i = 0; i < columns; i += 1) {
+      const value = values[start + j * columns + i];
+      row.push(value === MISSING ? null : value * scale);
+    }
+    out.push(row);
+  }
+  return out;
+}
+
+const OPERATIONS = {
+  hypot: (u, v) => (u === null || v === null ? null : Math.hypot(u, v)),
+  rms: (u, v) => (u === null || v === null ? null : Math.hypot(u, v) / Math.SQRT2),
+  dry: (u) => (u === null ? 1 : null),
+};
+
+function resolved(figure, value) {
+  if (typeof value === "string" && value.startsWith("$")) {
+    const [table, column] = value.slice(1).split(".");
+    return figure.tables[table][column];
+  }
+  if (Array.isArray(value)) return value.map((item) => resolved(figure, item));
+  if (value === null || typeof value !== "object") return value;
+  if ("$choose" in value) return resolved(figure, value.of[state.choices[figure.key][value.$choose]]);
+  if ("$field" in value) return field(figure, value.$field, value.at);
+  if ("$color" in value) return styled(`--${value.$color}`);
+  if ("$op" in value) {
+    const [first, second] = value.of.map((item) => resolved(figure, item));
+    const combine = OPERATIONS[value.$op];
+    return first.map((row, j) => row.map((u, i) => combine(u, second && second[j][i])));
+  }
+  return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, resolved(figure, item)]));
+}
+
+// Each arrow is a shaft and two strokes of its head, as one line with gaps.
+function arrows(trace) {
+  const { u, v, step, length, ...rest } = trace;
+  const x = [];
+  const y = [];
+  for (let j = Math.floor(step / 2); j < trace.y.length; j += step) {
+    for (let i = Math.floor(step / 2); i < trace.x.length; i += step) {
+      if (u[j][i] === null) continue;
+      const [dx, dy] = [u[j][i] * length, v[j][i] * length];
+      const [x0, y0] = [trace.x[i] - dx / 2, trace.y[j] - dy / 2];
+      const [x1, y1] = [x0 + dx, y0 + dy];
+      x.push(x0, x1, null, x1 - 0.32 * dx + 0.16 * dy, x1, x1 - 0.32 * dx - 0.16 * dy, null);
+      y.push(y0, y1, null, y1 - 0.32 * dy - 0.16 * dx, y1, y1 - 0.32 * dy + 0.16 * dx, null);
+    }
+  }
+  return { ...rest, type: "scatter", mode: "lines", hoverinfo: "skip", x, y };
+}
+
+function layoutOf(figure) {
+  const layout = resolved(figure, figure.layout);
+  const narrow = isNarrow();
+  const [ink, grid, paper] = [styled("--ink"), styled("--grid"), styled("--panel")];
+  const axis = { gridcolor: grid, zerolinecolor: grid, linecolor: styled("--soft"), automargin: true };
+  const out = {
+    margin: { l: narrow ? 48 : 64, r: narrow ? 8 : 16, t: 12, b: 48 },
+    hovermode: "closest",
+    legend: { orientation: "h", y: -0.18, yanchor: "top", x: 0 },
+    ...layout,
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: paper,
+    font: { color: ink, size: narrow ? 11 : 13, family: "system-ui, 'DejaVu Sans', sans-serif" },
+    colorway: ["--one", "--two", "--three", "--four"].map(styled),
+    hoverlabel: { bgcolor: styled("--paper"), bordercolor: styled("--line"), font: { color: ink } },
+  };
+  for (const key of Object.keys(out)) if (/^[xy]axis/.test(key)) out[key] = { ...axis, ...out[key] };
+  for (const key of ["xaxis", "yaxis"]) if (!out[key]) out[key] = axis;
+  return out;
+}
+
+const isNarrow = () => document.documentElement.clientWidth < 560;
+
+// A map is as high as its region asks for; on a phone its colour bar lies above it, and it has fewer arrows.
+function fitMap(figure, place, traces, layout) {
+  const [west, east] = layout.xaxis.range;
+  const [south, north] = layout.yaxis.range;
+  const beside = isNarrow() ? 70 : 190;
+  const high = Math.max((place.clientWidth - beside) * ((north - south) / (east - west)), 260) + (isNarrow() ? 210 : 130);
+  layout.height = Math.round(Math.min(high, figure.layout.height));
+  layout.legend = { ...layout.legend, y: -90 / layout.height };
+  if (!isNarrow()) return;
+  for (const trace of traces) {
+    if (trace.colorbar) {
+      Object.assign(trace.colorbar, { orientation: "h", x: 0.5, xanchor: "center", y: 1.01, yanchor: "bottom", len: 0.95, thickness: 10 });
+      trace.colorbar.title.side = "top";
+    }
+    if (trace.type === "arrows") Object.assign(trace, { step: 2 * trace.step, length: 1.5 * trace.length });
+  }
+}
+
+async function draw(figure) {
+  const place = document.querySelector(`#${figure.key} .plot`);
+  const layout = layoutOf(figure);
+  let traces = figure.traces.map((trace) => resolved(figure, trace));
+  if (layout.yaxis.scaleanchor && layout.yaxis.range) fitMap(figure, place, traces, layout);
+  traces = traces.map((trace) => (trace.type === "arrows" ? arrows(trace) : trace));
+  place.style.height = `${layout.height}px`;
+  if (!place.dataset.drawn) place.textContent = "";
+  await Plotly.react(place, traces, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] });
+  place.dataset.drawn = "yes";
+  place.dataset.choices = state.choices[figure.key].join(",");
+}
+
+const csvCell = (value) => (value === null || value === undefined ? "" : /[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : value);
+
+// A table of packed fields is made when it is asked for: a row a cell that is not missing.
+function fieldTable(figure, { field: name, axes, cells, names }) {
+  const { shape } = figure.packed[name];
+  const columns = Object.fromEntries([...Object.keys(axes), ...Object.keys(cells), ...names].map((key) => [key, []]));
+  const ends = Object.values(axes);
+  for (let d = 0; d < shape[0]; d += 1) {
+    for (let t = 0; t < shape[1]; t += 1) {
+      const each = names.map((_, k) => field(figure, name, [d, t, k].slice(0, shape.length - 2)).flat());
+      each[0].forEach((value, cell) => {
+        if (value === null) return;
+        [d, t].forEach((at, k) => columns[Object.keys(axes)[k]].push(ends[k][at]));
+        Object.entries(cells).forEach(([key, list]) => columns[key].push(list[cell]));
+        names.forEach((key, k) => columns[key].push(each[k][cell] === null ? null : Number(each[k][cell].toFixed(4))));
+      });
+    }
+  }
+  return columns;
+}
+
+function save(button) {
+  const figure = state.figures.find(({ key }) => key === button.dataset.figure);
+  const table = figure.tables[button.dataset.table];
+  const columns = "field" in table ? fieldTable(figure, table) : table;
+  const names = Object.keys(columns);
+  const lines = [names.join(",")];
+  for (let row = 0; row < columns[names[0]].length; row += 1) lines.push(names.map((name) => csvCell(columns[name][row])).join(","));
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }));
+  link.download = `${figure.key}-${button.dataset.table}.csv`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+function control(input) {
+  const figure = state.figures.find(({ key }) => key === input.dataset.figure);
+  const number = Number(input.id.slice(input.id.lastIndexOf("-") + 1));
+  state.choices[figure.key][number] = Number(input.value);
+  const text = figure.choices[number][Number(input.value)];
+  input.setAttribute("aria-valuetext", text);
+  const output = input.parentElement.querySelector("output");
+  if (output) output.textContent = text;
+  return draw(figure);
+}
+
+async function start() {
+  state.figures = JSON.parse(await unpacked("figures"));
+  const inputs = [...document.querySelectorAll("[data-figure][id]")];
+  for (const figure of state.figures) {
+    state.choices[figure.key] = inputs.filter((input) => input.dataset.figure === figure.key).map((input) => Number(input.value));
+  }
+  const script = document.createElement("script");
+  script.textContent = await unpacked("plotly");
+  document.head.append(script);
+  for (const input of inputs) input.addEventListener("input", () => control(input));
+  for (const button of document.querySelectorAll("button[data-table]")) button.addEventListener("click", () => save(button));
+  const all = async () => { for (const figure of state.figures) await draw(figure); };
+  await all();
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", all);
+  for (const [event, printing] of [["beforeprint", true], ["afterprint", false]]) {
+    window.addEventListener(event, () => { document.documentElement.classList.toggle("printing", printing); all(); });
+  }
+  document.body.dataset.ready = "yes";
+}
+
+start().catch((error) => {
+  for (const place of document.querySelectorAll(".waiting")) place.textContent = `This figure could not be drawn: ${error.message}. A browser of 2023 or later draws it.`;
+  throw error;
+});
