@@ -41,7 +41,7 @@ class Figure:
         title: What it shows.
         caption: What to see in it, as HTML.
         alternative: What it shows, in words for who does not see it.
-        tables: Data by name of the table, then of the column; offered as CSV.
+        tables: Data by name of the table, then of the column; offered as CSV. The table of a packed array says how its axes are named.
         traces: plotly traces; a value ``$table.column`` stands for a column.
         layout: plotly layout.
         controls: Controls; what they change is in the traces, see ``page.js``.
@@ -52,7 +52,7 @@ class Figure:
     title: str
     caption: str
     alternative: str
-    tables: Mapping[str, Mapping[str, Sequence[Any]]]
+    tables: Mapping[str, Mapping[str, Any]]
     traces: Sequence[Mapping[str, Any]]
     layout: Mapping[str, Any]
     controls: Sequence[Control] = ()

@@ -51,7 +51,8 @@ def error_through_time(slices: CurrentSlices) -> Array:
     known = np.isfinite(squares)
     count = known.sum(axis=(2, 3, 4))
     total = np.where(known, squares, 0.0).sum(axis=(2, 3, 4))
-    return np.sqrt(np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0))
+    mean = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+    return np.asarray(np.sqrt(mean))
 
 
 def information_by_dive(observations: pd.DataFrame) -> pd.Series:

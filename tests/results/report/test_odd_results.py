@@ -61,7 +61,7 @@ def test_one_ping_without_an_estimate(write: Write, state: VehicleState, innovat
     page = write(fill)
     assert list(figures(page)) == ["current-map", "profiles", "innovations", "calibration"]
     words = text_of(page, "answer")
-    assert "gave 1 measurements of the current that were used (3 depth bins), without dives" in words
+    assert "gave 1 measurement of the current that was used (3 depth bins), without dives" in words
     assert "1 missing" in words
     assert "The result does not hold the counts of messages" in words
     assert "--no-estimate" in words

@@ -27,7 +27,7 @@ def again_section(contents: Contents) -> Section:
     shown = {names.get(name, name): value for name, value in versions.items()}
     html += table_html(["what", "version"], [[escape(name), escape(value)] for name, value in shown.items()], "Versions")
     html += _settings(contents, missing)
-    region = record.metadata.get("replay_kit.region", {}) | record.metadata.get("replay_kit.options", {})
+    region = {**record.metadata.get("replay_kit.region", {}), **record.metadata.get("replay_kit.options", {})}
     rows = [[escape(name.replace("_", " ")), escape(value)] for name, value in region.items() if value]
     html += table_html(["what", "value"], rows, "Region, basis and options") if rows else ""
     html += _numbers(contents)

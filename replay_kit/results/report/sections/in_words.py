@@ -43,10 +43,15 @@ def _measured(contents: Contents) -> str:
     used, bins = observations["used"], observations["bins_used"]
     parts = [
         f"From {time_text(span[0])} to {time_text(span[1])} ({(span[1] - span[0]) / 3.6e12:.1f} hours) the log gave "
-        f"{number('observations.used', used, f'{used:,}')} measurements of the current that were used "
+        f"{number('observations.used', used, f'{used:,}')} {'measurement' if used == 1 else 'measurements'} of the current that "
+        f"{'was' if used == 1 else 'were'} used "
         f"({number('observations.bins_used', bins, f'{bins:,}')} depth bins)"
     ]
-    parts.append(f", on {dives} dives." if dives else ", without dives: a vessel at the surface, or a log without depths.")
+    parts.append(
+        f", on {dives} {'dive' if dives == 1 else 'dives'}."
+        if dives
+        else ", without dives: a vessel at the surface, or a log without depths."
+    )
     if track.distance.size:
         depth = f", at depths of {_depths(track.depth)}" if np.isfinite(track.depth).any() else ""
         parts.append(f" The vehicle travelled {track.distance[-1] / 1e3:.1f} km{depth}.")
@@ -118,7 +123,8 @@ def _not_used(contents: Contents) -> list[str]:
         f"{number(f'observations.bins_rejected.{name}', n, f'{n:,}')} {escape(name.replace('_', ' '))}" for name, n in bins.items()
     )
     rejected = observations["rejected"]
-    first = f"{number('observations.rejected', rejected, f'{rejected:,}')} measurements were rejected as a whole." + (
+    verb = "measurement was" if rejected == 1 else "measurements were"
+    first = f"{number('observations.rejected', rejected, f'{rejected:,}')} {verb} rejected as a whole." + (
         f" Bins not used (a bin can have several reasons): {why}." if why else " Every bin of the others was used."
     )
     rows = [
