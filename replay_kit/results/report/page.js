@@ -1,4 +1,3 @@
-"use strict";
 // Draws the figures of the page. Each figure has traces of plotly with references that are resolved here:
 //   "$table.column"                          a column of its data
 //   {"$choose": k, "of": [...]}              by the k-th control
@@ -128,12 +127,86 @@ function fitMap(figure, place, traces, layout) {
   }
 }
 
+// The flights over the waypoints, in the estimate and in its samples.
+function flights(figure) {
+  const { flight, packed } = figure;
+  const values = packedArray(figure, "currents");
+  const { scale, shape } = packed.currents;
+  const velocity = (flow, d, component, j, i) => values[(((flow * shape[1] + d) * 2 + component) * shape[3] + j) * shape[4] + i] * scale;
+  const each = Array.from({ length: shape[0] }, (_, flow) => flyToWaypoints({ ...flight, velocity }, flow, flight.dives, flight.start, [...flight.waypoints, flight.goal]));
+  figure.tables.flights = {
+    flow: each.map((_, k) => (k ? `sample ${k}` : "estimate")),
+    duration_h: each.map(({ duration }) => duration / 3600),
+    miss_m: each.map(({ miss }) => miss),
+    arrived: each.map(({ arrived }) => Number(arrived)),
+  };
+  document.querySelector(`#${figure.key} .readout`).textContent = readout(each, flight.dives.radius);
+  const line = (places, more) => ({ type: "scatter", mode: "lines", hoverinfo: "skip", x: places.map((p) => p[0] / 1e3), y: places.map((p) => p[1] / 1e3), ...more });
+  const samples = each.slice(1).map(({ surfacings }, k) => line(surfacings, { name: "samples", legendgroup: "samples", showlegend: k === 0, line: { width: 0.8, color: styled("--one") } }));
+  const mark = { size: 16, symbol: "diamond", color: styled("--two"), line: { width: 2, color: styled("--paper") } };
+  return [
+    ...samples,
+    line(each[0].surfacings, { name: "estimate", mode: "lines+markers", line: { width: 3, color: styled("--two") }, marker: { size: 5 } }),
+    line(flight.waypoints, { name: "waypoints", mode: "markers+text", text: flight.waypoints.map((_, k) => k + 1), textposition: "top center", marker: mark }),
+  ];
+}
+
+function readout(each, tolerance) {
+  const hours = each.map(({ duration }) => duration / 3600);
+  const [mean, ...samples] = each;
+  const text = `In the estimate the glider ${mean.arrived ? "arrives" : "has not arrived"} after ${hours[0].toFixed(1)} h, ${mean.miss.toFixed(0)} m from the goal.`;
+  if (samples.length === 0) return text;
+  const misses = samples.map(({ miss }) => miss).sort((a, b) => a - b);
+  const median = (misses[Math.floor((misses.length - 1) / 2)] + misses[Math.ceil((misses.length - 1) / 2)]) / 2;
+  const near = samples.filter(({ arrived, miss }) => arrived && miss <= tolerance).length;
+  const ends = [Math.min(...hours.slice(1)), Math.max(...hours.slice(1))].map((value) => value.toFixed(1));
+  return `${text} In ${samples.length} samples of it: after ${ends[0]} to ${ends[1]} h, ${median.toFixed(0)} m off in the median; ${((100 * near) / samples.length).toFixed(0)} % arrive within ${tolerance.toFixed(0)} m.`;
+}
+
+// A control of the waypoints: another waypoint moves the sliders, a slider moves the waypoint.
+function setWaypoint({ key, flight }, number, value) {
+  if (number > 0) {
+    flight.waypoints[state.choices[key][0]][number - 1] = flight.places[number - 1][value];
+    return;
+  }
+  flight.places.forEach((axis, k) => show(document.getElementById(`${key}-${k + 1}`), nearest(axis, flight.waypoints[value][k])));
+}
+
+const nearest = (axis, at) => axis.reduce((best, value, i) => (Math.abs(value - at) < Math.abs(axis[best] - at) ? i : best), 0);
+
+// The waypoint nearest to where the pointer goes down follows it.
+function dragWaypoint(figure) {
+  const place = document.querySelector(`#${figure.key} .plot`);
+  const { flight, key } = figure;
+  const placeOf = (event) => {
+    const { xaxis, yaxis } = place._fullLayout;
+    const box = place.getBoundingClientRect();
+    return [xaxis.p2d(event.clientX - box.left - xaxis._offset), yaxis.p2d(event.clientY - box.top - yaxis._offset)].map((km) => km * 1e3);
+  };
+  const move = (event) => {
+    const at = placeOf(event);
+    flight.places.forEach((axis, k) => set(document.getElementById(`${key}-${k + 1}`), nearest(axis, at[k])));
+    return draw(figure);
+  };
+  place.style.touchAction = "none";
+  place.addEventListener("pointerdown", (event) => {
+    if (event.target.closest(".modebar, .legend")) return;
+    place.setPointerCapture(event.pointerId);
+    const at = placeOf(event);
+    const far = flight.waypoints.map((waypoint) => Math.hypot(waypoint[0] - at[0], waypoint[1] - at[1]));
+    set(document.getElementById(`${key}-0`), far.indexOf(Math.min(...far)));
+    move(event);
+  });
+  place.addEventListener("pointermove", (event) => { if (place.hasPointerCapture(event.pointerId)) move(event); });
+}
+
 async function draw(figure) {
   const place = document.querySelector(`#${figure.key} .plot`);
   const layout = layoutOf(figure);
   let traces = figure.traces.map((trace) => resolved(figure, trace));
   if (layout.yaxis.scaleanchor && layout.yaxis.range) fitMap(figure, place, traces, layout);
   traces = traces.map((trace) => (trace.type === "arrows" ? arrows(trace) : trace));
+  if (figure.flight.places) traces.push(...flights(figure));
   place.style.height = `${layout.height}px`;
   if (!place.dataset.drawn) place.textContent = "";
   await Plotly.react(place, traces, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] });
@@ -176,15 +249,25 @@ function save(button) {
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
-function control(input) {
-  const figure = state.figures.find(({ key }) => key === input.dataset.figure);
-  const number = Number(input.id.slice(input.id.lastIndexOf("-") + 1));
-  state.choices[figure.key][number] = Number(input.value);
-  const text = figure.choices[number][Number(input.value)];
+const figureOf = (input) => state.figures.find(({ key }) => key === input.dataset.figure);
+const numberOf = (input) => Number(input.id.slice(input.id.lastIndexOf("-") + 1));
+
+// Set a control and its text to a choice.
+function show(input, value) {
+  input.value = value;
+  state.choices[input.dataset.figure][numberOf(input)] = value;
+  if (input.type !== "range") return;
+  const text = figureOf(input).choices[numberOf(input)][value];
   input.setAttribute("aria-valuetext", text);
-  const output = input.parentElement.querySelector("output");
-  if (output) output.textContent = text;
-  return draw(figure);
+  input.parentElement.querySelector("output").textContent = text;
+}
+
+// Set a control to a choice, and do what it is for beside a new drawing; returns its figure.
+function set(input, value) {
+  const figure = figureOf(input);
+  show(input, value);
+  if (figure.flight.places) setWaypoint(figure, numberOf(input), value);
+  return figure;
 }
 
 async function start() {
@@ -196,10 +279,11 @@ async function start() {
   const script = document.createElement("script");
   script.textContent = await unpacked("plotly");
   document.head.append(script);
-  for (const input of inputs) input.addEventListener("input", () => control(input));
+  for (const input of inputs) input.addEventListener("input", () => draw(set(input, Number(input.value))));
   for (const button of document.querySelectorAll("button[data-table]")) button.addEventListener("click", () => save(button));
   const all = async () => { for (const figure of state.figures) await draw(figure); };
   await all();
+  state.figures.filter(({ flight }) => flight.places).forEach(dragWaypoint);
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", all);
   for (const [event, printing] of [["beforeprint", true], ["afterprint", false]]) {
     window.addEventListener(event, () => { document.documentElement.classList.toggle("printing", printing); all(); });

@@ -5,11 +5,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import replay_kit as rk
 from replay_kit.results.report import report_html
+from replay_kit.results.views.steering import Dives, GriddedCurrents, fly_to_waypoints
 from tests.places import DATA, SAMPLES
+from tests.results.report.html_of import figures, unpacked
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'browser')")
 CHROMIUM = shutil.which("chromium")
@@ -20,6 +23,10 @@ pytestmark = [
 ]
 DIVES = sorted(DATA.glob("seaglider/p17101*.nc"))
 WIDTHS = (1280, 390)
+FLIGHTS = """() => {
+    const { flight, tables } = state.figures.find(({ key }) => key === "waypoint");
+    return { waypoints: flight.waypoints, ...tables.flights };
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -90,4 +97,52 @@ def test_a_report_draws_itself(browser: Any, report_path: Path, width: int, sche
     assert Path(download.value.path()).read_text().startswith("depth_m,time,longitude,latitude,u_m_s,v_m_s,")
     assert errors == []
     assert [url for url in asked if not url.startswith(("data:", "blob:"))] == []
+    tab.close()
+
+
+def flown(page: str, waypoints: list[list[float]]) -> list[tuple[float, float]]:
+    """Return duration [s] and miss [m] over waypoints in the estimate and its samples, flown in Python."""
+    figure = figures(page)["waypoint"]
+    flight, axes = figure["flight"], [np.array(figure["flight"][name]) for name in ("depths", "east", "north")]
+    currents, own = GriddedCurrents(*axes, unpacked(figure["packed"]["currents"])), flight["dives"]
+    dives = Dives(own["speed"], np.rad2deg(own["angle"]), own["depth"], own["surfaceTime"], own["radius"], own["maxDuration"])
+    way = [np.array(place) for place in (*waypoints, flight["goal"])]
+    found = [fly_to_waypoints(currents, k, dives, np.array(flight["start"]), way) for k in range(len(currents.velocity))]
+    return [(arrival.duration, arrival.miss) for arrival in found]
+
+
+def test_the_moved_waypoint_is_flown_as_in_python(browser: Any, tmp_path: Path) -> None:
+    settings = {"estimator": {"modes": 20}, "forecast": {"levels": [5, 150, 500]}}
+    page = report_html(rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", goal=(152.8, -40.1, 300.0), settings=settings))
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    tab.route("**/*", lambda route: route.abort())
+    tab.set_content(page)
+    before = tab.locator("#waypoint .readout").text_content()
+    tab.wait_for_selector("body[data-ready]", timeout=60_000)
+    # drawn by the script, but the same words as Python's
+    assert tab.locator("#waypoint .readout").text_content() == before
+    plot = tab.locator("#waypoint .plot")
+    plot.scroll_into_view_if_needed()
+    texts, places = [before], []
+    for move in ("keys", "pointer"):
+        if move == "keys":
+            tab.locator("#waypoint-0").select_option("1")
+            for _ in range(5):
+                tab.locator("#waypoint-1").press("ArrowRight")
+        else:
+            box = plot.bounding_box()
+            tab.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.4 * box["height"])
+            tab.mouse.down()
+            tab.mouse.move(box["x"] + 0.55 * box["width"], box["y"] + 0.45 * box["height"], steps=3)
+            tab.mouse.up()
+        tab.wait_for_timeout(500)
+        texts.append(tab.locator("#waypoint .readout").text_content())
+        figure = tab.evaluate(FLIGHTS)
+        places.append(figure["waypoints"])
+        expected = np.array(flown(page, figure["waypoints"]))
+        assert len(expected) == 17
+        np.testing.assert_allclose(np.array(figure["duration_h"]) * 3600.0, expected[:, 0], rtol=0.01)
+        np.testing.assert_allclose(figure["miss_m"], expected[:, 1], atol=50.0)
+    assert len(set(texts)) == 3
+    assert places[0] != places[1]
     tab.close()

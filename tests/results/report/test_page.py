@@ -12,7 +12,7 @@ from replay_kit.results.summary import to_json
 from replay_kit.results.views.record import leaves
 from tests.results.report.html_of import elements, figures, text_of, unpacked
 
-KEYS = ["current-map", "profiles", "mean-currents", "innovations", "calibration", "error", "dives", "plan-profile"]
+KEYS = ["current-map", "profiles", "mean-currents", "innovations", "calibration", "error", "dives", "plan-profile", "waypoint"]
 
 
 def test_the_sections_are_an_answer_from_top_to_bottom(page: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.report.contents import Contents
 from replay_kit.results.report.section import Figure, Section, column, number, table_html
+from replay_kit.results.report.sections.waypoint import waypoint_figure
 from replay_kit.results.views.track import thinned
 
 _POINTS = 3000
@@ -23,6 +24,9 @@ def plan_section(contents: Contents) -> Section:
         why = f"No plan was found: {note}" if note else "The result holds no plan: no goal was given, or none was due"
         return Section("plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."])
     figures = [_profile(contents)] if len(_last_track(contents)) else []
+    waypoint = waypoint_figure(contents)
+    if waypoint is not None:
+        figures.append(waypoint)
     if len(contents.result.surfacings):
         figures.append(_surfacings(contents))
     missing = [
