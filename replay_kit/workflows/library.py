@@ -1,5 +1,8 @@
 """What ``import replay_kit`` offers beside the readers: a replay and a plan, each as one call."""
 
+# keeps the signatures in help() short: the names of types, not what they stand for
+from __future__ import annotations
+
 import shutil
 import tempfile
 import weakref

@@ -9,6 +9,9 @@ weights w of r modes a level: f = K modes w summed over levels in the same way. 
 members are all this one value, as ``FlowEstimate``.
 """
 
+# keeps the signatures in help() short: the names of types, not what they stand for
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -54,7 +57,7 @@ class FlowField:
     modes: Array
     covariance: Array | Callable[[tuple[int, ...] | None], Array]
     time_ns: int | None
-    later: "Callable[[Self, int], Self] | None" = None
+    later: Callable[[Self, int], Self] | None = None
 
     def at(self, time_ns: int) -> Self:
         """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
