@@ -44,7 +44,7 @@ def replay(
     """Return what logs and an ensemble forecast say of the current: the estimate, and tables of what was used.
 
     Args:
-        logs: Logs of one mission.
+        logs: Logs of one mission; an open one stands for its path, and is read with these settings.
         ensemble: Ensemble file: CF NetCDF or Zarr.
         goal: Where to go next; None plans nothing.
         out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.

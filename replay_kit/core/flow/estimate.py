@@ -57,11 +57,12 @@ class FlowEstimate(FlowField):
 
         Args:
             track: pandas table, xarray dataset or mapping with ``longitude``, ``latitude``, ``depth`` and, if it has, ``time``, of one
-                shape. Where the track is older than the last observation, an estimate that changes with time is that of the latter:
-                see ``Velocities.estimate_time``.
+                shape. Where the track is older than the last observation, an estimate that changes with time is that of the latter;
+                a flow without a model of time is as it is: see ``Velocities.estimate_time``.
 
         Raises:
-            EstimatorError: A column is missing, or the track has times and the flow no model of time.
+            EstimatorError: A column is missing, or a latitude is none.
+            ConfigError: A time is none.
         """
         from replay_kit.core.flow.points import velocity_along
 

@@ -65,12 +65,17 @@ class FlowField:
         Raises:
             EstimatorError: The flow carries no model of time, as one of a truth or of a baseline.
         """
+        self.require_model_of_time()
+        assert self.later is not None
+        return self.later(self, time_ns)
+
+    def require_model_of_time(self) -> None:
+        """Raise EstimatorError when the flow has no model of time, so that ``at`` cannot answer."""
         if self.later is None:
             raise EstimatorError(
                 "the flow has no model of time (a truth, a member, a sample, a baseline's estimate, or one saved by an earlier version); "
                 "ask the estimate of a replay for another time"
             )
-        return self.later(self, time_ns)
 
     @property
     def nodes(self) -> Array:
