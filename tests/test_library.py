@@ -70,6 +70,12 @@ def test_a_replay_that_fails_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp
     assert not list(tmp_path.iterdir())
 
 
+def test_what_is_lost_of_a_log_is_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:-200_000])
+    with pytest.warns(UserWarning, match="lost: 1 damaged parts of the logs, 0 late messages; result.summary.losses"):
+        rk.replay(tmp_path / "cut.mcap", ENSEMBLE, settings=SETTINGS)
+
+
 def test_a_plan_is_one_call(result) -> None:
     plan = rk.plan(result.estimate, START, GOAL)
     assert plan.status == "reached"

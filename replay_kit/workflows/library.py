@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+import warnings
 import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -66,6 +67,9 @@ def replay(
         if folder is not None:
             shutil.rmtree(folder)
         raise
+    if summary.exit_code:
+        lost = f"{len(summary.losses)} damaged parts of the logs, {summary.late} late messages"
+        warnings.warn(f"lost: {lost}; result.summary.losses says what", stacklevel=2)
     result = Result(file, summary)
     # the estimate is at hand, and need not be read back
     vars(result)["estimate"] = flow
