@@ -110,6 +110,8 @@ def test_settings_are_tables_a_file_or_a_configuration(tmp_path: Path) -> None:
         (lambda: rk.open_log([LOG]), "log: expected a path (str or Path), got list"),
         (lambda: rk.replay([LOG, None], ENSEMBLE), "log: expected a path (str or Path), got NoneType"),
         (lambda: rk.replay(LOG, rk.open_ensemble(ENSEMBLE)), "ensemble: expected a path (str or Path), got Ensemble"),
+        (lambda: rk.replay([], ENSEMBLE), "logs: expected one log or several, got none"),
+        (lambda: rk.plan("flow.nc", START, GOAL), "estimate: expected a FlowEstimate, got str; open one with open_estimate"),
         (lambda: rk.replay(LOG, ENSEMBLE, out=1), "out: expected a path (str or Path), got int"),
         (lambda: rk.replay(LOG, ENSEMBLE, settings=1), "settings: expected a path (str or Path), got int"),
         (lambda: rk.replay(LOG, ENSEMBLE, goal=(1.0, 2.0)), "goal: expected longitude, latitude [degrees] and depth [m], got (1.0, 2.0)"),

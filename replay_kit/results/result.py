@@ -198,9 +198,8 @@ def open_result(path: str | Path) -> Result:
 
 
 def _table(rows: list[Any], columns: str) -> "pd.DataFrame":
-    """Return rows as a table; the first column is the time, its index."""
+    """Return rows as a table, with the column ``time`` as its index."""
     import pandas as pd
 
-    first, *rest = columns.split()
-    table = pd.DataFrame(rows, columns=[first, *rest])
-    return table.assign(time=pd.to_datetime(table[first])).set_index(first)
+    table = pd.DataFrame(rows, columns=columns.split())
+    return table.assign(time=pd.to_datetime(table["time"])).set_index("time")

@@ -57,6 +57,8 @@ def replay(
     """
     each = logs if isinstance(logs, list | tuple) else [logs]
     paths = tuple(as_path(getattr(log, "path", log), "log") for log in each)
+    if not paths:
+        raise ConfigError("logs: expected one log or several, got none")
     forecast, config = as_path(ensemble, "ensemble"), settings_of(settings)
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
@@ -91,6 +93,9 @@ def plan(estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, setti
     Raises:
         PlanError: Start or goal is outside the region or on land.
     """
+    if not isinstance(estimate, FlowEstimate):
+        got = type(estimate).__name__
+        raise ConfigError(f"estimate: expected a FlowEstimate, got {got}; open one with open_estimate, or take that of a result")
     planner, begin, end = planner_of(settings_of(settings).planner), place_of(start, "start"), place_of(goal, "goal")
     planner.check(estimate, end)
     start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
