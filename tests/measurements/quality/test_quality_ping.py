@@ -66,6 +66,12 @@ def test_one_bad_cell_is_marked_and_no_other(changes, flag, reason):
     assert observation.reasons.tolist() == [0, 0, reason, 0, 0, 0]
 
 
+def test_teledyne_s_percent_good_counts_solutions_only_where_its_instrument_turned_the_velocities():
+    solutions = {"percent_good": [[10.0, 5.0, 5.0, 80.0]] * 5 + [[0.0, 0.0, 100.0, 0.0]]}
+    assert observed(**solutions)[0].flags.tolist() == [GOOD] * 5 + [FAIL]
+    assert observed(**solutions, attitude_convention="nortek")[0].flags.tolist() == [FAIL] * 6
+
+
 def test_one_bad_beam_of_four_is_not_for_these_tests():
     assert observed(correlation=[[90.0, 90.0, 90.0, 3.0]] * 6)[0].flags.tolist() == [GOOD] * 6
 
