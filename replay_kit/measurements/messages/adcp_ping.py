@@ -1,7 +1,7 @@
 """The payload of a ``replay_kit.AdcpPing`` to an ``AdcpPing``: every field is read and checked here, once.
 
-The field names and units are in ``ADCP_PING.md`` beside this file. A field that decides what the velocities are must be right; one that only
-some pings need (beam vectors, the attitude's convention) is refused where it is needed.
+The field names and units are in ``ADCP_PING.md`` beside this file. A field that decides what the velocities are must be right; one that
+only some pings need (beam vectors, the attitude's convention) is refused where it is needed.
 """
 
 from collections.abc import Mapping

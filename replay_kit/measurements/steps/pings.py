@@ -29,7 +29,7 @@ _ALSO_INVERTED = "its dive's computed profile has it; measurements.use_inverted 
 _INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
 _NO_ATTITUDE = "DVL: no attitude within a second"
 _NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
-_NO_LAYER = "DVL: water track, whose layer's depth it does not say; state measurements.water_track_distance"
+_NO_LAYER = "DVL: water track, known layer's depth it does not say; state measurements.water_track_distance"
 _NO_BOTTOM = "DVL: water track without a bottom track, which says nothing of the current"
 
 
@@ -42,12 +42,12 @@ def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> s
 
 def take_stated_ping(state: MeasurementState, stated: StatedPing, source: Source, config: MeasurementConfig) -> Step:
     """Return the state after a message with a profile, and the events."""
-    whose, payload = state, stated.payload
+    known, payload = state, stated.payload
     if stated.place is not None:
         # where a mooring measured tells nothing of the vehicle: its ping is taken as if nothing else were known, and in no dive
         place = VehicleState(source.time_ns, stated.place.longitude, stated.place.latitude, stated.place.depth, False, source)
-        whose, payload = MeasurementState(fix=place, depth=place.depth), {**payload, "dive": 0}
-    after, events = _take_payload(whose, payload, source, 1, config)
+        known, payload = MeasurementState(fix=place, depth=place.depth), {**payload, "dive": 0}
+    after, events = _take_payload(known, payload, source, 1, config)
     return after if stated.place is None else state, events
 
 
@@ -68,7 +68,7 @@ def take_ping_frame(state: MeasurementState, frame: PingFrame, source: Source, c
 
 
 def incomplete(frames: Mapping[Key, Mapping[str, PingFrame]]) -> list[Event]:
-    """Return the events of frames whose pings have lost others."""
+    """Return the events of frames known pings have lost others."""
     return [Skipped(topic, _INCOMPLETE) for (topic, _, _), parts in frames.items() for _ in parts]
 
 
@@ -114,7 +114,7 @@ def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_mess
         return state, refuse(waiting, RELATIVE)
     depth = depth_of_pressure(ping.pressure, state.latitude)
     if not np.isfinite(state.depth) and np.isfinite(depth):
-        # a log whose only depth is the ping's own pressure still has dives
+        # a log known only depth is the ping's own pressure still has dives
         state = replace(at_depth(state, depth, config), depth=float("nan"))
     waiting = replace(waiting, dive=state.dive if ping.dive is None else ping.dive)
     if state.fix is not None and state.fix.time_ns == source.time_ns == until_ns:

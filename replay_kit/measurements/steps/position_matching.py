@@ -5,6 +5,7 @@ The waiting pings are one tuple in the order of their times: to add a ping costs
 
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from replay_kit.measurements.vehicle.vessel_velocity import Fixes, fixes_around,
 
 #: The reason of a ping that is no absolute profile, where these alone are wanted.
 RELATIVE = "velocity relative to the platform, whose own motion is not known"
+_time = attrgetter("source.time_ns")
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,10 +138,6 @@ def observe(waiting: WaitingPing, before: VehicleState | None, after: VehicleSta
 def refuse(ping: WaitingPing, reason: str) -> list[Event]:
     """Return the events of a ping that is not used, one for each message that carried it."""
     return [Skipped(ping.source.topic, reason)] * ping.n_messages
-
-
-def _time(ping: WaitingPing) -> int:
-    return ping.source.time_ns
 
 
 def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float) -> tuple[float, float] | None:
