@@ -31,4 +31,5 @@ def checksums(data: bytes, start: Indices, end: Indices, extra: NDArray[np.uint1
     parts = zip(start.tolist(), end.tolist(), strict=True)
     crc = np.array([crc_hqx(mirrored[first:stop], _INITIAL) for first, stop in parts], dtype=np.uint16)
     crc = crc << np.uint16(8) ^ _AFTER_BYTE[crc >> np.uint16(8) ^ _MIRRORED[extra & 0xFF]]
-    return _MIRRORED[crc & 0xFF] << np.uint16(8) | _MIRRORED[crc >> np.uint16(8)]
+    found: NDArray[np.uint16] = _MIRRORED[crc & 0xFF] << np.uint16(8) | _MIRRORED[crc >> np.uint16(8)]
+    return found

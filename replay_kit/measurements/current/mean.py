@@ -6,6 +6,7 @@ time between the fixes; it is the mean of the current along the path (``dead_rec
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,15 +21,8 @@ _SAME_FIX_NS = 60 * 10**9
 _LEAST_DRIFT_NS = 120 * 10**9
 
 
-@dataclass(frozen=True, slots=True)
-class Fix:
-    """A fix that a mean current states as one of its ends.
-
-    Attributes:
-        time_ns: [ns, UTC].
-        longitude: [degrees east].
-        latitude: [degrees north].
-    """
+class Fix(NamedTuple):
+    """A fix that a mean current states as one of its ends: time [ns, UTC], longitude [degrees east], latitude [degrees north]."""
 
     time_ns: int
     longitude: float
@@ -175,7 +169,7 @@ def _path_of(dives: Dives, mean: MeanCurrent, source: Source) -> tuple[Path, Veh
     start, end = mean.start, mean.end
     if start is None or end is None or end.time_ns <= start.time_ns:
         return None
-    last = VehicleState(end.time_ns, end.longitude, end.latitude, 0.0, False, source)
+    last = VehicleState(*end, 0.0, False, source)
     path = dives.path
     if path is not None and _same(path.start, start) and path.last.time_ns <= end.time_ns and math.isfinite(path.deepest):
         # the fix after the dive has not come yet
@@ -183,7 +177,7 @@ def _path_of(dives: Dives, mean: MeanCurrent, source: Source) -> tuple[Path, Veh
     deepest = max((known.deepest for known in (path, dives.done and dives.done[0]) if known is not None), key=_finite, default=math.nan)
     if not math.isfinite(deepest):
         return None
-    return replace(begin(VehicleState(start.time_ns, start.longitude, start.latitude, 0.0, False, source)), deepest=deepest), last
+    return replace(begin(VehicleState(*start, 0.0, False, source)), deepest=deepest), last
 
 
 def _finite(value: float) -> float:
