@@ -42,13 +42,13 @@ def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> s
 
 def take_stated_ping(state: MeasurementState, stated: StatedPing, source: Source, config: MeasurementConfig) -> Step:
     """Return the state after a message with a profile, and the events."""
-    known, payload = state, stated.payload
-    if stated.place is not None:
-        # where a mooring measured tells nothing of the vehicle: its ping is taken as if nothing else were known, and in no dive
-        place = VehicleState(source.time_ns, stated.place.longitude, stated.place.latitude, stated.place.depth, False, source)
-        known, payload = MeasurementState(fix=place, depth=place.depth), {**payload, "dive": 0}
-    after, events = _take_payload(known, payload, source, 1, config)
-    return after if stated.place is None else state, events
+    if stated.place is None:
+        return _take_payload(state, stated.payload, source, 1, config)
+    # where a mooring measured tells nothing of the vehicle: its ping is taken as if nothing else were known, and in no dive
+    place = VehicleState(source.time_ns, stated.place.longitude, stated.place.latitude, stated.place.depth, False, source)
+    alone = MeasurementState(fix=place, depth=place.depth)
+    _, events = _take_payload(alone, {**stated.payload, "dive": 0}, source, 1, config)
+    return state, events
 
 
 def take_ping_frame(state: MeasurementState, frame: PingFrame, source: Source, config: MeasurementConfig) -> Step:
