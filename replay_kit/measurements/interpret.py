@@ -111,4 +111,9 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
     if system is not None and state.system is None and type(stated) in _STATES_POSITION:
         state = replace(state, system=system)
     source = Source(message.input, message.topic, message.position, message.time_ns)
-    return _STEPS[type(stated)](state, stated, source, config)
+    events: list[Event] = []
+    if isinstance(stated, StatedPing) and stated.position is not None:
+        # it counts even where the profile does not; the message counts once, as the ping that it is
+        state, (_, *events) = positions.record_position(state, stated.position, source, config)
+    state, more = _STEPS[type(stated)](state, stated, source, config)
+    return state, [*events, *more]

@@ -137,8 +137,7 @@ def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> StatedPing | st
             "cell_distances": [0.0],
             **fields,
         },
-        place,
-        elsewhere=entry.elsewhere,
+        *((None, place) if entry.elsewhere else (place, None)),
     )
 
 

@@ -19,7 +19,7 @@ from replay_kit.logs import merge
 from replay_kit.measurements import NOT_A_KIND, MeasurementState, Skipped, Used, finish, initial_state, interpret
 from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.messages.profiles import PING_SCHEMA
-from replay_kit.measurements.quality.ping import Check
+from replay_kit.measurements.quality.tests import Check
 from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 from replay_kit.measurements.vehicle.segments import Segments, segments
 from replay_kit.workflows.info.inspect import by_topic
