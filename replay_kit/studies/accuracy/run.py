@@ -17,10 +17,8 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator import Estimator
 from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs.checks import check_counts, check_names, check_not_negative, check_positive
-from replay_kit.studies.jobs.failures import EXPECTED_FAILURES, reason_of
-from replay_kit.studies.jobs.progress import Advance, Progress, counter
-from replay_kit.studies.scoring.bound import bound
-from replay_kit.studies.scoring.scores import Score, score
+from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, counter, reason_of
+from replay_kit.studies.scoring.scores import Score, bound, score
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import random_observations
 from replay_kit.studies.twins.truths import Case, cases

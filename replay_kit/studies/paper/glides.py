@@ -12,7 +12,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.paper.rows import GlideRow
-from replay_kit.studies.scoring.bootstrap import bootstrap_median
+from replay_kit.studies.scoring.scores import bootstrap_median
 from replay_kit.studies.twins.reachable import Pair
 
 NEAR = 250.0  # m, a target passed this close counts as reached

@@ -10,7 +10,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Place
 from replay_kit.studies.reports.flows import AVERAGED, LABELS, TRUTH
 from replay_kit.studies.reports.tables import Cell, Criterion, Table, named_columns
-from replay_kit.studies.scoring.bootstrap import bootstrap_median, bootstrap_ratio
+from replay_kit.studies.scoring.scores import bootstrap_median, bootstrap_ratio
 
 NEAR = 250.0  # m, a goal met this closely counts as reached
 

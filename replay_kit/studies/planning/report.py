@@ -7,9 +7,8 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.studies.planning.result import PlanningResult, StudyReport
-from replay_kit.studies.reports.pictures import drawn
 from replay_kit.studies.reports.tables import Table
-from replay_kit.studies.reports.write import criteria_table, json_text, markdown, plain, print_tables, to_csv, versions, write_files
+from replay_kit.studies.reports.write import criteria_table, drawn, json_text, markdown, plain, print_tables, to_csv, versions, write_files
 
 
 def replaced_files(out: Path, studies: tuple[str, ...]) -> list[Path]:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.failures import EXPECTED_FAILURES, reason_of
-from replay_kit.studies.jobs.progress import Progress, counter
+from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Progress, counter, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.infeasible import infeasible
 from replay_kit.studies.planning.job import PlanningJob

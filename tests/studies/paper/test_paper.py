@@ -28,8 +28,7 @@ from replay_kit.studies.paper.findings import sparse_logs
 from replay_kit.studies.paper.report import rows_to_csv, text_tables, to_markdown
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
-from replay_kit.studies.scoring.bootstrap import bootstrap_median
-from replay_kit.studies.scoring.bound import bound
+from replay_kit.studies.scoring.scores import bootstrap_median, bound
 from replay_kit.studies.twins import reachable
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, grid_observations, random_observations

@@ -27,7 +27,7 @@ from replay_kit.studies.planning.masks import draw_masked, with_land
 from replay_kit.studies.planning.recheck import corners_of, crossed, winds_around
 from replay_kit.studies.planning.scenarios import area_downstream, entering
 from replay_kit.studies.planning.world import build_world
-from replay_kit.studies.scoring.bootstrap import bootstrap_ratio
+from replay_kit.studies.scoring.scores import bootstrap_ratio
 from tests import synthetic
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow, place, uniform_flow
