@@ -8,12 +8,13 @@ import numpy as np
 
 from replay_kit.config.time import Bias
 from replay_kit.estimator.evolving import EvolvingEstimator
-from replay_kit.studies.missions.flights import Flight, fly_pings, measurements, pinging_seconds, staying
+from replay_kit.studies.missions.flights import fly_pings, measurements, pinging_seconds, staying
 from replay_kit.studies.missions.follow import Followed, Own
 from replay_kit.studies.missions.relative import KNOWN_STD
 from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
 from replay_kit.studies.missions.scene import Scene, own_estimator
-from replay_kit.studies.twins.faults import Faults
+from replay_kit.studies.twins.adcp import Faults
+from replay_kit.studies.twins.messages import Flight
 
 HEADING_DEG, SCALE = 5.0, 0.03
 PLANTED = {"heading": math.radians(HEADING_DEG), "scale": SCALE}

@@ -1,53 +1,25 @@
 """A glider's mission in a truth, and what an estimator is given of it: through the log's messages, as a replay has them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.observation import Measurement
 from replay_kit.measurements import observations
-from replay_kit.studies.twins.adcp import AdcpSettings, measure
-from replay_kit.studies.twins.faults import Faults, as_logged
+from replay_kit.studies.twins.adcp import SOUND, Faults
 from replay_kit.studies.twins.field import Field
-from replay_kit.studies.twins.glider import STEP_S, SURFACE_STEPS, GliderLimits, Schedule, mission
-from replay_kit.studies.twins.messages import Record, mission_messages
+from replay_kit.studies.twins.glider import STEP_S, SURFACE_STEPS, GliderLimits, Schedule, dive_steps, mission
+from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
 
-SOUND = Faults()
 _USUAL = GliderLimits()
 _DAY_S = 86_400.0
 # a course begins at one of four corners, so that more attempts meet all of them
 _ATTEMPTS = 10
 _NEXT_SEED = 10_000
 _NS = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Flight:
-    """A mission flown, and the water measured on it.
-
-    Attributes:
-        sea: The truth.
-        mission: What the glider did.
-        settings: Of its instrument.
-        measured: shape (pings, cells, 2) [m/s], the water over the ground with noise, true east and north.
-        seed: Of the course, the noise, and the faults.
-    """
-
-    sea: Field
-    mission: Mission
-    settings: AdcpSettings
-    measured: Array
-    seed: int
-
-    @property
-    def places(self) -> Array:
-        """Where it pinged, shape (pings, 2) [m], local axes."""
-        return np.column_stack([self.mission.pings.east, self.mission.pings.north])
 
 
 def staying(fly: Callable[[int], Flight], seed: int) -> Flight:
@@ -70,9 +42,7 @@ def staying(fly: Callable[[int], Flight], seed: int) -> Flight:
 
 def dive_seconds(sea: Field, limits: GliderLimits) -> float:
     """Return how long a dive and the stay at the surface after it take [s]."""
-    bottom = min(limits.max_depth, float(sea.grid.levels[-1]))
-    leg = max(1, round(bottom / (limits.speed * np.sin(np.deg2rad(limits.glide_angle_deg)) * STEP_S)))
-    return float(STEP_S * (2 * leg + SURFACE_STEPS))
+    return float(STEP_S * (dive_steps(sea, limits) + SURFACE_STEPS))
 
 
 def fly_pings(sea: Field, pings: int, days: float, noise: float, seed: int) -> Flight:
@@ -136,9 +106,7 @@ def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, 
         pings: Whether its pings are logged.
         mean_currents: Whether the dives' mean currents are used.
     """
-    velocity, platform = as_logged(flight.measured, flight.mission.pings, flight.sea.grid.projection, faults, flight.seed)
-    record = Record(velocity, flight.settings, faults, platform) if pings else None
-    return tuple(observations(mission_messages(flight.mission, record), MeasurementConfig(use_dac=mean_currents)))
+    return tuple(observations(flight.messages(faults, pings=pings), MeasurementConfig(use_dac=mean_currents)))
 
 
 def _start_ns(sea: Field) -> int:
@@ -148,6 +116,4 @@ def _start_ns(sea: Field) -> int:
 def _flown(sea: Field, noise: float, seed: int, fly: Callable[[np.random.Generator], Mission]) -> Flight:
     """Return a mission with what its instrument measures, both from one stream of random numbers."""
     rng = np.random.default_rng(seed)
-    flown = fly(rng)
-    settings = AdcpSettings(noise=noise)
-    return Flight(sea, flown, settings, measure(sea, flown.pings, settings, rng), seed)
+    return measured_on(fly(rng), sea, noise, rng, seed)

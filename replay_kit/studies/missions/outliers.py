@@ -12,7 +12,7 @@ from replay_kit.studies.missions.flights import measurements
 from replay_kit.studies.missions.follow import Own
 from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
 from replay_kit.studies.missions.scene import Scene
-from replay_kit.studies.twins.faults import OUTLIER, Faults
+from replay_kit.studies.twins.adcp import OUTLIER, Faults
 
 SHARE = 0.1
 _OVER_CLEAN = 1.05

@@ -3,7 +3,7 @@
 from replay_kit.studies.missions.flights import measurements
 from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
 from replay_kit.studies.missions.scene import Scene
-from replay_kit.studies.twins.faults import Faults
+from replay_kit.studies.twins.adcp import Faults
 
 KNOWN_STD = 0.02  # m/s
 _UNKNOWN, _KNOWN = 1.25, 1.08

@@ -11,7 +11,7 @@ from replay_kit.studies.jobs.progress import Progress
 from replay_kit.studies.missions.bias import biases
 from replay_kit.studies.missions.coverage import coverage
 from replay_kit.studies.missions.dac import mean_currents_alone
-from replay_kit.studies.missions.flights import Flight, fly_pings, staying
+from replay_kit.studies.missions.flights import fly_pings, staying
 from replay_kit.studies.missions.job import MissionJob
 from replay_kit.studies.missions.outliers import outliers
 from replay_kit.studies.missions.relative import relative
@@ -19,6 +19,7 @@ from replay_kit.studies.missions.rows import Figure, MissionRow, over_missions
 from replay_kit.studies.missions.scene import Scene, own_estimator, withhold
 from replay_kit.studies.missions.through_time import through_time
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.messages import Flight
 
 _STUDIES: dict[str, Callable[[Scene], list[Figure]]] = {
     "time": through_time,

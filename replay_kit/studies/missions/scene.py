@@ -14,9 +14,9 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.estimator.evolving import EvolvingEstimator
-from replay_kit.studies.missions.flights import Flight
 from replay_kit.studies.missions.follow import Followed, Own, follow
 from replay_kit.studies.missions.job import MissionJob
+from replay_kit.studies.twins.messages import Flight
 from replay_kit.studies.twins.truths import leave_out
 from replay_kit.workflows.replay.build import Forecasts, build
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points

@@ -12,11 +12,9 @@ from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, t
 from replay_kit.core.observation import Measurement
 from replay_kit.core.plan import Place
 from replay_kit.measurements import observations
-from replay_kit.studies.twins.adcp import AdcpSettings, measure
-from replay_kit.studies.twins.faults import Faults
 from replay_kit.studies.twins.field import Field
-from replay_kit.studies.twins.messages import Record, mission_messages
-from replay_kit.studies.twins.vehicle import Mission, Pings, advected, dead_reckoned, log_position
+from replay_kit.studies.twins.messages import measured_on
+from replay_kit.studies.twins.vehicle import Mission, Pings, Track, advected, dead_reckoned
 from replay_kit.workflows.planning import MissionPlanner
 from replay_kit.workflows.replay.planner import PlanResult
 
@@ -62,36 +60,6 @@ class PlannedLegs:
     planned: PlanResult
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LegFlight:
-    """A leg flown.
-
-    Attributes:
-        start_ns: When it began [ns, UTC].
-        seconds: shape (n,) [s], since then.
-        place: shape (n, 2) [m], local east and north of the truth.
-        depth: shape (n,) [m].
-        through_water: shape (2,) [m/s], local east and north, under water.
-        surfaced: Number of the point at which the surface was reached; the drift comes after it.
-    """
-
-    start_ns: int
-    seconds: Array
-    place: Array
-    depth: Array
-    through_water: Array
-    surfaced: int
-
-    @property
-    def end_ns(self) -> int:
-        """When it ended, its drift included [ns, UTC]."""
-        return self.time_ns(-1)
-
-    def time_ns(self, point: int) -> int:
-        """Return the time of a point, to the millisecond [ns, UTC]."""
-        return self.start_ns + round(float(self.seconds[point]) * 1e3) * _NS_PER_MS
-
-
 def plan_legs(
     planner: MissionPlanner,
     flow: FlowEstimate,
@@ -126,7 +94,7 @@ def plan_legs(
     return PlannedLegs(legs, ends, float(mission.closest_approach[-1]), planned)
 
 
-def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> LegFlight:
+def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> Track:
     """Return a leg flown in a truth, by the midpoint rule with steps of two minutes at most.
 
     Args:
@@ -147,16 +115,13 @@ def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> LegFlight:
         shares = np.arange(1, int(np.ceil(duration / _STEP_S)) + 1) / np.ceil(duration / _STEP_S)
         depth += (begin + (end - begin) * shares).tolist()
         seconds += (seconds[-1] + duration * shares).tolist()
-    surfaced = len(depth) - 1
     drifts = int(np.ceil(leg.drift / _STEP_S))
     depth += [depth[-1]] * drifts
     seconds += [seconds[-1] + leg.drift * (k + 1) / drifts for k in range(drifts)]
-    by_step = np.where(np.arange(len(depth) - 1)[:, None] < surfaced, through_water, 0.0)
-    track = advected(sea, place, start_ns, np.array(seconds), np.array(depth), by_step)
-    return LegFlight(start_ns, np.array(seconds), track, np.array(depth), through_water, surfaced)
+    return advected(sea, place, start_ns, np.array(seconds), np.array(depth), through_water)
 
 
-def measured(sea: Field, flight: LegFlight, noise: float, rng: np.random.Generator) -> tuple[Measurement, ...]:
+def measured(sea: Field, flight: Track, noise: float, rng: np.random.Generator) -> tuple[Measurement, ...]:
     """Return what an estimator is given of a leg at its end: a profile every ten minutes, and the leg's mean current.
 
     They go through the messages that a glider logs; between its fixes the positions are dead-reckoned as a shore station does.
@@ -173,18 +138,9 @@ def measured(sea: Field, flight: LegFlight, noise: float, rng: np.random.Generat
     heading = np.mod(np.rad2deg(np.arctan2(*flight.through_water)), 360.0)
     times = flight.start_ns + np.round(seconds * 1e3).astype(np.int64) * _NS_PER_MS
     pings = Pings(times, east, north, depth, np.full(seconds.size, heading), np.where(sinks, -20.0, 20.0))
-    settings = AdcpSettings(noise=noise)
-    record = Record(measure(sea, pings, settings, rng), settings, Faults(), None)
-    return tuple(observations(mission_messages(_logged(sea, flight, pings), record), MeasurementConfig()))
-
-
-def _logged(sea: Field, flight: LegFlight, pings: Pings) -> Mission:
-    """Return the mission of one dive: fixes at both ends, dead-reckoned positions at the pings, the mean current."""
-    track = flight.place[[0, flight.surfaced]]
-    before, after = (log_position(sea, flight.time_ns(k), flight.place[k], 0.0, False) for k in (0, flight.surfaced))
-    current = (track[1] - track[0]) / float(flight.seconds[flight.surfaced]) - flight.through_water
-    dive, reckoned = dead_reckoned(sea, 1, (before, after), track, current, (pings.time_ns, pings.depth))
-    return Mission(pings, (before, *reckoned, after), (dive,))
+    dive, reckoned = dead_reckoned(sea, 1, flight, times, depth)
+    flown = measured_on(Mission(pings, (dive.start, *reckoned, dive.end), (dive,)), sea, noise, rng)
+    return tuple(observations(flown.messages(), MeasurementConfig()))
 
 
 def distance_to(sea: Field, point: Array, goal: Place) -> float:

@@ -17,11 +17,11 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
 from replay_kit.studies.jobs.progress import Progress, counter
 from replay_kit.studies.missions.scene import own_estimator, withhold
-from replay_kit.studies.planning.legs import Leg, LegFlight, PlannedLegs, distance_to, fly_leg, measured, plan_legs
+from replay_kit.studies.planning.legs import Leg, PlannedLegs, distance_to, fly_leg, measured, plan_legs
 from replay_kit.studies.planning.replan_rows import Outcome, ReplanJob, ReplanRow
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.reachable import place_at
-from replay_kit.studies.twins.vehicle import EPOCH_NS, random_places
+from replay_kit.studies.twins.vehicle import EPOCH_NS, Track, random_places
 from replay_kit.workflows.planning import MissionPlanner
 from replay_kit.workflows.replay.build import flow_at
 
@@ -53,7 +53,7 @@ class _Way:
     time_ns: int
     misses: tuple[float, ...]
 
-    def fly(self, leg: Leg) -> tuple[LegFlight, "_Way"]:
+    def fly(self, leg: Leg) -> tuple[Track, "_Way"]:
         """Return a leg flown from here, and the way after it.
 
         Raises:

@@ -21,7 +21,7 @@ from replay_kit.estimator.update.screening import usable
 from replay_kit.studies.dives import read_dives, run_dives, to_json
 from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles, column
 from replay_kit.studies.dives.predict import conditional, expect, surfacing
-from replay_kit.studies.twins import Options, make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
 from replay_kit.workflows.replay.inputs import look_ahead
 from tests import synthetic
@@ -45,7 +45,7 @@ def estimator():
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("twin") / "glider.mcap"
-    make_twin(TRUTH, "glider", 40, 0.05, 3, path, options=Options(interval_s=1200.0))
+    make_twin(TRUTH, Twin("glider", 40, 0.05, 3, interval_s=1200.0), path)
     return path
 
 
@@ -179,7 +179,7 @@ def test_a_surfacing_is_off_by_the_error_of_the_mean_times_the_duration(estimato
 
 
 def test_one_dive_is_none_to_predict(tmp_path):
-    make_twin(TRUTH, "glider", 3, 0.05, 3, tmp_path / "short.mcap")
+    make_twin(TRUTH, Twin("glider", 3, 0.05, 3), tmp_path / "short.mcap")
     with pytest.raises(MeasurementError, match="at least two dives"):
         read_dives([tmp_path / "short.mcap"], RunConfig())
 

@@ -28,7 +28,7 @@ from replay_kit.studies.missions.flights import fly_dives, fly_pings, measuremen
 from replay_kit.studies.missions.follow import evaluated_after, follow
 from replay_kit.studies.missions.rows import Figure, over_missions
 from replay_kit.studies.missions.scene import withhold
-from replay_kit.studies.twins.faults import Faults
+from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import GliderLimits
 from tests import synthetic
