@@ -8,7 +8,7 @@ from rich.console import Console
 
 from replay_kit.studies.dives.run import DivePrediction, DivesResult, rms_length
 from replay_kit.studies.reports.tables import Table
-from replay_kit.studies.reports.write import number, plain, print_tables, versions
+from replay_kit.studies.reports.write import answer_of, number, print_tables
 
 _TITLES = {"profiles": "RMS length of the error of profiles", "mean": "RMS length of the error of depth-averaged currents"}
 
@@ -56,19 +56,17 @@ def _rmse(dive: DivePrediction, kind: str) -> dict[str, float]:
 
 def to_json(result: DivesResult) -> dict[str, Any]:
     """Return the result's figures for JSON; undefined ones are null, as is a scale that is infinite."""
-    answer: dict[str, Any] = plain(
-        {
-            "rmse": {kind: result.rmse(kind) for kind in _TITLES},
-            "nis_per_dof": result.nis_per_dof,
-            "coverage": {name: {f"{share:g}": value for share, value in shares.items()} for name, shares in result.coverages().items()},
-            "dives": [_dive_json(dive) for dive in result.dives],
-            "ensemble": result.ensemble,
-            "fitted": result.fitted,
-            "oscillators": result.oscillators,
-            "versions": versions("numpy"),
-        }
-    )
-    return answer
+    answer = {
+        "rmse": {kind: result.rmse(kind) for kind in _TITLES},
+        "nis_per_dof": result.nis_per_dof,
+        "coverage": {name: {f"{share:g}": value for share, value in shares.items()} for name, shares in result.coverages().items()},
+        "dives": [_dive_json(dive) for dive in result.dives],
+        "ensemble": result.ensemble,
+        "fitted": result.fitted,
+        "oscillators": result.oscillators,
+        "unfinished": result.unfinished,
+    }
+    return answer_of(answer, "numpy")
 
 
 def _dive_json(dive: DivePrediction) -> dict[str, Any]:

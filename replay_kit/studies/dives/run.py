@@ -60,12 +60,14 @@ class DivesResult:
         ensemble: Its file.
         fitted: Whether settings were fitted to the dives before each.
         oscillators: What oscillated.
+        unfinished: Whether more dives were to follow when this was written.
     """
 
     dives: tuple[DivePrediction, ...]
     ensemble: str
     fitted: bool
     oscillators: tuple[str, ...]
+    unfinished: bool = False
 
     def rmse(self, kind: str) -> dict[str, float]:
         """Return the root mean square length of the error vectors of each method over all dives but the first [m/s]; NaN without any.
@@ -105,8 +107,8 @@ def rms_length(errors: Sequence[Array]) -> float:
 
 def run_dives(
     estimator: EvolvingEstimator, dives: Sequence[Dive], config: RunConfig, fit: bool, source: str, progress: Progress | None = None
-) -> DivesResult:
-    """Return each dive predicted from the dives before it.
+) -> Iterator[DivesResult]:
+    """Yield the dives predicted so far, each from the dives before it, after each dive; the last result has them all.
 
     Args:
         estimator: As configured.
@@ -123,7 +125,7 @@ def run_dives(
     settings = initial_settings(small, config.time)
     # with --fit nothing is gated: the likelihood counts every observation with the errors of the settings
     small = replace(small, gating=None) if fit else small
-    changed, done = fitted_estimator(small, config.time, settings), []
+    changed, done = fitted_estimator(small, config.time, settings), list[DivePrediction]()
     state = changed.initial()
     for k, dive in enumerate(dives):
         if progress is not None:
@@ -136,12 +138,14 @@ def run_dives(
         elif k:
             state = _after(changed, state, dives[k - 1].given, settings)
         done.append(_predicted(changed, state, dives[:k], dive, settings))
+        if k + 1 < len(dives):
+            yield DivesResult(tuple(done), source, fit, config.time.oscillators, unfinished=True)
     if not any(dive.dof or dive.errors["mean"] for dive in done):
         raise MeasurementError(
             f"{source}: none of the {len(dives)} dives has a bin or a mean current in the ensemble's region; use an ensemble of the right "
             "place, or --place-ensemble for a study"
         )
-    return DivesResult(tuple(done), source, fit, config.time.oscillators)
+    yield DivesResult(tuple(done), source, fit, config.time.oscillators)
 
 
 def _all_of(dive: Dive) -> Iterator[Measurement]:

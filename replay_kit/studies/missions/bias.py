@@ -2,17 +2,15 @@
 
 import math
 from functools import partial
-from typing import get_args
 
 import numpy as np
 
-from replay_kit.config.time import Bias
-from replay_kit.estimator.evolving import EvolvingEstimator
+from replay_kit.estimator.evolving import EvolvingEstimator, build_evolving
 from replay_kit.studies.missions.flights import fly_pings, measurements, pinging_seconds, staying
-from replay_kit.studies.missions.follow import Followed, Own
+from replay_kit.studies.missions.follow import Followed
 from replay_kit.studies.missions.relative import KNOWN_STD
 from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
-from replay_kit.studies.missions.scene import Scene, own_estimator
+from replay_kit.studies.missions.scene import Scene
 from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.messages import Flight
 
@@ -32,7 +30,7 @@ def biases(scene: Scene) -> list[Figure]:
     sound = measurements(flight, Faults("platform", KNOWN_STD))
     biased = measurements(flight, Faults("platform", KNOWN_STD, HEADING_DEG, SCALE))
     time = scene.config.time.model_copy(update={"biases": ("heading", "scale")})
-    estimating = own_estimator(scene.case, scene.config.model_copy(update={"time": time}))
+    estimating = build_evolving(scene.case.forecasts, scene.config.estimator, time, scene.config.gating)
     clean = scene.errors("sound", scene.own, sound)
     figures = [
         Figure("sound, without bias states", RMSE, clean.mean()),
@@ -74,12 +72,10 @@ def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure
     return figures
 
 
-def _found(method: str, estimator: Own, followed: Followed[float], planted: bool) -> list[Figure]:
+def _found(method: str, estimator: EvolvingEstimator, followed: Followed[float], planted: bool) -> list[Figure]:
     """Return each estimated bias, in standard deviations from zero, and its error."""
-    assert isinstance(estimator, EvolvingEstimator), "biases are estimated through time only"
     figures = []
     for name, (mean, std) in estimator.biases(followed.state).items():
-        assert name in get_args(Bias)
         unit, factor = _UNIT[name]
         true = PLANTED[name] if planted else 0.0
         least, most = (_FOUND, np.nan) if planted else (-_FOUND, _FOUND)

@@ -9,12 +9,10 @@ from scipy.special import chdtri
 
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
-from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
+from replay_kit.estimator import Estimator
+from replay_kit.estimator.evolving import EvolvingState
 from replay_kit.studies.missions.rows import Figure
 
-#: Estimators that take profiles and mean currents.
-Own = EvolvingEstimator | ReducedBasisEstimator
 Value = TypeVar("Value")
 _DAY_NS = 86_400 * 10**9
 _BAND = (0.025, 0.975)
@@ -67,7 +65,7 @@ def evaluated_after(count: int, evaluations: int) -> tuple[int, ...]:
 
 
 def follow(
-    estimator: Own,
+    estimator: Estimator[Any],
     given: Sequence[Measurement],
     evaluations: int,
     evaluate: Callable[[FlowEstimate, int], Value],
@@ -76,7 +74,7 @@ def follow(
     """Return an estimator's way through a mission.
 
     Args:
-        estimator: Static, or through time.
+        estimator: One that takes profiles and mean currents.
         given: The measurements, in order of time.
         evaluations: How often the estimate is evaluated.
         evaluate: Takes the estimate and the time of the last measurement [ns, UTC].

@@ -1,22 +1,18 @@
 """The effect of pings that are wrong as a whole on the estimate, with each kind of gate."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
-from replay_kit.config.gating import GatingConfig
 from replay_kit.core.observation import Measurement, Observation
 from replay_kit.studies.missions.flights import measurements
-from replay_kit.studies.missions.follow import Own
 from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
-from replay_kit.studies.missions.scene import Scene
+from replay_kit.studies.missions.scene import Scene, own_estimator
 from replay_kit.studies.twins.adcp import OUTLIER, Faults
 
 SHARE = 0.1
 _OVER_CLEAN = 1.05
-_GATES: tuple[Literal["reject", "soften", "off"], ...] = ("reject", "soften", "off")
+_GATES = ("reject", "soften", "off")
 
 
 def outliers(scene: Scene) -> list[Figure]:
@@ -30,7 +26,8 @@ def outliers(scene: Scene) -> list[Figure]:
     ]
     for gate in _GATES:
         method = f"with outliers, gate {gate}"
-        followed = scene.errors(method, _with_gate(scene.own, scene.config.gating, gate), spoilt)
+        gating = scene.config.gating.model_copy(update={"gate": gate})
+        followed = scene.errors(method, own_estimator(scene.case, scene.config.model_copy(update={"gating": gating})), spoilt)
         most = _OVER_CLEAN if gate == scene.config.gating.gate else np.nan
         figures += error_figures(method, followed.mean(), "that without outliers", clean.mean(), most)
         if gate == "reject":
@@ -47,7 +44,3 @@ def _moved(sound: Sequence[Measurement], spoilt: Sequence[Measurement]) -> froze
     velocity = {of.time_ns: of.velocity for of in sound if isinstance(of, Observation)}
     pairs = [(of.time_ns, of.velocity - velocity[of.time_ns]) for of in spoilt if isinstance(of, Observation)]
     return frozenset(time_ns for time_ns, off in pairs if (np.hypot(off[:, 0], off[:, 1]) > 0.5 * OUTLIER).any())
-
-
-def _with_gate(own: Own, gating: GatingConfig, gate: Literal["reject", "soften", "off"]) -> Own:
-    return replace(own, gating=gating.model_copy(update={"gate": gate}))

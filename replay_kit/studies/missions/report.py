@@ -8,7 +8,7 @@ from rich.console import Console
 
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.reports.tables import Table, named_columns
-from replay_kit.studies.reports.write import json_text, limits_text, plain, print_tables, verdict, versions, write_files
+from replay_kit.studies.reports.write import answer_of, json_text, limits_text, print_tables, verdict, write_files
 from replay_kit.studies.reports.write import to_csv as table_to_csv
 
 FILES = ("missions.csv", "missions.json")
@@ -16,8 +16,7 @@ FILES = ("missions.csv", "missions.json")
 
 def to_json(result: MissionResult) -> dict[str, Any]:
     """Return the JSON object of ``--json``; undefined figures are null."""
-    answer: dict[str, Any] = plain({**asdict(result), "versions": versions("numpy", "scipy")})
-    return answer
+    return answer_of(asdict(result), "numpy", "scipy")
 
 
 def to_csv(result: MissionResult) -> str:

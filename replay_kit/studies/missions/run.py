@@ -7,7 +7,7 @@ from functools import partial
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.progress import Progress
+from replay_kit.studies.jobs.progress import Advance, Progress, counter
 from replay_kit.studies.missions.bias import biases
 from replay_kit.studies.missions.coverage import coverage
 from replay_kit.studies.missions.dac import mean_currents_alone
@@ -42,6 +42,7 @@ class MissionResult:
         times: Number of times of the forecast; 1 when the truth stays as it is.
         job: The options.
         lost: Of each mission that was left out, why: the current carried the glider away.
+        unfinished: Whether more missions were to follow when this was written.
     """
 
     rows: tuple[MissionRow, ...]
@@ -50,9 +51,16 @@ class MissionResult:
     times: int
     job: MissionJob
     lost: tuple[str, ...]
+    unfinished: bool = False
 
 
-def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None) -> MissionResult:
+def run_missions(
+    series: Sequence[Ensemble],
+    config: RunConfig,
+    job: MissionJob,
+    progress: Progress | None = None,
+    keep: Callable[[MissionResult], None] = lambda result: None,
+) -> MissionResult:
     """Return the studies on an ensemble.
 
     Args:
@@ -60,6 +68,7 @@ def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob,
         config: Settings of the estimators.
         job: Which studies, on which missions.
         progress: Called with studies done, studies in all, and what is being run.
+        keep: Called with the result so far, after each study of a mission.
 
     Raises:
         ConfigError: An option is wrong.
@@ -72,32 +81,34 @@ def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob,
             "file of leads, or choose other studies"
         )
     members = job.members(series[0].n_members)
-    total = len(members) * job.seeds * len(job.studies)
+    advance = counter(len(members) * job.seeds * len(job.studies), progress)
     by_study: dict[str, list[list[Figure]]] = {study: [] for study in job.studies}
-    done, lost = 0, list[str]()
+    lost = list[str]()
+
+    def result(unfinished: bool) -> MissionResult:
+        rows = tuple(row for study in job.studies for row in over_missions(study, by_study[study]))
+        return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost), unfinished)
+
     for member in members:
         case = withhold(series, member)
         own, sea = own_estimator(case, config), build_field(*case.truths)
         for seed in range(job.seeds):
             flight: Flight | None = None
             for study in job.studies:
+                what = f"member {member}, {study}"
+                report = partial(_report, advance, what)
                 try:
                     flight = flight or staying(partial(fly_pings, sea, job.pings, job.days, job.noise), 100 * member + seed)
-                    report = partial(_report, progress or _silent, (done, total), f"member {member}, {study}")
                     by_study[study].append(_STUDIES[study](Scene(case, flight, own, config, job, report)))
                 except ForecastError as error:
                     # one mission less is no reason to lose the others
                     lost.append(f"member {member}, seed {seed}, {study}: {error}")
-                done += 1
-    rows = tuple(row for study in job.studies for row in over_missions(study, by_study[study]))
-    if not rows:
+                advance(what)
+                keep(result(True))
+    if not any(by_study.values()):
         raise ForecastError(f"no mission is left; {lost[0]}")
-    return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost))
+    return result(False)
 
 
-def _report(progress: Progress, steps: tuple[int, int], study: str, what: str) -> None:
-    progress(*steps, f"{study}: {what}")
-
-
-def _silent(done: int, total: int, what: str) -> None:
-    """Report nothing."""
+def _report(advance: Advance, study: str, what: str) -> None:
+    advance(f"{study}: {what}", 0)

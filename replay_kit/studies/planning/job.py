@@ -1,5 +1,6 @@
 """The options of the studies of planning."""
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -55,6 +56,11 @@ class PlanningJob:
         counts = ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks", "replans", "noise")
         check_positive(**{name: getattr(self, name) for name in counts})
         check_not_negative(seed=self.seed)
+
+    @property
+    def most_legs(self) -> int:
+        """Limit on the legs of a replanned mission."""
+        return math.ceil(1.5 * self.legs)
 
     def members(self, n_members: int) -> tuple[int, ...]:
         """Return the positions of the members left out in turn.

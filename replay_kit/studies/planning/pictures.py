@@ -10,7 +10,6 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.studies.planning.arrival_tables import Arrival
 from replay_kit.studies.planning.recheck import Polygon, corners_of
-from replay_kit.studies.planning.replan_rows import NEAR, ReplanRow
 from replay_kit.studies.reports.flows import BLACK, BLUE, EAST, FLOW_STYLES, GREY, NORTH, VERMILION
 
 # Miss distances and errors below these are drawn at these.
@@ -139,16 +138,14 @@ def _around(axes: Any, points: Array) -> None:
     axes.set_aspect("equal")
 
 
-def draw_replanned(rows: Sequence[ReplanRow], figure: Any) -> None:
-    """Draw the miss distance of each replanned mission against that of its single plan."""
+def draw_replanned(misses: Array, near: float, figure: Any) -> None:
+    """Draw the miss distances [m] of missions replanned against those with a single plan, shape (n, 2), the latter first."""
     axes = figure.subplots()
-    single, replanned = (
-        np.maximum(misses, _LEAST_MISS) for misses in zip(*((row.single.miss, row.replanned.miss) for row in rows), strict=True)
-    )
+    single, replanned = np.maximum(misses, _LEAST_MISS).T
     axes.scatter(single, replanned, s=28, color=BLUE)
     ends = 0.7 * min(single.min(), replanned.min()), 1.4 * max(single.max(), replanned.max())
     axes.plot(ends, ends, color=BLACK, linewidth=1.0)
-    axes.axhline(NEAR, color=GREY, linestyle="--", linewidth=1.0)
+    axes.axhline(near, color=GREY, linestyle="--", linewidth=1.0)
     axes.set(
         xscale="log", yscale="log", xlabel="miss distance, single plan [m]", ylabel="miss distance, replanned [m]", xlim=ends, ylim=ends
     )

@@ -40,8 +40,8 @@ class PlanningResult:
         truths: Their files, or the members left out in turn.
         n_members: Of the ensemble.
         levels: [m].
-        job: The options.
         modes: Limit on the basis flows of a level; None for all.
+        job: The options.
         seconds: Wall time of each study [s].
     """
 
@@ -50,6 +50,6 @@ class PlanningResult:
     truths: tuple[str, ...]
     n_members: int
     levels: tuple[float, ...]
-    job: PlanningJob
     modes: int | None
+    job: PlanningJob
     seconds: Mapping[str, float]

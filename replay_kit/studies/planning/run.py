@@ -71,7 +71,7 @@ def run_planning(
     levels = tuple(float(level) for level in ensemble.grid.levels)
 
     def result() -> PlanningResult:
-        return PlanningResult(tuple(reports), ensemble.source, truths, ensemble.n_members, levels, job, config.modes, dict(seconds))
+        return PlanningResult(tuple(reports), ensemble.source, truths, ensemble.n_members, levels, config.modes, job, dict(seconds))
 
     keep(result())
     for name in job.studies:

@@ -36,9 +36,10 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def versions(*packages: str) -> dict[str, str]:
-    """Return the version of this package and of others, by name."""
-    return {"replay-kit": __version__, **{name: version(name) for name in packages}}
+def answer_of(figures: Mapping[str, Any], *packages: str) -> dict[str, Any]:
+    """Return figures for JSON, with the versions of this package and of others; ``unfinished`` is left out where it does not hold."""
+    versions = {"replay-kit": __version__, **{name: version(name) for name in packages}}
+    return {name: plain(value) for name, value in {**figures, "versions": versions}.items() if name != "unfinished" or value}
 
 
 def json_text(answer: Mapping[str, Any]) -> str:

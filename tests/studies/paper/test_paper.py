@@ -21,6 +21,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
+from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper import FILES, PaperJob, figures, print_paper, run_paper, to_json, write_paper
 from replay_kit.studies.paper.diagnostics import coherence, depth_kernel, level_correlation
@@ -155,8 +156,13 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
             raise np.linalg.LinAlgError("Singular matrix")
         return build_method(name, ensemble, config)
 
+    def basis(ensemble, config):
+        if config.preset == "paper":
+            raise np.linalg.LinAlgError("Singular matrix")
+        return build_basis(ensemble, config)
+
     monkeypatch.setattr("replay_kit.studies.paper.tables.build_method", build)
-    monkeypatch.setattr(figures, "build_method", build)
+    monkeypatch.setattr(figures, "build_basis", basis)
     tables, shown = run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1))
     assert {row.flow: row.pairs for row in tables.table3}["paper"] == 0
     assert "no estimate" in {row.flow: row.note for row in tables.table3}["paper"]

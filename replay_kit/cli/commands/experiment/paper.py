@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, keep_json, working, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OUTPUTS, Answer, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths
@@ -36,7 +36,7 @@ def paper(
     seed: Annotated[int, option("--seed", "Seed of places, noise, starts and targets.", least=0)] = 0,
 ) -> int:
     """Return 0."""
-    from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
+    from replay_kit.studies.paper import FILES, PaperJob, PaperTables, print_paper, run_paper, to_json, write_paper, write_tables
     from replay_kit.studies.reports.write import check_folder
 
     truths.check("paper")
@@ -49,8 +49,13 @@ def paper(
     members, withheld = truths.read(config.forecast)
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
+
+    def keep(partial: PaperTables) -> None:
+        write_tables(out, partial)
+        keep_json(outputs.json_file, to_json(partial))
+
     with working(config.output.threads) as advance:
-        tables, shown = run_paper(members, withheld, config.estimator, job, advance)
+        tables, shown = run_paper(members, withheld, config.estimator, job, advance, keep)
         write_paper(out, tables, shown)
     console = console_beside(outputs.json_file)
     print_paper(tables, console)
