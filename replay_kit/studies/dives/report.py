@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from replay_kit.studies.dives.run import DivePrediction, DivesResult, rms_length
+from replay_kit.studies.dives.run import DivePrediction, DivesResult
 from replay_kit.studies.reports.tables import Table
 from replay_kit.studies.reports.write import answer_of, number, print_tables
+from replay_kit.workflows.replay.scoring import rms_length
 
 _TITLES = {"profiles": "RMS length of the error of profiles", "mean": "RMS length of the error of depth-averaged currents"}
 
@@ -51,7 +52,7 @@ def _table(result: DivesResult, kind: str) -> Table:
 
 def _rmse(dive: DivePrediction, kind: str) -> dict[str, float]:
     """Return the root mean square length of a dive's error vectors [m/s], by method."""
-    return {method: rms_length([error]) for method, error in dive.errors[kind].items()}
+    return {method: rms_length(error) for method, error in dive.errors[kind].items()}
 
 
 def to_json(result: DivesResult) -> dict[str, Any]:

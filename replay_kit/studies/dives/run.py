@@ -19,6 +19,7 @@ from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
 from replay_kit.studies.dives.predict import Expected, Surfacing, expect, surfacing, withheld
 from replay_kit.studies.dives.read import Dive
 from replay_kit.studies.jobs.progress import Progress
+from replay_kit.workflows.replay.scoring import rms_length
 
 SHARES = (0.5, 0.9)
 
@@ -70,14 +71,14 @@ class DivesResult:
     unfinished: bool = False
 
     def rmse(self, kind: str) -> dict[str, float]:
-        """Return the root mean square length of the error vectors of each method over all dives but the first [m/s]; NaN without any.
+        """Return the root mean square length of the error vectors of each method over all dives but the first that have any [m/s].
 
         Args:
             kind: ``profiles`` or ``mean``.
         """
         of_dives = [dive.errors[kind] for dive in self.dives[1:]]
         methods = {method: None for errors in of_dives for method in errors}
-        return {method: rms_length([errors[method] for errors in of_dives if method in errors]) for method in methods}
+        return {method: rms_length(np.concatenate([errors[method] for errors in of_dives if method in errors])) for method in methods}
 
     @property
     def nis_per_dof(self) -> float:
@@ -97,12 +98,6 @@ class DivesResult:
             error, std = (np.concatenate([part[k] for part in parts]) if parts else np.empty(0) for k in range(2))
             out[name] = {share: coverage(error, std, share) if error.size else math.nan for share in SHARES}
         return out
-
-
-def rms_length(errors: Sequence[Array]) -> float:
-    """Return the root mean square length of error vectors, arrays of shape (n, 2); NaN without any."""
-    vectors = np.concatenate([np.empty((0, 2)), *errors])
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))) if len(vectors) else math.nan
 
 
 def run_dives(

@@ -40,16 +40,16 @@ def staying(fly: Callable[[int], Flight], seed: int) -> Flight:
     return fly(seed + _NEXT_SEED * (_ATTEMPTS - 1))
 
 
-def dive_seconds(sea: Field, limits: GliderLimits) -> float:
+def dive_seconds(field: Field, limits: GliderLimits) -> float:
     """Return how long a dive and the stay at the surface after it take [s]."""
-    return float(STEP_S * (dive_steps(sea, limits) + SURFACE_STEPS))
+    return float(STEP_S * (dive_steps(field, limits) + SURFACE_STEPS))
 
 
-def fly_pings(sea: Field, pings: int, days: float, noise: float, seed: int) -> Flight:
+def fly_pings(field: Field, pings: int, days: float, noise: float, seed: int) -> Flight:
     """Return a mission with its pings spread evenly over some days, from the truth's first time on.
 
     Args:
-        sea: The truth; one that changes ends the mission before its last time.
+        field: The truth; one that changes ends the mission before its last time.
         pings: Number of pings.
         days: Over which they are spread.
         noise: [m/s].
@@ -58,25 +58,25 @@ def fly_pings(sea: Field, pings: int, days: float, noise: float, seed: int) -> F
     Raises:
         ConfigError: The pings do not fit into the time.
     """
-    steps = int(pinging_seconds(sea, days) / pings / STEP_S)
+    steps = int(pinging_seconds(field, days) / pings / STEP_S)
     if steps < 1:
         raise ConfigError(f"--pings: {pings} pings, {STEP_S} s apart at least, take longer than {days:g} days or the truth's time")
-    return _flown(sea, noise, seed, lambda rng: mission(sea, pings, _start_ns(sea), rng, schedule=Schedule(steps, to_the_end=True)))
+    return _flown(field, noise, seed, lambda rng: mission(field, pings, _start_ns(field), rng, schedule=Schedule(steps, to_the_end=True)))
 
 
-def pinging_seconds(sea: Field, days: float) -> float:
+def pinging_seconds(field: Field, days: float) -> float:
     """Return for how long a mission of some days can ping [s]: in a truth that changes its last dive ends before the truth does."""
-    if sea.time_ns.size < 2:
+    if field.time_ns.size < 2:
         return days * _DAY_S
-    end_s = float(sea.time_ns[-1] - sea.time_ns[0]) / _NS
-    return min(days * _DAY_S, end_s - dive_seconds(sea, _USUAL) - 2 * SURFACE_STEPS * STEP_S)
+    end_s = float(field.time_ns[-1] - field.time_ns[0]) / _NS
+    return min(days * _DAY_S, end_s - dive_seconds(field, _USUAL) - 2 * SURFACE_STEPS * STEP_S)
 
 
-def fly_dives(sea: Field, dives: int, noise: float, limits: GliderLimits, seed: int) -> Flight:
+def fly_dives(field: Field, dives: int, noise: float, limits: GliderLimits, seed: int) -> Flight:
     """Return a mission of some dives; in a truth that changes it ends with the truth, where the forecast is least sure.
 
     Args:
-        sea: The truth.
+        field: The truth.
         dives: Number of dives.
         noise: [m/s], of the pings, one in ten minutes.
         limits: How it dives.
@@ -85,16 +85,16 @@ def fly_dives(sea: Field, dives: int, noise: float, limits: GliderLimits, seed: 
     Raises:
         ConfigError: The dives take longer than the truth lasts.
     """
-    seconds = dives * dive_seconds(sea, limits) + SURFACE_STEPS * STEP_S
-    start_ns = _start_ns(sea)
-    if sea.time_ns.size > 1:
-        start_ns = int(sea.time_ns[-1]) - int(seconds) * _NS
-        if start_ns < sea.time_ns[0]:
+    seconds = dives * dive_seconds(field, limits) + SURFACE_STEPS * STEP_S
+    start_ns = _start_ns(field)
+    if field.time_ns.size > 1:
+        start_ns = int(field.time_ns[-1]) - int(seconds) * _NS
+        if start_ns < field.time_ns[0]:
             raise ConfigError(f"--dives: {dives} dives take {seconds / _DAY_S:.1f} days, longer than the truth's time")
     steps = 5
     # the last ping is in the last dive
-    pings = int((seconds - 0.5 * dive_seconds(sea, limits)) / (steps * STEP_S))
-    return _flown(sea, noise, seed, lambda rng: mission(sea, pings, start_ns, rng, limits, Schedule(steps, to_the_end=True)))
+    pings = int((seconds - 0.5 * dive_seconds(field, limits)) / (steps * STEP_S))
+    return _flown(field, noise, seed, lambda rng: mission(field, pings, start_ns, rng, limits, Schedule(steps, to_the_end=True)))
 
 
 def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, mean_currents: bool = False) -> tuple[Measurement, ...]:
@@ -109,11 +109,11 @@ def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, 
     return tuple(observations(flight.messages(faults, pings=pings), MeasurementConfig(use_dac=mean_currents)))
 
 
-def _start_ns(sea: Field) -> int:
-    return int(sea.time_ns[0]) or EPOCH_NS
+def _start_ns(field: Field) -> int:
+    return int(field.time_ns[0]) or EPOCH_NS
 
 
-def _flown(sea: Field, noise: float, seed: int, fly: Callable[[np.random.Generator], Mission]) -> Flight:
+def _flown(field: Field, noise: float, seed: int, fly: Callable[[np.random.Generator], Mission]) -> Flight:
     """Return a mission with what its instrument measures, both from one stream of random numbers."""
     rng = np.random.default_rng(seed)
-    return measured_on(fly(rng), sea, noise, rng, seed)
+    return measured_on(fly(rng), field, noise, rng, seed)

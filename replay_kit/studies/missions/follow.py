@@ -36,7 +36,7 @@ class Followed(Generic[Value]):
         """Return the mean of the values."""
         return float(np.mean(self.values))
 
-    def doubted(self, but: frozenset[int] = frozenset()) -> int:
+    def not_accepted(self, but: frozenset[int] = frozenset()) -> int:
         """Return how many measurements were rejected or downweighted, without those of some times [ns, UTC]."""
         return sum(innovation.decision != "accepted" and innovation.time_ns not in but for innovation in self.innovations)
 

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.reports.tables import Table, named_columns
-from replay_kit.studies.reports.write import answer_of, json_text, limits_text, print_tables, verdict, write_files
+from replay_kit.studies.reports.write import answer_of, json_text, limits_text, met_text, print_tables, write_files
 from replay_kit.studies.reports.write import to_csv as table_to_csv
 
 FILES = ("missions.csv", "missions.json")
@@ -40,7 +40,7 @@ def _table(result: MissionResult, study: str) -> Table:
     times = f" of {result.times} times" if result.times > 1 else ""
     missions = f"{result.job.seeds} missions each, {result.job.pings} pings of {result.job.noise:g} m/s noise"
     rows = tuple(
-        (row.method, row.figure, row.value, limits_text(row.at_least, row.at_most), verdict(row.met), row.by_mission)
+        (row.method, row.figure, row.value, limits_text(row.at_least, row.at_most), met_text(row.met), row.by_mission)
         for row in result.rows
         if row.study == study
     )

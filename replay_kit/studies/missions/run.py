@@ -10,11 +10,9 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.studies.jobs.progress import Advance, Progress, counter
 from replay_kit.studies.missions.bias import biases
 from replay_kit.studies.missions.coverage import coverage
-from replay_kit.studies.missions.dac import mean_currents_alone
 from replay_kit.studies.missions.flights import fly_pings, staying
+from replay_kit.studies.missions.given import mean_currents_alone, outliers, relative
 from replay_kit.studies.missions.job import MissionJob
-from replay_kit.studies.missions.outliers import outliers
-from replay_kit.studies.missions.relative import relative
 from replay_kit.studies.missions.rows import Figure, MissionRow, over_missions
 from replay_kit.studies.missions.scene import Scene, own_estimator, withhold
 from replay_kit.studies.missions.through_time import through_time
@@ -91,14 +89,14 @@ def run_missions(
 
     for member in members:
         case = withhold(series, member)
-        own, sea = own_estimator(case, config), build_field(*case.truths)
+        own, field = own_estimator(case, config), build_field(*case.truths)
         for seed in range(job.seeds):
             flight: Flight | None = None
             for study in job.studies:
                 what = f"member {member}, {study}"
                 report = partial(_report, advance, what)
                 try:
-                    flight = flight or staying(partial(fly_pings, sea, job.pings, job.days, job.noise), 100 * member + seed)
+                    flight = flight or staying(partial(fly_pings, field, job.pings, job.days, job.noise), 100 * member + seed)
                     by_study[study].append(_STUDIES[study](Scene(case, flight, own, config, job, report)))
                 except ForecastError as error:
                     # one mission less is no reason to lose the others

@@ -40,7 +40,7 @@ def through_time(scene: Scene) -> list[Figure]:
         *error_figures("through time", error, "the best static one's", static, _OVER_STATIC),
         Figure("through time", "RMSE over the best inflated one's", error, peer, at_most=_OVER_INFLATED),
         *own.nis("through time", required=True),
-        Figure("through time", "rejected or softened", own.doubted(), len(own.innovations)),
+        Figure("through time", "rejected or softened", own.not_accepted(), len(own.innovations)),
         *_smoothed(scene, given, times_ns, error),
     ]
 

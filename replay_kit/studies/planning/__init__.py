@@ -1,9 +1,8 @@
 """``experiment planning``: plans made on estimates and flown in truths that the estimates do not know."""
 
-from replay_kit.studies.planning.job import PlanningJob
+from replay_kit.studies.planning.job import PlanningJob, PlanningResult
 from replay_kit.studies.planning.replanning import NAME as WITHOUT_TRUTH
 from replay_kit.studies.planning.report import print_planning, replaced_files, to_json, write_planning
-from replay_kit.studies.planning.result import PlanningResult
 from replay_kit.studies.planning.run import STUDIES, run_planning
 
 __all__ = [

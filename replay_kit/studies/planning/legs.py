@@ -94,11 +94,11 @@ def plan_legs(
     return PlannedLegs(legs, ends, float(mission.closest_approach[-1]), planned)
 
 
-def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> Track:
+def fly_leg(field: Field, place: Array, start_ns: int, leg: Leg) -> Track:
     """Return a leg flown in a truth, by the midpoint rule with steps of two minutes at most.
 
     Args:
-        sea: The truth.
+        field: The truth.
         place: shape (2,) [m], local east and north.
         start_ns: When it begins [ns, UTC].
         leg: What the glider is commanded.
@@ -106,8 +106,8 @@ def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> Track:
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
     """
-    longitude, latitude = to_geographic(sea.grid.projection, *place)
-    heading = np.deg2rad(leg.heading_deg) + float(grid_bearing_of_true_north(sea.grid.projection, longitude, latitude))
+    longitude, latitude = to_geographic(field.grid.projection, *place)
+    heading = np.deg2rad(leg.heading_deg) + float(grid_bearing_of_true_north(field.grid.projection, longitude, latitude))
     through_water = leg.along * np.array([np.sin(heading), np.cos(heading)])
     depth, seconds = [leg.depths[0]], [0.0]
     for begin, end in pairwise(leg.depths):
@@ -118,16 +118,16 @@ def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> Track:
     drifts = int(np.ceil(leg.drift / _STEP_S))
     depth += [depth[-1]] * drifts
     seconds += [seconds[-1] + leg.drift * (k + 1) / drifts for k in range(drifts)]
-    return advected(sea, place, start_ns, np.array(seconds), np.array(depth), through_water)
+    return advected(field, place, start_ns, np.array(seconds), np.array(depth), through_water)
 
 
-def measured(sea: Field, flight: Track, noise: float, rng: np.random.Generator) -> tuple[Measurement, ...]:
+def measured(field: Field, flight: Track, noise: float, rng: np.random.Generator) -> tuple[Measurement, ...]:
     """Return what an estimator is given of a leg at its end: a profile every ten minutes, and the leg's mean current.
 
     They go through the messages that a glider logs; between its fixes the positions are dead-reckoned as a shore station does.
 
     Args:
-        sea: The truth.
+        field: The truth.
         flight: The leg, from one surfacing to the next.
         noise: Error of each component of each bin [m/s].
         rng: Of the noise.
@@ -138,12 +138,12 @@ def measured(sea: Field, flight: Track, noise: float, rng: np.random.Generator) 
     heading = np.mod(np.rad2deg(np.arctan2(*flight.through_water)), 360.0)
     times = flight.start_ns + np.round(seconds * 1e3).astype(np.int64) * _NS_PER_MS
     pings = Pings(times, east, north, depth, np.full(seconds.size, heading), np.where(sinks, -20.0, 20.0))
-    dive, reckoned = dead_reckoned(sea, 1, flight, times, depth)
-    flown = measured_on(Mission(pings, (dive.start, *reckoned, dive.end), (dive,)), sea, noise, rng)
+    dive, reckoned = dead_reckoned(field, 1, flight, times, depth)
+    flown = measured_on(Mission(pings, (dive.start, *reckoned, dive.end), (dive,)), field, noise, rng)
     return tuple(observations(flown.messages(), MeasurementConfig()))
 
 
-def distance_to(sea: Field, point: Array, goal: Place) -> float:
+def distance_to(field: Field, point: Array, goal: Place) -> float:
     """Return the distance [m] of a local point, shape (2,) [m], from a place."""
-    east, north = to_local(sea.grid.projection, goal.longitude, goal.latitude)
+    east, north = to_local(field.grid.projection, goal.longitude, goal.latitude)
     return float(np.hypot(point[0] - east, point[1] - north))

@@ -8,9 +8,8 @@ import numpy as np
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
-from replay_kit.studies.planning.job import PlanningJob
+from replay_kit.studies.planning.job import PlanningJob, StudyReport
 from replay_kit.studies.planning.pictures import draw_replanned
-from replay_kit.studies.planning.result import StudyReport
 from replay_kit.studies.planning.twin_missions import ReplanRow, run_replanning
 from replay_kit.studies.planning.world import World
 from replay_kit.studies.reports.tables import NAN, Criterion, Picture, named_columns

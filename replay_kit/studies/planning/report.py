@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit.studies.planning.result import PlanningResult, StudyReport
+from replay_kit.studies.planning.job import PlanningResult, StudyReport
 from replay_kit.studies.reports.tables import Table
 from replay_kit.studies.reports.write import answer_of, criteria_table, drawn, json_text, markdown, print_tables, to_csv, write_files
 

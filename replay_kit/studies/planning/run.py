@@ -9,10 +9,9 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Progress, counter, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.infeasible import infeasible
-from replay_kit.studies.planning.job import PlanningJob
+from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
 from replay_kit.studies.planning.masked import masked
 from replay_kit.studies.planning.replanning import replanning
-from replay_kit.studies.planning.result import PlanningResult, StudyReport
 from replay_kit.studies.planning.scenarios import scenarios
 from replay_kit.studies.planning.world import FLOWS, World, build_world
 

@@ -10,10 +10,9 @@ import planners
 from planners.mission.flights import fly_mission
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.studies.planning.flights import draw_missions
+from replay_kit.studies.planning.flights import Polygon, corners_of, draw_missions, ends_of, polygon_of, winds_around
+from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.pictures import ScenarioView, draw_scenarios
-from replay_kit.studies.planning.recheck import Polygon, corners_of, ends_of, polygon_of, winds_around
-from replay_kit.studies.planning.result import StudyReport
 from replay_kit.studies.planning.world import Withheld, World, timed
 from replay_kit.studies.reports.tables import Cell, Criterion, Picture, Table, named_columns
 from replay_kit.studies.twins.reachable import Pair

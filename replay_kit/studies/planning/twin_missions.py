@@ -90,7 +90,7 @@ class _Way:
     """A glider on its way to a goal in a truth.
 
     Attributes:
-        sea: The truth.
+        field: The truth.
         goal: Where it should surface last.
         start_ns: When the mission began [ns, UTC].
         place: shape (2,) [m], where it is at the surface, local east and north.
@@ -98,7 +98,7 @@ class _Way:
         misses: Distances from the goal [m], at the start and at each surfacing.
     """
 
-    sea: Field
+    field: Field
     goal: Place
     start_ns: int
     place: Array
@@ -111,9 +111,9 @@ class _Way:
         Raises:
             ForecastError: The current carried the glider out of the truth's water.
         """
-        flight = fly_leg(self.sea, self.place, self.time_ns, leg)
+        flight = fly_leg(self.field, self.place, self.time_ns, leg)
         place = flight.place[-1]
-        misses = (*self.misses, distance_to(self.sea, place, self.goal))
+        misses = (*self.misses, distance_to(self.field, place, self.goal))
         return flight, replace(self, place=place, time_ns=flight.end_ns, misses=misses)
 
     def outcome(self, ended: str) -> Outcome:
@@ -133,7 +133,7 @@ class _Twin:
 
     def plan(self, state: Any, way: _Way, most_legs: int, warm: PlannedLegs | None = None) -> PlannedLegs:
         """Return the plan on an estimate from where a glider is."""
-        places = place_at(way.sea.grid, way.place), way.goal
+        places = place_at(way.field.grid, way.place), way.goal
         return plan_legs(self.planner, flow_at(self.estimator, state, way.time_ns), places, way.time_ns, most_legs, warm)
 
 
@@ -159,12 +159,12 @@ def run_replanning(
     for k in range(job.replans):
         member, seed = members[k % len(members)], job.seed + k
         case = withhold(series, member)
-        sea, rng = build_field(*case.truths), np.random.default_rng((seed, member))
+        field, rng = build_field(*case.truths), np.random.default_rng((seed, member))
         twin = _Twin(own_estimator(case, config), job, planner, rng)
         # in a sea that changes it begins in the middle of the forecast, which errs by then, and goes on long enough
-        start_ns = (int(sea.time_ns[0]) + int(sea.time_ns[-1])) // 2 or EPOCH_NS
-        start, goal, truth_duration = _drawn(sea, job, start_ns, rng)
-        way = _Way(sea, goal, start_ns, start, start_ns, (distance_to(sea, start, goal),))
+        start_ns = (int(field.time_ns[0]) + int(field.time_ns[-1])) // 2 or EPOCH_NS
+        start, goal, truth_duration = _drawn(field, job, start_ns, rng)
+        way = _Way(field, goal, start_ns, start, start_ns, (distance_to(field, start, goal),))
         first = twin.plan(twin.estimator.initial(), way, job.most_legs)
         replanned, errors = _fly_replanned(twin, way, first)
         rows.append(ReplanRow(member, seed, way.misses[0], truth_duration, _fly_single(way, first), replanned, errors))
@@ -193,10 +193,10 @@ def _fly_replanned(twin: _Twin, way: _Way, planned: PlannedLegs) -> tuple[Outcom
             return way.outcome("no plan leads nearer"), tuple(errors)
         try:
             flight, way = way.fly(planned.legs[0])
-            errors.append(distance_to(way.sea, way.place, planned.ends[0]))
+            errors.append(distance_to(way.field, way.place, planned.ends[0]))
             if way.misses[-1] <= TOLERANCE:
                 return way.outcome("arrived"), tuple(errors)
-            for step in twin.estimator.steps(state, measured(way.sea, flight, twin.job.noise, twin.rng)):
+            for step in twin.estimator.steps(state, measured(way.field, flight, twin.job.noise, twin.rng)):
                 state = step[0]
             planned = twin.plan(state, way, max(1, twin.job.most_legs - len(errors)), planned)
         except (ForecastError, PlanError) as error:
@@ -204,28 +204,30 @@ def _fly_replanned(twin: _Twin, way: _Way, planned: PlannedLegs) -> tuple[Outcom
     return way.outcome("legs used up"), tuple(errors)
 
 
-def _drawn(sea: Field, job: PlanningJob, start_ns: int, rng: np.random.Generator) -> tuple[Array, Place, float]:
+def _drawn(field: Field, job: PlanningJob, start_ns: int, rng: np.random.Generator) -> tuple[Array, Place, float]:
     """Return a start, shape (2,) [m], a goal, and the time [s] from one to the other in the truth, leg by leg at random headings."""
-    depth = min(job.depth, float(sea.grid.levels[-1]))
+    depth = min(job.depth, float(field.grid.levels[-1]))
     for _ in range(_MAX_DRAWS):
-        place, now = random_places(sea, 1, rng)[0], start_ns
+        place, now = random_places(field, 1, rng)[0], start_ns
         start, course = place, rng.uniform(0.0, 360.0)
         try:
-            _require_room(sea, start)
+            _require_room(field, start)
             for _ in range(job.legs):
                 angle = np.deg2rad(rng.uniform(*_ANGLES))
                 speeds = _SPEED * float(np.cos(angle)), _SPEED * float(np.sin(angle))
-                flight = fly_leg(sea, place, now, Leg(course + rng.uniform(-_TURNS, _TURNS), *speeds, (0.0, depth, 0.0)))
+                flight = fly_leg(field, place, now, Leg(course + rng.uniform(-_TURNS, _TURNS), *speeds, (0.0, depth, 0.0)))
                 place, now = flight.place[-1], flight.end_ns
-                _require_room(sea, place)
+                _require_room(field, place)
         except ForecastError:
             continue
-        return start, place_at(sea.grid, place), (now - start_ns) / _NS
-    raise ForecastError(f"{sea.grid.projection}: found no mission of {job.legs} legs that stays in the truth's water; use a larger region")
+        return start, place_at(field.grid, place), (now - start_ns) / _NS
+    raise ForecastError(
+        f"{field.grid.projection}: found no mission of {job.legs} legs that stays in the truth's water; use a larger region"
+    )
 
 
-def _require_room(sea: Field, place: Array) -> None:
+def _require_room(field: Field, place: Array) -> None:
     """Raise ForecastError when there is no water on all sides."""
     around = place + _MARGIN * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    if not np.isfinite(sea.velocity(around[:, 0], around[:, 1], 0.0, sea.time_ns[0])).all():
+    if not np.isfinite(field.velocity(around[:, 0], around[:, 1], 0.0, field.time_ns[0])).all():
         raise ForecastError("too near to the edge of the truth's water")

@@ -96,7 +96,7 @@ def limits_text(at_least: float, at_most: float) -> str:
     return f">= {to_text(at_least)}" if math.isfinite(at_least) else f"<= {to_text(at_most)}" if math.isfinite(at_most) else ""
 
 
-def verdict(met: bool | None) -> str:
+def met_text(met: bool | None) -> str:
     """Return whether a limit is met, in words; empty when there is none."""
     return {None: "", True: "met", False: "NOT MET"}[met]
 
@@ -109,7 +109,7 @@ def criteria_table(title: str, criteria: Sequence[Criterion]) -> Table:
             one.value,
             f"{to_text(one.low)} to {to_text(one.high)}" if math.isfinite(one.low) else "",
             limits_text(one.at_least, one.at_most),
-            verdict(one.met),
+            met_text(one.met),
         )
         for one in criteria
     )

@@ -13,6 +13,8 @@ from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.estimator import Estimator
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length
 
+#: A goal that is passed this close counts as reached [m].
+NEAR = 250.0
 _RESAMPLES = 2000
 
 
@@ -63,6 +65,14 @@ def bootstrap_median(values: Array, share: float = 0.9) -> tuple[float, float]:
         share: Of the resampled medians inside.
     """
     return _bootstrap(values.size, share, lambda drawn: np.median(values[drawn], axis=1))
+
+
+def miss_figures(misses: Array) -> dict[str, Any]:
+    """Return median, ends of its 90 % interval and quartiles of miss distances [m], shape (n,), and how many are within 250 m."""
+    low, high = bootstrap_median(misses)
+    lower, median, upper = (float(quartile) for quartile in np.quantile(misses, [0.25, 0.5, 0.75]))
+    near = int(np.sum(misses <= NEAR))
+    return {"median": median, "median_low": low, "median_high": high, "lower_quartile": lower, "upper_quartile": upper, "within_250": near}
 
 
 def bootstrap_ratio(values: Array, others: Array, share: float = 0.9) -> tuple[float, float]:

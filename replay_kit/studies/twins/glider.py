@@ -117,7 +117,7 @@ def _dive(field: Field, place: Array, start_ns: int, aim: Array, limits: GliderL
 def dive_steps(field: Field, limits: GliderLimits) -> int:
     """Return how long a dive takes [steps of 120 s], half of them down and half up."""
     bottom = min(limits.max_depth, float(field.grid.levels[-1]))
-    return 2 * max(1, round(bottom / (limits.speed * np.sin(np.deg2rad(limits.glide_angle_deg)) * STEP_S)))
+    return 2 * max(1, round(bottom / (limits.speed * float(np.sin(np.deg2rad(limits.glide_angle_deg))) * STEP_S)))
 
 
 def _surface(field: Field, place: Array, start_ns: int) -> Track:

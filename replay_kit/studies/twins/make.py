@@ -9,6 +9,7 @@ import numpy as np
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.paths import check_paths
 from replay_kit.logs.mavlink.writer import write_tlog
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.adcp import SOUND, Faults
@@ -98,21 +99,20 @@ def make_twin(truth: Ensemble | Sequence[Ensemble], twin: Twin, out: Path, overw
     writer = _WRITERS.get(out.suffix.lower())
     if writer is None:
         raise ConfigError(f"{out}: a twin's log is .mcap or .tlog, got '{out.suffix}'; choose one of these endings")
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out}: exists; choose another name or give --overwrite")
+    check_paths([], [out], overwrite)
     twin.check(out)
     rng = np.random.default_rng(twin.seed)
     truths = (truth,) if isinstance(truth, Ensemble) else tuple(truth)
-    sea = build_field(*truths)
-    mission = _fly(sea, twin, EPOCH_NS if truths[0].time_ns is None else truths[0].time_ns, rng)
-    writer(out, measured_on(mission, sea, twin.noise, rng, twin.seed).messages(twin.faults, pings=not twin.dac_only))
+    field = build_field(*truths)
+    mission = _fly(field, twin, EPOCH_NS if truths[0].time_ns is None else truths[0].time_ns, rng)
+    writer(out, measured_on(mission, field, twin.noise, rng, twin.seed).messages(twin.faults, pings=not twin.dac_only))
     times_ns = mission.pings.time_ns
     return TwinSummary(0 if twin.dac_only else twin.pings, len(mission.dives), float(times_ns[-1] - times_ns[0]) / 1e9)
 
 
-def _fly(sea: Field, twin: Twin, start_ns: int, rng: np.random.Generator) -> Mission:
+def _fly(field: Field, twin: Twin, start_ns: int, rng: np.random.Generator) -> Mission:
     if twin.vehicle == "vessel":
-        return survey(sea, twin.pings, start_ns, rng)
+        return survey(field, twin.pings, start_ns, rng)
     # the samples' logs end with the last ping
     schedule = Schedule(int(twin.interval_s) // STEP_S, to_the_end=twin != twin.plain)
-    return glider_mission(sea, twin.pings, start_ns, rng, schedule=schedule)
+    return glider_mission(field, twin.pings, start_ns, rng, schedule=schedule)

@@ -23,14 +23,14 @@ class Flight:
     """A mission flown, and the water measured on it; make it with ``measured_on``.
 
     Attributes:
-        sea: The truth.
+        field: The truth.
         mission: What the vehicle did.
         settings: Of its instrument.
         measured: shape (n_pings, n_cells, 2) [m/s], the water over the ground with noise, true east and north; NaN where bad.
         seed: Of the faults.
     """
 
-    sea: Field
+    field: Field
     mission: Mission
     settings: AdcpSettings
     measured: Array
@@ -60,7 +60,7 @@ class Flight:
 
     def _pings(self, faults: Faults) -> Iterator[tuple[int, int, str, str, dict[str, Any]]]:
         """Yield the pings as the instrument logs them, with their times and their order among messages of one time."""
-        velocity, platform = as_logged(self.measured, self.mission.pings, self.sea.grid.projection, faults, self.seed)
+        velocity, platform = as_logged(self.measured, self.mission.pings, self.field.grid.projection, faults, self.seed)
         latitudes = {position.time_ns: position.latitude for position in self.mission.positions}
         for number, time_ns in enumerate(self.mission.pings.time_ns.tolist()):
             ping = _adcp_ping(self.mission.pings, number, self.settings, velocity[number], latitudes[time_ns])
@@ -72,18 +72,18 @@ class Flight:
             yield time_ns, 2, "/adcp", "replay_kit.AdcpPing", ping
 
 
-def measured_on(mission: Mission, sea: Field, noise: float, rng: np.random.Generator, seed: int = 0) -> Flight:
+def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Generator, seed: int = 0) -> Flight:
     """Return a mission with what its instrument measures.
 
     Args:
         mission: What the vehicle did.
-        sea: The truth.
+        field: The truth.
         noise: Standard deviation of each velocity component [m/s].
         rng: Source of the noise.
         seed: Of the faults that its messages may have.
     """
     settings = AdcpSettings(noise=noise)
-    return Flight(sea, mission, settings, measure(sea, mission.pings, settings, rng), seed)
+    return Flight(field, mission, settings, measure(field, mission.pings, settings, rng), seed)
 
 
 def _stamp(time_ns: int) -> dict[str, int]:

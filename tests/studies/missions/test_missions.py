@@ -23,9 +23,9 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.studies.missions import STUDIES, MissionJob, run_missions, to_csv, to_json
 from replay_kit.studies.missions import bias as bias_module
 from replay_kit.studies.missions import coverage as coverage_module
-from replay_kit.studies.missions.dac import _spread
 from replay_kit.studies.missions.flights import fly_dives, fly_pings, measurements, staying
 from replay_kit.studies.missions.follow import evaluated_after, follow
+from replay_kit.studies.missions.given import _spread
 from replay_kit.studies.missions.rows import Figure, over_missions
 from replay_kit.studies.missions.scene import withhold
 from replay_kit.studies.twins.adcp import Faults

@@ -63,18 +63,18 @@ def test_a_leg_out_of_the_truth_s_water_is_said():
 
 def test_a_plan_made_on_the_truth_ends_where_it_says_when_it_is_flown_in_the_truth():
     truth = make_truth(rows=9, columns=9, cell=9000.0)
-    sea, flow = build_field(truth), embed_member(truth, 0, EstimatorConfig())
+    field, flow = build_field(truth), embed_member(truth, 0, EstimatorConfig())
     begin = np.array([-1e4, -5e3])
-    start, goal = place_at(sea.grid, begin), place_at(sea.grid, np.array([3e3, 7e3]))
+    start, goal = place_at(field.grid, begin), place_at(field.grid, np.array([3e3, 7e3]))
     planned = plan_legs(PLANNER, flow, (start, goal), EPOCH_NS, 40)
     at, now, off = begin, EPOCH_NS, []
     for leg, end in zip(planned.legs, planned.ends, strict=True):
-        flight = fly_leg(sea, at, now, leg)
+        flight = fly_leg(field, at, now, leg)
         at, now = flight.place[-1], flight.end_ns
-        off.append(distance_to(sea, at, end))
+        off.append(distance_to(field, at, end))
     # what the kernel's field cannot show of the truth, over 18 km
     assert max(off) < 10.0
-    assert distance_to(sea, at, goal) < 10.0 + planned.miss
+    assert distance_to(field, at, goal) < 10.0 + planned.miss
     # no more legs than are left may be planned
     few = plan_legs(PLANNER, flow, (start, goal), EPOCH_NS, 2, planned)
     assert len(few.legs) <= 2

@@ -12,7 +12,7 @@ from replay_kit.studies.accuracy import AccuracyJob, run_accuracy, to_json
 from replay_kit.studies.accuracy import run as accuracy
 from replay_kit.studies.planning import PlanningJob, run_planning
 from replay_kit.studies.planning import run as planning_run
-from replay_kit.studies.planning.result import StudyReport
+from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.run import Study
 from replay_kit.studies.reports.tables import Table
 from tests import synthetic
