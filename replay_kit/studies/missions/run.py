@@ -1,6 +1,6 @@
 """All studies on all missions, as one value."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -53,20 +53,15 @@ class MissionResult:
 
 
 def run_missions(
-    series: Sequence[Ensemble],
-    config: RunConfig,
-    job: MissionJob,
-    progress: Progress | None = None,
-    keep: Callable[[MissionResult], None] = lambda result: None,
-) -> MissionResult:
-    """Return the studies on an ensemble.
+    series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None
+) -> Iterator[MissionResult]:
+    """Yield the studies on an ensemble: the result so far after each study of a mission, then the whole one.
 
     Args:
         series: The forecast at its times, in order; one alone may have no time, and the truth then stays as it is.
         config: Settings of the estimators.
         job: Which studies, on which missions.
         progress: Called with studies done, studies in all, and what is being run.
-        keep: Called with the result so far, after each study of a mission.
 
     Raises:
         ConfigError: An option is wrong.
@@ -102,10 +97,10 @@ def run_missions(
                     # one mission less is no reason to lose the others
                     lost.append(f"member {member}, seed {seed}, {study}: {error}")
                 advance(what)
-                keep(result(True))
+                yield result(True)
     if not any(by_study.values()):
         raise ForecastError(f"no mission is left; {lost[0]}")
-    return result(False)
+    yield result(False)
 
 
 def _report(advance: Advance, study: str, what: str) -> None:

@@ -46,26 +46,25 @@ def print_paper(tables: PaperTables, console: Console) -> None:
 
 
 def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
-    """Write all ``FILES`` into a folder, each whole or not at all; existing ones are replaced.
+    """Write ``FILES`` into a folder, each whole or not at all; existing ones are replaced.
+
+    Of an unfinished study, these are ``paper.json`` and the tables that have rows.
 
     Args:
         out: The folder; it exists.
         tables: The results.
         shown: What the figures show.
     """
+    write_files(out, {f"{name}.csv": rows_to_csv(getattr(tables, name)) for name in _TABLES if getattr(tables, name)})
+    write_files(out, {"paper.json": json_text(to_json(tables))})
+    if tables.unfinished:
+        return
     # matplotlib takes half a second to load, and nothing but this needs it
     from replay_kit.studies.paper.figures import draw
 
-    write_tables(out, tables)
     for name, ending, content in draw(tables, shown):
         write_files(out, {f"{name}.{ending}": content})
     write_files(out, {"report.md": to_markdown(tables)})
-
-
-def write_tables(out: Path, tables: PaperTables) -> None:
-    """Write those tables that have rows, and ``paper.json``, into a folder that exists."""
-    write_files(out, {f"{name}.csv": rows_to_csv(getattr(tables, name)) for name in _TABLES if getattr(tables, name)})
-    write_files(out, {"paper.json": json_text(to_json(tables))})
 
 
 def rows_to_csv(rows: Sequence[ErrorRow | GlideRow | SparseRow]) -> str:

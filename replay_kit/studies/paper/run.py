@@ -1,7 +1,7 @@
 """The study of the paper on any ensemble: tables, figures, and a report with their findings."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
 
@@ -135,14 +135,9 @@ class _OfCase:
 
 
 def run_paper(
-    ensemble: Ensemble,
-    truth: Ensemble | None,
-    config: EstimatorConfig,
-    job: PaperJob,
-    progress: Progress | None = None,
-    keep: Callable[[PaperTables], None] = lambda tables: None,
-) -> tuple[PaperTables, Shown]:
-    """Return the study's tables, and what its figures show.
+    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PaperJob, progress: Progress | None = None
+) -> Iterator[tuple[PaperTables, Shown]]:
+    """Yield the study's tables, and what its figures show: those so far after each truth's Tables I and II, then the whole ones.
 
     Args:
         ensemble: All members.
@@ -150,7 +145,6 @@ def run_paper(
         config: Everything but preset, modes, length and the paper's error.
         job: The options.
         progress: Called with steps done, steps in all, and what is being run.
-        keep: Called with the tables so far, after each truth's Tables I and II.
 
     Raises:
         ConfigError: An option is wrong.
@@ -182,12 +176,12 @@ def run_paper(
             truths=len(done),
             seconds={"tables": time.perf_counter() - began},
         )
-        keep(tables)
+        yield tables, shown
     measured = time.perf_counter()
     flows = {TRUTH: truth_flow, AVERAGED: average_over_depth(truth_flow, pairs[0].target.depth), **planned}
     shown = replace(shown, glides=run_glides(flows, truth_flow, pairs, advance))
     seconds = {**tables.seconds, "glides": time.perf_counter() - measured}
-    return replace(tables, table3=tuple(glides.row for glides in shown.glides), seconds=seconds, unfinished=False), shown
+    yield replace(tables, table3=tuple(glides.row for glides in shown.glides), seconds=seconds, unfinished=False), shown
 
 
 def _total(each: list[Case], job: PaperJob) -> int:

@@ -150,7 +150,9 @@ def test_a_dive_is_predicted_from_the_dives_before_it_alone(estimator, dives):
     # mean currents take the fit a second each
     dives = [replace(dive, given=dive.profiles[::2]) for dive in dives]
     other = [*dives[:2], replace(dives[2], given=(), profiles=tuple(replace(p, velocity=p.velocity + 0.2) for p in dives[2].profiles))]
-    ours, theirs = (list(run_dives(estimator, which, config, True, "e.nc"))[-1] for which in (dives[:3], other))
+    (*partial, ours), (*_, theirs) = (run_dives(estimator, which, config, True, "e.nc") for which in (dives[:3], other))
+    assert [(len(part.dives), to_json(part).get("unfinished")) for part in (*partial, ours)] == [(1, True), (2, True), (3, None)]
+    assert partial[1].dives[1].settings == ours.dives[1].settings
     assert ours.dives[2].settings == theirs.dives[2].settings
     np.testing.assert_allclose(ours.dives[1].errors["profiles"]["estimate"], theirs.dives[1].errors["profiles"]["estimate"], atol=1e-9)
     shift = theirs.dives[2].errors["profiles"]["estimate"] - ours.dives[2].errors["profiles"]["estimate"]

@@ -38,6 +38,7 @@ from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
 from tests.command import invoke
+from tests.studies.results import final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig()
@@ -51,7 +52,7 @@ def study():
     seen = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planners, "plan", PLAN)
-        tables, shown = run_paper(MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total)))
+        tables, shown = final(run_paper(MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total))))
     return tables, shown, seen
 
 
@@ -163,7 +164,7 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
 
     monkeypatch.setattr("replay_kit.studies.paper.tables.build_method", build)
     monkeypatch.setattr(figures, "build_basis", basis)
-    tables, shown = run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1))
+    tables, shown = final(run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1)))
     assert {row.flow: row.pairs for row in tables.table3}["paper"] == 0
     assert "no estimate" in {row.flow: row.note for row in tables.table3}["paper"]
     assert {row.method for row in tables.table1 if row.note} == {row.method for row in tables.table2 if row.note} == {"paper"}
@@ -248,9 +249,18 @@ def test_over_truths_the_median_and_the_worst():
 
 
 @pytest.mark.usefixtures("without_planning")
-def test_all_members_in_turn():
+def test_all_members_in_turn(tmp_path):
     few = Ensemble(MEMBERS.grid, MEMBERS.velocity[:3], None, "three")
-    tables, shown = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1))
+    *partial, (tables, shown) = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1))
+    assert [(part.unfinished, part.truths, len(part.table3)) for part, _ in partial] == [(True, 1, 0), (True, 2, 0), (True, 3, 0)]
+    assert partial[-1][0].table1 == tables.table1
+    assert len(partial[0][0].table2[0].rel_error_by_truth) == 1
+    assert not tables.unfinished
+    # of a study that is not finished the tables are written, and what is not known yet is not
+    write_paper(tmp_path, *partial[0])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["paper.json", "sparse.csv", "table1.csv", "table2.csv"]
+    assert json.loads((tmp_path / "paper.json").read_text())["unfinished"] is True
+    assert "unfinished" not in to_json(tables)
     assert (tables.truth, tables.truths) == ("all", 3)
     assert shown.case.member is not None
     assert tables.shown_truth == f"three#{shown.case.member}"
@@ -342,7 +352,7 @@ def test_the_same_study_gives_the_same_figures(study, folder):
 @pytest.mark.parametrize("job", [PaperJob("0", pings=()), PaperJob("0", pings=(5, 3)), PaperJob("0", pairs=0), PaperJob("0", seed=-1)])
 def test_wrong_jobs_are_said(job):
     with pytest.raises(ConfigError):
-        run_paper(MEMBERS, None, CONFIG, job)
+        final(run_paper(MEMBERS, None, CONFIG, job))
 
 
 @pytest.fixture(scope="module")

@@ -55,7 +55,7 @@ def missions(
 ) -> int:
     """Return 0."""
     from replay_kit.forecast import read_series
-    from replay_kit.studies.missions import FILES, STUDIES, MissionJob, MissionResult, print_missions, run_missions, to_json, write_missions
+    from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
     from replay_kit.studies.reports.write import check_folder
 
     out = outputs.out
@@ -69,16 +69,12 @@ def missions(
     usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)
     studies = usual if flown.study is None else tuple(flown.study.split(","))
     job = MissionJob(truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds)
-
-    def keep(partial: MissionResult) -> None:
-        if out is not None:
-            out.mkdir(exist_ok=True)
-            write_missions(out, partial)
-        keep_json(outputs.json_file, to_json(partial))
-
     with working(config.output.threads) as advance:
-        result = run_missions(series, config, job, advance, keep)
-    keep(result)
+        for result in run_missions(series, config, job, advance):
+            if out is not None:
+                out.mkdir(exist_ok=True)
+                write_missions(out, result)
+            keep_json(outputs.json_file, to_json(result))
     print_missions(result, console_beside(outputs.json_file))
     write_json(outputs.json_file, to_json(result))
     return 0

@@ -36,7 +36,7 @@ def paper(
     seed: Annotated[int, option("--seed", "Seed of places, noise, starts and targets.", least=0)] = 0,
 ) -> int:
     """Return 0."""
-    from replay_kit.studies.paper import FILES, PaperJob, PaperTables, print_paper, run_paper, to_json, write_paper, write_tables
+    from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
     from replay_kit.studies.reports.write import check_folder
 
     truths.check("paper")
@@ -49,14 +49,10 @@ def paper(
     members, withheld = truths.read(config.forecast)
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
-
-    def keep(partial: PaperTables) -> None:
-        write_tables(out, partial)
-        keep_json(outputs.json_file, to_json(partial))
-
     with working(config.output.threads) as advance:
-        tables, shown = run_paper(members, withheld, config.estimator, job, advance, keep)
-        write_paper(out, tables, shown)
+        for tables, shown in run_paper(members, withheld, config.estimator, job, advance):
+            write_paper(out, tables, shown)
+            keep_json(outputs.json_file, to_json(tables))
     console = console_beside(outputs.json_file)
     print_paper(tables, console)
     console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)
