@@ -12,14 +12,13 @@ from replay_kit.studies.twins.adcp import SOUND, Faults
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.glider import STEP_S, SURFACE_STEPS, GliderLimits, Schedule, dive_steps, mission
 from replay_kit.studies.twins.messages import Flight, measured_on
-from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
+from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Mission
 
 _USUAL = GliderLimits()
 _DAY_S = 86_400.0
 # a course begins at one of four corners, so that more attempts meet all of them
 _ATTEMPTS = 10
 _NEXT_SEED = 10_000
-_NS = 1_000_000_000
 
 
 def staying(fly: Callable[[int], Flight], seed: int) -> Flight:
@@ -68,7 +67,7 @@ def pinging_seconds(field: Field, days: float) -> float:
     """Return for how long a mission of some days can ping [s]: in a truth that changes its last dive ends before the truth does."""
     if field.time_ns.size < 2:
         return days * _DAY_S
-    end_s = float(field.time_ns[-1] - field.time_ns[0]) / _NS
+    end_s = float(field.time_ns[-1] - field.time_ns[0]) / NS_PER_S
     return min(days * _DAY_S, end_s - dive_seconds(field, _USUAL) - 2 * SURFACE_STEPS * STEP_S)
 
 
@@ -88,7 +87,7 @@ def fly_dives(field: Field, dives: int, noise: float, limits: GliderLimits, seed
     seconds = dives * dive_seconds(field, limits) + SURFACE_STEPS * STEP_S
     start_ns = _start_ns(field)
     if field.time_ns.size > 1:
-        start_ns = int(field.time_ns[-1]) - int(seconds) * _NS
+        start_ns = int(field.time_ns[-1]) - int(seconds) * NS_PER_S
         if start_ns < field.time_ns[0]:
             raise ConfigError(f"--dives: {dives} dives take {seconds / _DAY_S:.1f} days, longer than the truth's time")
     steps = 5

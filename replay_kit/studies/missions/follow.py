@@ -12,9 +12,9 @@ from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.evolving import EvolvingState
 from replay_kit.studies.missions.rows import Figure
+from replay_kit.studies.twins.vehicle import DAY_NS
 
 Value = TypeVar("Value")
-_DAY_NS = 86_400 * 10**9
 _BAND = (0.025, 0.975)
 
 
@@ -98,5 +98,5 @@ def follow(
 
 def _inflated(state: EvolvingState, time_ns: int, daily: float) -> EvolvingState:
     """Return a state whose covariance has grown since the last measurement."""
-    days = 0.0 if state.time_ns is None else (time_ns - state.time_ns) / _DAY_NS
+    days = 0.0 if state.time_ns is None else (time_ns - state.time_ns) / DAY_NS
     return replace(state, covariance=daily**days * state.cov, open_group=None)

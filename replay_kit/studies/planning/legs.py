@@ -14,14 +14,13 @@ from replay_kit.core.plan import Place
 from replay_kit.measurements import observations
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.messages import measured_on
-from replay_kit.studies.twins.vehicle import Mission, Pings, Track, advected, dead_reckoned
+from replay_kit.studies.twins.vehicle import NS_PER_MS, Mission, Pings, Track, advected, dead_reckoned
 from replay_kit.workflows.planning import MissionPlanner
 from replay_kit.workflows.replay.planner import PlanResult
 
 # Longest step of a flight, and from one ping to the next [s]; the first ping comes half as long after the surface was left.
 _STEP_S = 120.0
 _PING_S = 600.0
-_NS_PER_MS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +135,7 @@ def measured(field: Field, flight: Track, noise: float, rng: np.random.Generator
     east, north, depth = (np.interp(seconds, flight.seconds, values) for values in (*flight.place.T, flight.depth))
     sinks = np.interp(seconds, flight.seconds[1:], np.diff(flight.depth)) > 0.0
     heading = np.mod(np.rad2deg(np.arctan2(*flight.through_water)), 360.0)
-    times = flight.start_ns + np.round(seconds * 1e3).astype(np.int64) * _NS_PER_MS
+    times = flight.start_ns + np.round(seconds * 1e3).astype(np.int64) * NS_PER_MS
     pings = Pings(times, east, north, depth, np.full(seconds.size, heading), np.where(sinks, -20.0, 20.0))
     dive, reckoned = dead_reckoned(field, 1, flight, times, depth)
     flown = measured_on(Mission(pings, (dive.start, *reckoned, dive.end), (dive,)), field, noise, rng)

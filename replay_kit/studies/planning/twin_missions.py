@@ -22,7 +22,7 @@ from replay_kit.studies.planning.job import PlanningJob
 from replay_kit.studies.planning.legs import Leg, PlannedLegs, distance_to, fly_leg, measured, plan_legs
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.reachable import place_at
-from replay_kit.studies.twins.vehicle import EPOCH_NS, Track, random_places
+from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Track, random_places
 from replay_kit.workflows.planning import MissionPlanner
 from replay_kit.workflows.replay.build import flow_at
 
@@ -35,7 +35,6 @@ _MARGIN = 5_000.0
 # Legs of a mission drawn turn from its course by no more than this [degrees].
 _TURNS = 60.0
 _MAX_DRAWS = 200
-_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +117,7 @@ class _Way:
 
     def outcome(self, ended: str) -> Outcome:
         """Return the outcome of a mission that ends here."""
-        return Outcome(self.misses[-1], min(self.misses), (self.time_ns - self.start_ns) / _NS, len(self.misses) - 1, ended)
+        return Outcome(self.misses[-1], min(self.misses), (self.time_ns - self.start_ns) / NS_PER_S, len(self.misses) - 1, ended)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,7 +219,7 @@ def _drawn(field: Field, job: PlanningJob, start_ns: int, rng: np.random.Generat
                 _require_room(field, place)
         except ForecastError:
             continue
-        return start, place_at(field.grid, place), (now - start_ns) / _NS
+        return start, place_at(field.grid, place), (now - start_ns) / NS_PER_S
     raise ForecastError(
         f"{field.grid.projection}: found no mission of {job.legs} legs that stays in the truth's water; use a larger region"
     )

@@ -9,10 +9,10 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
 from replay_kit.core.observation import VehicleState
 from replay_kit.studies.twins.field import Field, grid_indices
-from replay_kit.studies.twins.vehicle import Dive, Mission, Pings, Track, advected, dead_reckoned, log_position
+from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings, Track, advected, dead_reckoned, log_position
 
 STEP_S = 120
-_STEP_NS = STEP_S * 1_000_000_000
+_STEP_NS = STEP_S * NS_PER_S
 PING_STEPS = 5  # a ping every ten minutes
 SURFACE_STEPS = 2
 _REACHED = 5_000.0  # m; a waypoint this near counts as reached: one dive goes half as far

@@ -13,9 +13,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
 from replay_kit.studies.twins.adcp import SOUND, AdcpSettings, Faults, as_logged, measure
 from replay_kit.studies.twins.field import Field
-from replay_kit.studies.twins.vehicle import Dive, Mission, Pings
-
-_NS = 1_000_000_000
+from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +85,7 @@ def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Gen
 
 
 def _stamp(time_ns: int) -> dict[str, int]:
-    return {"sec": time_ns // _NS, "nsec": time_ns % _NS}
+    return {"sec": time_ns // NS_PER_S, "nsec": time_ns % NS_PER_S}
 
 
 def _location_fix(position: VehicleState) -> dict[str, Any]:
@@ -115,7 +113,7 @@ def _depth_averaged_current(dive: Dive) -> dict[str, Any]:
         "dac_northward": round(dive.current[1], 6),
         "error": None,
         **dict(zip(("start_fix", "end_fix"), fixes, strict=True)),
-        "duration": (dive.end.time_ns - dive.start.time_ns) / _NS,
+        "duration": (dive.end.time_ns - dive.start.time_ns) / NS_PER_S,
         "dac_kind": "dead_reckoning",
     }
 

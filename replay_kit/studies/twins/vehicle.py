@@ -14,8 +14,8 @@ from replay_kit.studies.twins.field import Field
 
 EPOCH = "2018-11-16T00:00:00Z"  # when the truth has no time of its own
 EPOCH_NS = 1_542_326_400_000_000_000
-_NS = 1_000_000_000
-_NS_PER_MS = 1_000_000
+NS_PER_S, NS_PER_MS = 1_000_000_000, 1_000_000
+DAY_NS = 86_400 * NS_PER_S
 _MAX_DRAWS = 1000
 
 
@@ -104,7 +104,7 @@ class Track:
 
     def time_ns(self, point: int) -> int:
         """Return the time of a point, to the millisecond [ns, UTC]."""
-        return self.start_ns + round(float(self.seconds[point]) * 1e3) * _NS_PER_MS
+        return self.start_ns + round(float(self.seconds[point]) * 1e3) * NS_PER_MS
 
 
 def log_position(field: Field, time_ns: int, place: Array, depth: float = 0.0, dead_reckoned: bool = False) -> VehicleState:
@@ -143,9 +143,9 @@ def advected(field: Field, place: Array, start_ns: int, seconds: Array, depth: A
     surfaced = track.surfaced
     for k, ((before, after), (upper, lower)) in enumerate(zip(pairwise(seconds.tolist()), pairwise(depth.tolist()), strict=True)):
         own = through_water if k < surfaced else np.zeros(2)
-        here, step, now = track.place[k], after - before, start_ns + int(before * _NS)
+        here, step, now = track.place[k], after - before, start_ns + int(before * NS_PER_S)
         middle = here + 0.5 * step * (own + field.velocity(here[0], here[1], upper, now))
-        at_middle = field.velocity(middle[0], middle[1], 0.5 * (upper + lower), now + int(0.5 * step * _NS))
+        at_middle = field.velocity(middle[0], middle[1], 0.5 * (upper + lower), now + int(0.5 * step * NS_PER_S))
         track.place[k + 1] = here + step * (own + at_middle)
         if not np.isfinite(track.place[k + 1]).all():
             longitude, latitude = to_geographic(field.grid.projection, here[0], here[1])
@@ -197,7 +197,7 @@ def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, sp
     places = _nearest_first(random_places(field, pings, rng))
     d_east, d_north = np.diff(places, axis=0).T
     elapsed_ms = np.round(np.append(0.0, np.cumsum(np.hypot(d_east, d_north))) / speed * 1000.0)
-    time_ns = start_ns + elapsed_ms.astype(np.int64) * _NS_PER_MS
+    time_ns = start_ns + elapsed_ms.astype(np.int64) * NS_PER_MS
     # the last ping keeps the heading of the leg that led to it
     course = heading_deg(d_east, d_north)
     heading = np.append(course, course[-1:]) if pings > 1 else np.zeros(1)
