@@ -1,13 +1,14 @@
 """The studies to the console, to CSV and to JSON."""
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from replay_kit.studies.missions.rows import MissionRow
 from replay_kit.studies.missions.run import MissionResult
-from replay_kit.studies.reports.tables import Table, named_columns
+from replay_kit.studies.reports.tables import Table
 from replay_kit.studies.reports.write import answer_of, json_text, limits_text, met_text, print_tables, write_files
 from replay_kit.studies.reports.write import to_csv as table_to_csv
 
@@ -21,7 +22,8 @@ def to_json(result: MissionResult) -> dict[str, Any]:
 
 def to_csv(result: MissionResult) -> str:
     """Return the rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
-    return table_to_csv(named_columns("missions", "All figures", [asdict(row) for row in result.rows]))
+    columns = tuple(field.name for field in fields(MissionRow))
+    return table_to_csv(Table("missions", "All figures", columns, tuple(tuple(asdict(row).values()) for row in result.rows)))
 
 
 def write_missions(out: Path, result: MissionResult) -> None:

@@ -147,6 +147,10 @@ def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
     assert [(part.unfinished, len(part.lost), len(part.rows) > 0) for part in partial] == [(True, 0, True), (True, 1, True)]
     assert to_json(partial[0])["unfinished"] is True
     assert "unfinished" not in to_json(left)
+    # nothing is known yet where the first mission is lost
+    first = next(iter(run_missions(torrents, CONFIG, replace(job, leave_out="3,1"))))
+    assert (first.rows, len(first.lost)) == ((), 1)
+    assert to_csv(first) == "study,method,figure,value,at_least,at_most,met,by_mission\n"
     assert len(left.lost) == 1
     assert left.lost[0].startswith("member 3, seed 0, outliers: the current carried the glider")
     assert {len(row.by_mission) for row in left.rows} == {1}
