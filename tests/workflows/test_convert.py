@@ -15,7 +15,7 @@ from replay_kit.logs import merge, open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import observations
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from replay_kit.workflows.info.inspect import iso
 from tests.command import invoke
@@ -29,8 +29,8 @@ SEAGLIDER = sorted((DATA / "seaglider").glob("p17101*.nc"))
 @pytest.fixture
 def logs(tmp_path: Path) -> list[Path]:
     paths = [tmp_path / "glider.mcap", tmp_path / "vessel.tlog"]
-    make_twin(make_truth(), "glider", 30, 0.09, 0, paths[0])
-    make_twin(make_truth(), "vessel", 20, 0.09, 1, paths[1])
+    make_twin(make_truth(), Twin("glider", 30, 0.09, 0), paths[0])
+    make_twin(make_truth(), Twin("vessel", 20, 0.09, 1), paths[1])
     return paths
 
 

@@ -62,12 +62,12 @@ def twin(
     part = settings.load().forecast
 
     from replay_kit.forecast import read_changing_truth, read_truth
-    from replay_kit.studies.twins import EPOCH, Faults, Options, make_twin
+    from replay_kit.studies.twins import EPOCH, Faults, Twin, make_twin
 
     faults = Faults(errors.reference, errors.platform_std, errors.heading_bias, errors.scale_error, errors.outliers)
-    options = Options(faults, survey.interval, survey.dac_only)
+    simulated = Twin(survey.vehicle, survey.pings, errors.noise, survey.seed, faults, survey.interval, survey.dac_only)
     sea = read_changing_truth(files.truth, part, EPOCH) if survey.changing else read_truth(files.truth, part)
-    made = make_twin(sea, survey.vehicle, survey.pings, errors.noise, survey.seed, files.out, files.overwrite, options)
+    made = make_twin(sea, simulated, files.out, files.overwrite)
     counted = f"{made.pings} pings" if made.pings else f"{made.dives} mean currents"
     console_beside(None).print(f"{files.out}: {counted} over {made.duration / 3600.0:.1f} h", soft_wrap=True)
     return 0

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from replay_kit.forecast import read_truth
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
@@ -18,7 +18,7 @@ def make_ocean(folder: Path, config, n_pings: int) -> Path:
     ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
     ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
-    make_twin(truth_in(folder, config), "glider", n_pings, 0.05, 1, folder / "glider.mcap")
+    make_twin(truth_in(folder, config), Twin("glider", n_pings, 0.05, 1), folder / "glider.mcap")
     return folder
 
 

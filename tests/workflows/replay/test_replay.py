@@ -19,7 +19,7 @@ from replay_kit.estimator import embed_member
 from replay_kit.forecast import read_truth
 from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
@@ -39,9 +39,9 @@ def ocean(tmp_path_factory) -> Path:
     ds.isel(member=slice(40)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=40, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
     truth = read_truth(str(folder / "truth.nc"), SETTINGS.forecast)
-    make_twin(truth, "vessel", 40, 0.05, 1, folder / "survey.mcap")
-    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.mcap")
-    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.tlog")
+    make_twin(truth, Twin("vessel", 40, 0.05, 1), folder / "survey.mcap")
+    make_twin(truth, Twin("glider", 40, 0.05, 1), folder / "glider.mcap")
+    make_twin(truth, Twin("glider", 40, 0.05, 1), folder / "glider.tlog")
     return folder
 
 

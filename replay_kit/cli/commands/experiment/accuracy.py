@@ -52,9 +52,8 @@ def accuracy(
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
     members, withheld = truths.read(config.forecast)
     with working(config.output.threads) as advance:
-        result = run_accuracy(
-            members, withheld, config.estimator, job, advance, lambda partial: keep_json(answer.json_file, to_json(partial))
-        )
+        for result in run_accuracy(members, withheld, config.estimator, job, advance):
+            keep_json(answer.json_file, to_json(result))
     print_accuracy(result, console_beside(answer.json_file))
     write_json(answer.json_file, to_json(result))
     if all(row.failed for row in result.rows):

@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, keep_json, working, write_json
 from replay_kit.cli.options import TO_OUTPUTS, Answer, Ensemble, Log, flag
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -34,7 +34,8 @@ def dives(
     forecasts = read_forecasts(ensemble, config, first_ns, place_at)
     with working(config.output.threads) as advance:
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
-        result = run_dives(estimator, found, config, fit, str(ensemble), advance)
+        for result in run_dives(estimator, found, config, fit, str(ensemble), advance):
+            keep_json(answer.json_file, to_json(result))
     console = console_beside(answer.json_file)
     for note in forecasts.notes:
         console.print(f"Note: {note}", soft_wrap=True)

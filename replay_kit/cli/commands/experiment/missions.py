@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, keep_json, working, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths
@@ -70,10 +70,11 @@ def missions(
     studies = usual if flown.study is None else tuple(flown.study.split(","))
     job = MissionJob(truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds)
     with working(config.output.threads) as advance:
-        result = run_missions(series, config, job, advance)
-    if out is not None:
-        out.mkdir(exist_ok=True)
-        write_missions(out, result)
+        for result in run_missions(series, config, job, advance):
+            if out is not None:
+                out.mkdir(exist_ok=True)
+                write_missions(out, result)
+            keep_json(outputs.json_file, to_json(result))
     print_missions(result, console_beside(outputs.json_file))
     write_json(outputs.json_file, to_json(result))
     return 0

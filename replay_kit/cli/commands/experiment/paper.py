@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, keep_json, working, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OUTPUTS, Answer, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths
@@ -50,8 +50,9 @@ def paper(
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
     with working(config.output.threads) as advance:
-        tables, shown = run_paper(members, withheld, config.estimator, job, advance)
-        write_paper(out, tables, shown)
+        for tables, shown in run_paper(members, withheld, config.estimator, job, advance):
+            write_paper(out, tables, shown)
+            keep_json(outputs.json_file, to_json(tables))
     console = console_beside(outputs.json_file)
     print_paper(tables, console)
     console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth
 from replay_kit.cli.console import console_beside, working, write_json
@@ -10,9 +10,6 @@ from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_O
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.paths import check_paths
-
-if TYPE_CHECKING:
-    from replay_kit.studies.planning import PlanningResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,14 +91,12 @@ def planning(
     job.check(study.STUDIES)
     members, withheld = truths.read(config.forecast)
 
-    def keep(partial: "PlanningResult") -> None:
-        # made before the first study, so that a folder that cannot be made is reported at once
-        out.mkdir(exist_ok=True)
-        if partial.reports:
-            study.write_planning(out, partial)
-
     with working(config.output.threads) as advance:
-        result = study.run_planning(members, withheld, config.estimator, job, advance, keep)
+        for result in study.run_planning(members, withheld, config.estimator, job, advance):
+            # made before the first study, so that a folder that cannot be made is reported at once
+            out.mkdir(exist_ok=True)
+            if result.reports:
+                study.write_planning(out, result)
     console = console_beside(outputs.json_file)
     study.print_planning(result, console)
     console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
