@@ -159,6 +159,35 @@ class PredictedObservation(Generic[After]):
         return normalised_square(innovation, self.cov + np.eye(innovation.size))
 
 
+@dataclass(frozen=True, eq=False)
+class StatePrediction(PredictedObservation[tuple[Array, Array]]):
+    """The prediction of rows by a state.
+
+    Attributes:
+        cross_covariance: shape (m, n), the rows times the state's covariance.
+    """
+
+    cross_covariance: Array
+
+
+def predict_observation(means: Array, cov: Array, design: Array) -> StatePrediction:
+    """Return the prediction of rows, whose update gives means and covariance.
+
+    Args:
+        means: shape (n, 1 + b): the state's mean, and its sensitivity to each instrument error of one unit.
+        cov: shape (n, n).
+        design: shape (m, n).
+    """
+    cross = design @ cov
+
+    def update(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
+        gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
+        return means + gain.T @ whitened, cov - gain.T @ gain
+
+    of_rows = cross @ design.T
+    return StatePrediction(design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross)
+
+
 def means(posteriors: Sequence[Posterior]) -> Array:
     """Return the means of posteriors, shape (m, Z r): those of neighbours in one run cost little more than one of them.
 
