@@ -13,8 +13,8 @@ from mcap.records import Attachment, Metadata
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport, Message
+from replay_kit.core.raw import RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
-from replay_kit.logs.raw import RawMessage
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: A message before it has a position: time [ns], topic, schema, payload.

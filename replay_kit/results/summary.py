@@ -12,7 +12,7 @@ from rich.table import Table
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
-from replay_kit.logs.losses import loss_json, loss_words
+from replay_kit.results.losses import loss_json, loss_words
 from replay_kit.results.summary_plan import outcomes_json, outcomes_sentence, plan_json, plan_sentence
 
 

@@ -18,12 +18,12 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import LogReport, Loss
 from replay_kit.core.paths import check_paths
+from replay_kit.core.raw import RawMessage
 from replay_kit.logs import merge, open_log
-from replay_kit.logs.losses import loss_json, loss_lines, note_lines, undecodable_json, undecodable_lines
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
-from replay_kit.logs.raw import RawMessage
 from replay_kit.logs.reader import LogFile, RawLog
+from replay_kit.results.losses import loss_json, loss_lines, note_lines, undecodable_json, undecodable_lines
 from replay_kit.results.readback import check_written
 from replay_kit.workflows.info.inspect import print_lines
 

@@ -142,7 +142,7 @@ def flow_row(tiny: bool) -> Row:
     """The Hessian of where a flight of twelve RK4 steps ends, against the same field differentiated by CasADi."""
     flow = _flows(tiny)[0]
     begin, weights, latent = ca.MX.sym("begin", 3), ca.MX.sym("weights", 3), ca.MX.sym("latent", *flow.latent.shape)
-    field = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
+    field = field_function(flow)
     through, step, given = ca.DM([0.2, 0.1, 0.01]), 900.0, ca.DM(flow.latent)
 
     def hessian(current: Callable[[Any], Any]) -> ca.Function:

@@ -2,6 +2,11 @@
 
 A member is left out, a few columns of it are measured with noise, and the prior of the others predicts the rest of it.
 The best settings have the least mean continuous ranked probability score, which measures error and stated uncertainty together.
+
+With Lambda = I (x) G'G the measured precision, the posterior has the covariance P' = (I + P Lambda)^-1 P and the mean P' H'y. Six members
+in turn and six shares take about two seconds in the leading 50 modes, so the default is fitted whenever it is built; ``replay-kit fit``
+also tries shifts and radii, with more members. Shifts of one correlation length came out best on every ensemble tried, and radii from 4.5
+to 9 hardly differ, so the default does not fit these.
 """
 
 from collections.abc import Callable, Sequence

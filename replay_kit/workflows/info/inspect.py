@@ -16,8 +16,8 @@ from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import open_log
-from replay_kit.logs.losses import iso_time, loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
+from replay_kit.results.losses import iso_time, loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from rich.table import Table
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.logs.losses import loss_json, loss_lines
 from replay_kit.measurements.vehicle.segments import SegmentClass
+from replay_kit.results.losses import loss_json, loss_lines
 from replay_kit.workflows.info.inspect import iso, not_used_lines, print_lines
 from replay_kit.workflows.qc.check import QualityReport, TestCount, TopicQuality
 

@@ -92,8 +92,7 @@ def _replay(
     checkpoints = None
     if job.checkpoint is not None:
         identity = run_identity(inputs.metadata, run_settings_toml(config))
-        prior = getattr(session.estimator, "prior", None)
-        checkpoints = CheckpointFile(job.checkpoint, identity, config.output.checkpoint_interval, prior)
+        checkpoints = CheckpointFile(job.checkpoint, identity, config.output.checkpoint_interval, session.estimator.common_part)
     try:
         checkpoint = _open_result(session, inputs, checkpoints, on_digest)
         _loop(session, inputs, checkpoints, checkpoint, on_message)

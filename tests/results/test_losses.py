@@ -9,7 +9,7 @@ from mcap.writer import CompressionType
 
 from replay_kit.core.message import Loss
 from replay_kit.logs import open_log
-from replay_kit.logs.losses import loss_json, loss_words, unchecked_words
+from replay_kit.results.losses import loss_json, loss_words, unchecked_words
 from tests.logs.log_samples import SECOND, json_mcap
 from tests.logs.mcap.test_broken_mcap import numbers, read, record_offsets
 from tests.places import SAMPLES
