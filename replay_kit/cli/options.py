@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.validators import Number
 
+from replay_kit.cli.reporting import Reporting, begin
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import is_stream
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 INPUTS = Group("Inputs", sort_key=1)
 OUTPUTS = Group("Outputs", sort_key=2)
 CHOICES = Group("Options", sort_key=3)
+REPORTING = Group("Reporting", sort_key=9)
 
 # Endings of file names, which the name of a folder does not have.
 _FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml")
@@ -46,9 +48,10 @@ def argument(name: str, help: str) -> Parameter:
     return Parameter(name=name, help=help, group=INPUTS, required=True)
 
 
-def flag(name: str, help: str) -> Parameter:
+def flag(names: str, help: str, group: Group | None = None) -> Parameter:
     """Return an option without a value; it may be repeated."""
-    return Parameter(name=name, help=help, show_default=False, allow_repeating=True)
+    made = Parameter(name=names.split(), help=help, show_default=False, allow_repeating=True)
+    return made if group is None else Parameter.combine(made, Parameter(group=group))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,19 +96,29 @@ class Ending:
             raise ConfigError(f"{name}: expected {kind}, got '{path}' with {got}; choose another name")
 
 
-def check_endings(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Refuse outputs whose names end in a wrong way, before values are converted and missing options are named.
+def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Refuse outputs whose names end in a wrong way, before values are converted and missing options are named; then begin to report.
 
     The arguments are those of the hooks that cyclopts calls between splitting and converting a command line.
 
     Raises:
-        ConfigError: An ending does not fit.
+        ConfigError: An ending does not fit, or the file of ``--log`` is another of the command's files, or cannot be written.
     """
+    given = {argument.name: [token.value for token in argument.tokens] for argument in arguments if argument.tokens}
     for argument in arguments:
         for mark in get_args(argument.field_info.annotation)[1:]:
             if isinstance(mark, Ending):
-                for token in argument.tokens:
-                    mark.check(argument.name, Path(token.value))
+                for value in given.get(argument.name, []):
+                    mark.check(argument.name, Path(value))
+    log = next((Path(value) for value in given.get("--log", [])), None)
+    if log is not None and any(_is(log, value) for name, values in given.items() if name != "--log" for value in values):
+        raise ConfigError(f"--log: '{log}' is another file of this command; choose another name")
+    begin(Reporting("--quiet" in given, "--verbose" in given, log))
+
+
+def _is(path: Path, value: str) -> bool:
+    """Return whether a value of the command line is a path."""
+    return path.resolve() == Path(value).resolve()
 
 
 # Settings of the forecast that do not need a log.
@@ -125,9 +138,16 @@ ConfigFile = Annotated[Path | None, option("--config", "Settings of the run; opt
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replacing:
-    """Whether outputs that exist are replaced."""
+    """Whether outputs that exist are replaced, and how much is printed."""
 
     overwrite: Annotated[bool, flag("--overwrite", "Replace outputs that exist. An input is never replaced.")] = False
+    quiet: Annotated[bool, flag("--quiet -q", "Print nothing but errors.", REPORTING)] = False
+    verbose: Annotated[bool, flag("--verbose -v", "Print whole tables, row by row.", REPORTING)] = False
+    log: Annotated[
+        Path | None,
+        option("--log", "Add everything that is printed to a file, with the time.", metavar="FILE.log", group=REPORTING),
+        Ending((".log", ".txt")),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

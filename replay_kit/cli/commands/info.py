@@ -52,7 +52,7 @@ def info(
     check = None if ensemble is None else check_logs(list(logs), ensemble, config)
     console = console_beside(json_file, suggest)
     for log in found:
-        print_info(log, console)
+        print_info(log, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
     if suggest is not None:

@@ -90,8 +90,8 @@ def replay(
         dry.print_dry_run(result, console)
         write_json(outputs.json_file, dry.dry_run_json(result))
         return 0
-    with part_named(outputs.out), progress("replaying") as advance:
+    with part_named(outputs.out), progress() as advance:
         summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
-    print_summary(summary, console)
+    print_summary(summary, console, outputs.verbose)
     write_json(outputs.json_file, to_json(summary))
     return summary.exit_code

@@ -29,7 +29,7 @@ def verify(
     from replay_kit.workflows.verify import verify as verify_result
 
     check_paths([result], [answer.json_file], answer.overwrite)
-    with progress("replaying") as advance:
+    with progress() as advance:
         verdict = verify_result(result, inputs or [], planner_of, advance)
     print_verdict(verdict, console_beside(answer.json_file))
     write_json(answer.json_file, verdict_json(verdict))

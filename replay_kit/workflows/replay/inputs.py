@@ -1,6 +1,6 @@
 """What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,10 +13,15 @@ from replay_kit.core.message import LogReader
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
+from replay_kit.core.progress import Progress
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
+from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
+
+# Messages between two looks at how much is read.
+_LOOK = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +82,19 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     # a schema of DataFlash has its format's name before that of the record
     wanted = MAVLINK_NAMES | {".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped}
     return [open_log(path, position, config.logs, wanted=wanted) for position, path in enumerate(logs)]
+
+
+def reading(logs: Sequence[LogReader | LogFile], progress: Progress, what: str) -> Callable[[], None]:
+    """Return a function that is called with each message and reports how much of the logs is read."""
+    files, count = [log for log in logs if isinstance(log, LogFile)], 0
+
+    def advance() -> None:
+        nonlocal count
+        count += 1
+        if count % _LOOK == 0:
+            progress(sum(log.share_read() for log in files), len(files), what)
+
+    return advance
 
 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:

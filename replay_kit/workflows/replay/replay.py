@@ -17,13 +17,14 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
+from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth, reading
 from replay_kit.workflows.replay.planner import Planner
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
@@ -36,7 +37,7 @@ def replay(
     job: ReplayJob,
     config: RunConfig,
     planner: Planner | None = None,
-    on_message: Callable[[int], None] | None = None,
+    progress: Progress = silent,
     on_digest: Callable[[Digest], None] | None = None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
     """Replay logs through the estimator and return the summary and the final estimate.
@@ -45,7 +46,7 @@ def replay(
         job: Inputs and outputs.
         config: The run's settings.
         planner: Makes the plans when the job has a goal.
-        on_message: Called with each message's time [ns], for progress.
+        progress: Called with how much is done of each stage.
         on_digest: Called with each digest of the result.
 
     Raises:
@@ -57,7 +58,7 @@ def replay(
     """
     check_outputs(job)
     with threadpool_limits(limits=config.output.threads):
-        return _replay(job, config, planner, on_message or (lambda time_ns: None), on_digest)
+        return _replay(job, config, planner, progress, on_digest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,10 +86,10 @@ def _replay(
     job: ReplayJob,
     config: RunConfig,
     planner: Planner | None,
-    on_message: Callable[[int], None],
+    progress: Progress,
     on_digest: Callable[[Digest], None] | None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
-    session, inputs = _prepare(job, config, planner)
+    session, inputs = _prepare(job, config, planner, progress)
     checkpoints = None
     if job.checkpoint is not None:
         identity = run_identity(inputs.metadata, run_settings_toml(config))
@@ -96,7 +97,8 @@ def _replay(
         checkpoints = CheckpointFile(job.checkpoint, identity, config.output.checkpoint_interval, prior)
     try:
         checkpoint = _open_result(session, inputs, checkpoints, on_digest)
-        _loop(session, inputs, checkpoints, checkpoint, on_message)
+        _loop(session, inputs, checkpoints, checkpoint, reading(inputs.readers, progress, "replaying"))
+        progress(0, 0, "writing the results")
         summary, flow = _conclude(session, inputs)
     except (ConfigError, MeasurementError, LogError, PlanError):
         # the input was unusable: there is no result worth keeping
@@ -116,8 +118,9 @@ def _replay(
     return summary, flow
 
 
-def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None) -> tuple[Session, _Inputs]:
+def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progress: Progress) -> tuple[Session, _Inputs]:
     """Return a replay before its first message, and what was read for it."""
+    progress(0, 0, "reading the forecast")
     place_at, near_ns = look_ahead(job.logs, config)
     readers = open_readers(job.logs, config)
     clock = Stopwatch()
@@ -125,6 +128,7 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None) -> tupl
         forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
         ensemble = forecasts.ensemble
         truth = open_truth(job, config, near_ns, ensemble)
+    progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
         prior_flow = estimator.flow(estimator.initial())
@@ -160,7 +164,7 @@ def _loop(
     inputs: _Inputs,
     checkpoints: CheckpointFile | None,
     checkpoint: Checkpoint | None,
-    on_message: Callable[[int], None],
+    on_message: Callable[[], None],
 ) -> None:
     """Pass the logs' messages, those after the checkpoint, through the session."""
     logs, measurements = session.config.logs, session.config.measurements
@@ -183,7 +187,7 @@ def _loop(
         session.take(events)
         if checkpoints is not None:
             checkpoints.write_when_due(session, state, count)
-        on_message(message.time_ns)
+        on_message()
     session.take(finish(state, measurements))
     session.assimilate_buffer()
     session.statistics = session.statistics.with_late(merged.late)

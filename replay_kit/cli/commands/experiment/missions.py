@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths
@@ -69,7 +69,7 @@ def missions(
     usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)
     studies = usual if flown.study is None else tuple(flown.study.split(","))
     job = MissionJob(truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds)
-    with working(config.output.threads) as advance:
+    with progress(config.output.threads) as advance:
         result = run_missions(series, config, job, advance)
     if out is not None:
         out.mkdir(exist_ok=True)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OUTPUTS, Answer, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths
@@ -49,7 +49,7 @@ def paper(
     members, withheld = truths.read(config.forecast)
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
-    with working(config.output.threads) as advance:
+    with progress(config.output.threads) as advance:
         tables, shown = run_paper(members, withheld, config.estimator, job, advance)
         write_paper(out, tables, shown)
     console = console_beside(outputs.json_file)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
@@ -100,7 +100,7 @@ def planning(
         if partial.reports:
             study.write_planning(out, partial)
 
-    with working(config.output.threads) as advance:
+    with progress(config.output.threads) as advance:
         result = study.run_planning(members, withheld, config.estimator, job, advance, keep)
     console = console_beside(outputs.json_file)
     study.print_planning(result, console)
