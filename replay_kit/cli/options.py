@@ -1,6 +1,7 @@
 """What the commands share: option groups, the endings of outputs, and the reading of values with several parts."""
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
@@ -172,14 +173,28 @@ def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
     Raises:
         ConfigError: They are not numbers, or not as many as are expected.
     """
+    parts, labels = text.split(","), [] if form is None else form.split(",")
+    expected = f"{name}: expected {form or 'numbers with commas between them'}, got '{text}'"
+    if labels and len(parts) < len(labels):
+        missing = labels[len(parts) :]
+        raise ConfigError(f"{expected}: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
+    if labels and len(parts) > len(labels):
+        raise ConfigError(f"{expected}: {len(parts)} numbers instead of {len(labels)}")
+    return tuple(_number(part.strip(), expected) for part in parts)
+
+
+def _number(part: str, expected: str) -> float:
+    """Return a finite number; ``expected`` begins the error where it is none."""
+    if hemisphere := re.fullmatch(r"([\d.]+)\s*°?\s*([NSEWnsew])", part):
+        sign = "-" if hemisphere[2] in "SWsw" else ""
+        raise ConfigError(f"{expected}: write {sign}{hemisphere[1]} for {part}; west and south are negative")
     try:
-        values = tuple(float(part) for part in text.split(","))
+        value = float(part)
     except ValueError:
-        values = ()
-    count = None if form is None else len(form.split(","))
-    if not values or not all(map(math.isfinite, values)) or (count is not None and len(values) != count):
-        raise ConfigError(f"{name}: expected {form or 'numbers'}, {count or 'some'} numbers with commas between them, got '{text}'")
-    return values
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(f"{expected}: '{part}' is no finite number")
+    return value
 
 
 def place(text: str, name: str) -> "Place":
@@ -188,4 +203,7 @@ def place(text: str, name: str) -> "Place":
     from replay_kit.core.plan import Place
 
     longitude, latitude, depth = numbers(text, name, "LON,LAT,DEPTH")
+    if abs(latitude) > 90.0:
+        swapped = f"did you mean {name}={latitude:g},{longitude:g},{depth:g}?" if abs(longitude) <= 90.0 else "give a place on the Earth"
+        raise ConfigError(f"{name}: expected LON,LAT,DEPTH, got '{text}': the latitude {latitude:g} is outside -90..90; {swapped}")
     return Place(longitude, latitude, depth)

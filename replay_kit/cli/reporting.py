@@ -26,7 +26,8 @@ class Reporting:
     log: Path | None = None
 
 
-_CURRENT: ContextVar[Reporting] = ContextVar("reporting", default=Reporting())
+_DEFAULT = Reporting()
+_CURRENT: ContextVar[Reporting] = ContextVar("reporting", default=_DEFAULT)
 
 
 def current() -> Reporting:

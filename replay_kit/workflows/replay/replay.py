@@ -24,7 +24,17 @@ from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth, reading
+from replay_kit.workflows.replay.inputs import (
+    ReplayJob,
+    check_goal,
+    check_outputs,
+    check_span,
+    copy_inputs,
+    look_ahead,
+    open_readers,
+    open_truth,
+    reading,
+)
 from replay_kit.workflows.replay.planner import Planner
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
@@ -134,7 +144,7 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progres
         prior_flow = estimator.flow(estimator.initial())
     problem = None
     if job.goal is not None and planner is not None:
-        planner.check(prior_flow, job.goal)
+        check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
     metadata = {} if job.out is None else run_metadata(job.logs, job.ensemble, ensemble, _options(job, prior_flow))
     session = Session(estimator, ensemble.grid.levels, config, problem, clock)
@@ -175,6 +185,7 @@ def _loop(
         with session.clock.stage("read"):
             message = next(messages, None)
         if message is None:
+            check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break
         count += 1
         if count <= skip:
