@@ -15,11 +15,10 @@ from replay_kit.cli import reporting
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.paths import is_stream
+from replay_kit.core.progress import Progress, shown_by, silent
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-    from replay_kit.core.progress import Progress
 
 #: Of the answers of ``--json``; it grows when a key changes its name or its meaning.
 FORMAT_VERSION = 2
@@ -88,7 +87,7 @@ def console_beside(*answers: Path | None) -> "Console":
 
 
 @contextmanager
-def progress(threads: int | None = None) -> "Iterator[Progress]":
+def progress(threads: int | None = None) -> Iterator[Progress]:
     """Show on a terminal what is done, how far it is and how long it still takes; nothing in a pipe. The file of ``--log`` has each stage.
 
     Args:
@@ -98,31 +97,39 @@ def progress(threads: int | None = None) -> "Iterator[Progress]":
 
     with threadpool_limits(limits=threads):
         if reporting.current().quiet or not sys.stderr.isatty():
-            yield _stages(lambda done, total, what: None)
+            with shown_by(advance := _stages(silent)):
+                yield advance
             return
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bars
 
         left = (TextColumn("for"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
         columns = (TextColumn("{task.description}"), BarColumn(20), TaskProgressColumn(), *left)
-        with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
+        with Bars(*columns, console=Console(stderr=True), transient=True) as shown:
             task = shown.add_task("")
 
             def show(done: float, total: float, what: str) -> None:
-                new = what.partition(":")[0] != str(shown.tasks[0].description).partition(":")[0]
-                if new:
-                    shown.reset(task, total=total or None, description=what)
+                if what.partition(":")[0] != shown.tasks[0].description.partition(":")[0]:
+                    shown.reset(task)
                 shown.update(task, completed=done, total=total or None, description=what)
 
-            yield _stages(show)
+            with shown_by(advance := _stages(show)):
+                yield advance
 
 
-def _stages(show: "Progress") -> "Progress":
-    """Return a function that shows steps, each stage's first and last and others now and then, and keeps the stages in the log's file."""
-    stage, due = "", 0.0
+def _stages(show: Progress) -> Progress:
+    """Return a function that shows steps, each stage's first and last and others now and then, and keeps the stages in the log's file.
+
+    A stage of unknown length within one whose end is known is a detail of that.
+    """
+    stage, due, share = "", 0.0, (0.0, 0.0)
 
     def advance(done: float, total: float, what: str) -> None:
-        nonlocal stage, due
+        nonlocal stage, due, share
+        if total == 0 and share[0] < share[1]:
+            (done, total), what = share, f"{stage}: {what}"
+        share = done, total
         if what.partition(":")[0] != stage:
             stage, due = what.partition(":")[0], 0.0
             reporting.keep(stage)

@@ -49,7 +49,7 @@ def command_group(commands: Mapping[str, str]) -> tuple[str, list[tuple[str, str
 
 def _group(argument: Argument) -> tuple[int, str]:
     group = argument.parameter.group[0]  # type: ignore[index]
-    return group.sort_key, group.name  # type: ignore[union-attr, return-value]
+    return group.sort_key, group.name
 
 
 def _names(argument: Argument) -> str:

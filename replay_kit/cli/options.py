@@ -199,11 +199,11 @@ def _number(part: str, expected: str) -> float:
 
 def place(text: str, name: str) -> "Place":
     """Return the place of an option ``LON,LAT,DEPTH``."""
-    # loads numpy, which the help does not need
-    from replay_kit.core.plan import Place
-
     longitude, latitude, depth = numbers(text, name, "LON,LAT,DEPTH")
     if abs(latitude) > 90.0:
         swapped = f"did you mean {name}={latitude:g},{longitude:g},{depth:g}?" if abs(longitude) <= 90.0 else "give a place on the Earth"
         raise ConfigError(f"{name}: expected LON,LAT,DEPTH, got '{text}': the latitude {latitude:g} is outside -90..90; {swapped}")
+    # loads numpy, after what is quickly refused
+    from replay_kit.core.plan import Place
+
     return Place(longitude, latitude, depth)

@@ -11,7 +11,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.progress import Progress, silent
+from replay_kit.core.progress import announce, counted
 from replay_kit.estimator.basis.modes import build_basis, correlation_length
 from replay_kit.estimator.prior.fit import FitRow, best, fit_settings, fit_steps, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings
@@ -37,31 +37,23 @@ class Fitted:
     left_out: int
 
 
-def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int, progress: Progress = silent) -> Fitted:
+def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fitted:
     """Return the prior's settings that tell members left out best.
 
     Args:
         ensemble: All members.
         config: Number of modes, kernel, nugget.
         left_out: Number of members left out in turn; all when there are fewer.
-        progress: Called with steps done, steps in all, and what is being run.
 
     Raises:
         ForecastError: There are fewer than four members.
     """
     if ensemble.n_members < 4:
         raise ForecastError(f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}")
-    progress(0, 0, "computing the basis")
+    announce("computing the basis")
     members = members_in_basis(build_basis(ensemble, config))
-    total, done = fit_steps(ensemble.n_members, left_out), 0
-
-    def advance() -> None:
-        nonlocal done
-        done += 1
-        progress(done, total, "leaving members out")
-
     length = correlation_length(ensemble)
-    rows = fit_settings(members, length, left_out, advance)
+    rows = fit_settings(members, length, left_out, counted("leaving members out", fit_steps(ensemble.n_members, left_out)))
     return Fitted(tuple(rows), best(rows), length, ensemble.source, min(left_out, ensemble.n_members))
 
 

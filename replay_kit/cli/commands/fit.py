@@ -34,8 +34,8 @@ def fit(
     from replay_kit.workflows.fit import fit_json, fit_prior, print_fit, write_fit
 
     members = read_ensemble(ensemble, config.forecast)
-    with progress(config.output.threads) as advance:
-        fitted = fit_prior(members, config.estimator, left_out, advance)
+    with progress(config.output.threads):
+        fitted = fit_prior(members, config.estimator, left_out)
     write_fit(fitted, outputs.out)
     print_fit(fitted, console_beside(outputs.json_file))
     write_json(outputs.json_file, fit_json(fitted))

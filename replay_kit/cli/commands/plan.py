@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.console import console_beside, write_json, write_text
+from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import MCAP, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ending, argument, flag, numbers, option, place
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -150,7 +150,8 @@ def plan(
         waypoint_tolerance=outputs.waypoint_tolerance,
     )
     job.check()
-    planned = make_mission(job, config.planner)
+    with progress():
+        planned = make_mission(job, config.planner)
     print_mission(planned, console_beside(*streams))
     _write(planned, outputs)
     if outputs.out is not None:

@@ -16,8 +16,9 @@ def synthesize(
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
     """Return 0."""
+    check_paths([], [ensemble, truth], replacing.overwrite)
+
     from replay_kit.studies.twins import write_ensemble
 
-    check_paths([], [ensemble, truth], replacing.overwrite)
     write_ensemble(ensemble, truth, n_members=members, seed=seed, overwrite=replacing.overwrite)
     return 0

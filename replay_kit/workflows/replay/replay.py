@@ -108,7 +108,7 @@ def _replay(
     try:
         checkpoint = _open_result(session, inputs, checkpoints, on_digest)
         _loop(session, inputs, checkpoints, checkpoint, reading(inputs.readers, progress, "replaying"))
-        progress(0, 0, "writing the results")
+        progress(0, 1, "writing the results")
         summary, flow = _conclude(session, inputs)
     except (ConfigError, MeasurementError, LogError, PlanError):
         # the input was unusable: there is no result worth keeping

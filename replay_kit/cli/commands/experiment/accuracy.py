@@ -41,12 +41,12 @@ def accuracy(
     Raises:
         EstimatorError: Every method failed.
     """
+    truths.check("accuracy")
     check_paths([*truths.files, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
     from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
 
-    truths.check("accuracy")
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
     methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)

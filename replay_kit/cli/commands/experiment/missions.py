@@ -8,7 +8,7 @@ from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER
 from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.core.paths import check_paths
+from replay_kit.core.paths import check_folder, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,16 +54,17 @@ def missions(
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
     """Return 0."""
-    from replay_kit.forecast import read_series
-    from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
-    from replay_kit.studies.reports.write import check_folder
-
-    out = outputs.out
+    read, out = [truths.ensemble, settings.file], outputs.out
     if out is not None:
         check_folder(out)
-    written = [out / name for name in FILES if (out / name).exists()] if out is not None else []
-    check_paths([truths.ensemble, settings.file], [*written, outputs.json_file], outputs.overwrite)
+    check_paths(read, [outputs.json_file], outputs.overwrite)
     config = settings.load()
+
+    from replay_kit.forecast import read_series
+    from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
+
+    written = [out / name for name in FILES if (out / name).exists()] if out is not None else []
+    check_paths(read, [*written, outputs.json_file], outputs.overwrite)
     series = read_series(truths.ensemble, config.forecast)
     # the study of time needs a truth that changes
     usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)

@@ -9,7 +9,7 @@ from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.paths import check_paths
+from replay_kit.core.paths import check_folder, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.studies.planning import PlanningResult
@@ -68,15 +68,16 @@ def planning(
     Raises:
         EstimatorError: Every part of the study failed.
     """
-    from replay_kit.studies import planning as study
-    from replay_kit.studies.reports.write import check_folder
+    read, out = [*truths.files, settings.file], outputs.out
+    check_folder(out)
+    check_paths(read, [outputs.json_file], outputs.overwrite)
+    config = settings.load()
 
-    out = outputs.out
+    from replay_kit.studies import planning as study
+
     possible = [name for name in study.STUDIES if truths.truth is None or name != study.WITHOUT_TRUTH]
     chosen = tuple(possible) if sizes.study is None else tuple(sizes.study.split(","))
-    check_folder(out)
-    check_paths([*truths.files, settings.file], [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
-    config = settings.load()
+    check_paths(read, [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
     job = study.PlanningJob(
         chosen,
         truths.leave_out,
