@@ -101,18 +101,22 @@ def progress(threads: int | None = None) -> Iterator[Progress]:
                 yield advance
             return
         from rich.console import Console
-        from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
         from rich.progress import Progress as Bars
 
         left = (TextColumn("for"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-        columns = (TextColumn("{task.description}"), BarColumn(20), TaskProgressColumn(), *left)
+        columns = (TextColumn("{task.description}"), BarColumn(20), TextColumn("{task.fields[share]}"), *left)
         with Bars(*columns, console=Console(stderr=True), transient=True) as shown:
-            task = shown.add_task("")
+            task = shown.add_task("", total=None, share="")
 
             def show(done: float, total: float, what: str) -> None:
+                nonlocal task
                 if what.partition(":")[0] != shown.tasks[0].description.partition(":")[0]:
-                    shown.reset(task)
-                shown.update(task, completed=done, total=total or None, description=what)
+                    # a task that is reset keeps its length
+                    shown.remove_task(task)
+                    task = shown.add_task(what, total=total or None, share="")
+                share = f"{100.0 * done / total:.0f} %" if total else ""
+                shown.update(task, completed=done, description=what, share=share)
 
             with shown_by(advance := _stages(show)):
                 yield advance

@@ -92,6 +92,6 @@ def test_a_terminal_is_shown_the_stages_and_a_pipe_nothing(monkeypatch, tmp_path
             for k in range(5):
                 advance(k, 4, f"planning: try {k}")
         shown = stream.getvalue()
-        assert ("computing the basis" in shown, "planning: try 4" in shown, "100%" in shown) == (stream.isatty(),) * 3
+        assert ("computing the basis" in shown, "planning: try 4" in shown, "100 %" in shown) == (stream.isatty(),) * 3
     # a stage once, without its details
     assert [line[21:] for line in (tmp_path / "a.log").read_text().splitlines()] == 2 * ["computing the basis", "planning"]

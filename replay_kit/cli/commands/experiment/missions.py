@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, folder, parts
 from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
@@ -23,14 +23,7 @@ class Truths:
 class Missions:
     """What is flown."""
 
-    study: Annotated[
-        str | None,
-        option(
-            "--study",
-            "Parts of the study: time, relative, dac, outliers, bias, coverage. Default: all that the forecast allows.",
-            metavar="S1,S2,...",
-        ),
-    ] = None
+    study: Annotated[str | None, parts("time, relative, dac, outliers, bias, coverage")] = None
     pings: Annotated[int, option("--pings", "Number of pings of a mission.", least=1)] = 160
     days: Annotated[float, option("--days", "Duration of a mission [days]; a truth that changes may end it sooner.", metavar="DAYS")] = 20.0
     dives: Annotated[int, option("--dives", "Number of dives of the missions that have depth-averaged currents alone.", least=1)] = 30
@@ -42,7 +35,7 @@ class Missions:
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path | None, option("--out -o", "Folder for CSV and JSON; made if absent.", metavar="DIR"), FOLDER] = None
+    out: Annotated[Path | None, folder("CSV and JSON"), FOLDER] = None
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", "time", "gating", without=ESTIMATOR)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth
+from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth, folder
 from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OUTPUTS, Answer, option
 from replay_kit.cli.settings import Settings, takes_settings
@@ -15,7 +15,7 @@ from replay_kit.core.paths import check_folder, check_paths
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, option("--out -o", "Folder for tables, figures and report; made if absent.", metavar="DIR"), FOLDER]
+    out: Annotated[Path, folder("tables, figures and report"), FOLDER]
 
 
 @takes_settings(*PART_OF_FORECAST, file=False)

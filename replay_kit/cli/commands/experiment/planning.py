@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, folder, parts
 from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
@@ -29,14 +29,7 @@ class Truths(OneTruth):
 class Sizes:
     """What is planned, and how many of each."""
 
-    study: Annotated[
-        str | None,
-        option(
-            "--study",
-            "Parts of the study: glides, missions, scenarios, masked, infeasible, replanning. Default: all possible.",
-            metavar="S1,S2,...",
-        ),
-    ] = None
+    study: Annotated[str | None, parts("glides, missions, scenarios, masked, infeasible, replanning")] = None
     pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides and missions, over all truths.", least=1)] = 100
     pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
     legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
@@ -52,7 +45,7 @@ class Sizes:
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, option("--out -o", "Folder for report, tables and pictures; made if absent.", metavar="DIR"), FOLDER]
+    out: Annotated[Path, folder("report, tables and pictures"), FOLDER]
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
