@@ -156,9 +156,7 @@ class Answer(Replacing):
     """Where a command's answer goes beside the terminal."""
 
     json_file: Annotated[
-        Path | None,
-        option("--json", "Write the answer as JSON; - is standard output.", metavar="FILE"),
-        Ending((".json",), stream=True),
+        Path | None, option("--json", "Write the answer as JSON; - is standard output.", metavar="FILE"), Ending((".json",), stream=True)
     ] = None
 
 

@@ -116,8 +116,7 @@ class MeasurementConfig(_Section):
     use_relative: bool = Field(default=True, description="Use profiles relative to a platform of unknown velocity, for their shear.")
     use_dac: bool = Field(default=True, description="Use the depth-averaged currents of dives.")
     use_inverted: bool = Field(
-        default=True,
-        description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these.",
+        default=True, description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these."
     )
     dead_reckoning: Literal["corrected", "through_water"] = Field(
         default="corrected",

@@ -19,10 +19,7 @@ class Places:
     """From where to where, and what must be kept clear of."""
 
     start: Annotated[str, option("--start", "Where the mission begins [degrees, degrees, m].", metavar="LON,LAT,DEPTH")]
-    goal: Annotated[
-        list[str],
-        option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"),
-    ]
+    goal: Annotated[list[str], option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH")]
     no_go: Annotated[
         Path | None,
         option(
@@ -63,8 +60,7 @@ class Method:
         str | None, option("--angles", "Shallowest and steepest glide angle [degrees]. Default: 15,35.", metavar="MIN,MAX")
     ] = None
     spline: Annotated[
-        int,
-        option("--spline", "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.", least=0),
+        int, option("--spline", "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.", least=0)
     ] = 0
     risk: Annotated[
         float | None,
@@ -85,9 +81,7 @@ class Outputs(Answer):
         Ending((".geojson", ".json"), stream=True),
     ] = None
     csv: Annotated[
-        Path | None,
-        option("--csv", "One line for each leg; - is standard output.", metavar="FILE"),
-        Ending((".csv",), stream=True),
+        Path | None, option("--csv", "One line for each leg; - is standard output.", metavar="FILE"), Ending((".csv",), stream=True)
     ] = None
     waypoints: Annotated[
         Path | None,

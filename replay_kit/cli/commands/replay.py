@@ -19,8 +19,7 @@ class Inputs:
     goal: Annotated[str | None, option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH")] = None
     truth: Truth = None
     truth_radius: Annotated[
-        float | None,
-        option("--truth-radius", "Score only grid points this near to a profile used [km]. Default: all.", metavar="KM"),
+        float | None, option("--truth-radius", "Score only grid points this near to a profile used [km]. Default: all.", metavar="KM")
     ] = None
 
 
@@ -30,18 +29,13 @@ class Outputs(Answer):
 
     out: Annotated[Path, option("--out -o", "Result, for any MCAP viewer.", metavar="OUT.mcap"), MCAP]
     netcdf: Annotated[
-        Path | None,
-        option("--netcdf", "Estimate and standard error on the forecast's grid, CF NetCDF.", metavar="GRID.nc"),
-        NETCDF,
+        Path | None, option("--netcdf", "Estimate and standard error on the forecast's grid, CF NetCDF.", metavar="GRID.nc"), NETCDF
     ] = None
     save_estimate: Annotated[
-        Path | None,
-        option("--save-estimate", "The estimate without loss, for plan and scripts.", metavar="FLOW.nc"),
-        NETCDF,
+        Path | None, option("--save-estimate", "The estimate without loss, for plan and scripts.", metavar="FLOW.nc"), NETCDF
     ] = None
     checkpoint: Annotated[
-        Path | None,
-        option("--checkpoint", "State from which an interrupted run continues; deleted at the end.", metavar="FILE"),
+        Path | None, option("--checkpoint", "State from which an interrupted run continues; deleted at the end.", metavar="FILE")
     ] = None
     include_inputs: Annotated[bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")] = False
 

@@ -15,11 +15,7 @@ class Files(Replacing):
     """What the log is made of, and where it goes."""
 
     truth: Annotated[str, option("--truth", "The current that the vehicle moves in.", metavar="FILE[#member]", group=INPUTS)]
-    out: Annotated[
-        Path,
-        option("--out -o", "The log; its ending chooses the format.", metavar="X.mcap|X.tlog"),
-        Ending((".mcap", ".tlog")),
-    ]
+    out: Annotated[Path, option("--out -o", "The log; its ending chooses the format.", metavar="X.mcap|X.tlog"), Ending((".mcap", ".tlog"))]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

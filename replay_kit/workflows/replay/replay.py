@@ -93,11 +93,7 @@ class _Inputs:
 
 
 def _replay(
-    job: ReplayJob,
-    config: RunConfig,
-    planner: Planner | None,
-    progress: Progress,
-    on_digest: Callable[[Digest], None] | None,
+    job: ReplayJob, config: RunConfig, planner: Planner | None, progress: Progress, on_digest: Callable[[Digest], None] | None
 ) -> tuple[ReplaySummary, FlowEstimate]:
     session, inputs = _prepare(job, config, planner, progress)
     checkpoints = None
@@ -170,11 +166,7 @@ def _open_result(
 
 
 def _loop(
-    session: Session,
-    inputs: _Inputs,
-    checkpoints: CheckpointFile | None,
-    checkpoint: Checkpoint | None,
-    on_message: Callable[[], None],
+    session: Session, inputs: _Inputs, checkpoints: CheckpointFile | None, checkpoint: Checkpoint | None, on_message: Callable[[], None]
 ) -> None:
     """Pass the logs' messages, those after the checkpoint, through the session."""
     logs, measurements = session.config.logs, session.config.measurements

@@ -20,8 +20,7 @@ class Truths(OneTruth):
     """The ensemble and its truths."""
 
     leave_out: Annotated[
-        str | None,
-        option("--leave-out", "Members that are withheld as truths. Default: 20 evenly spread.", metavar="K,K,...|all"),
+        str | None, option("--leave-out", "Members that are withheld as truths. Default: 20 evenly spread.", metavar="K,K,...|all")
     ] = None
 
 
