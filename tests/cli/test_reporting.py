@@ -57,8 +57,8 @@ def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path) -> None
     kept = [line[21:] for line in lines]
     printed = [line.rstrip() for line in usual.splitlines() if line.strip()]
     # the second run is added to the first
-    assert kept[: 2 * len(printed) + 2] == 2 * ["started", *printed]
-    assert kept[2 * len(printed) + 2] == "started"
+    assert kept[: 2 * len(printed) + 4] == 2 * ["started", "reading", *printed]
+    assert kept[2 * len(printed) + 4] == "started"
     assert kept[-1].startswith("ERROR: absent.mcap: expected a log, there is no such file")
 
 

@@ -80,7 +80,9 @@ def replay(
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     console = console_beside(outputs.json_file)
     if dry_run:
-        result = dry.dry_run(job, config)
+        with progress() as advance:
+            advance(0, 0, "reading the forecast and the logs")
+            result = dry.dry_run(job, config)
         dry.print_dry_run(result, console)
         write_json(outputs.json_file, dry.dry_run_json(result))
         return 0

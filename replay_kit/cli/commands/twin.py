@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from replay_kit.cli.console import console_beside
+from replay_kit.cli.console import console_beside, progress
 from replay_kit.cli.options import INPUTS, PART_OF_FORECAST, TO_OPTIONS, TO_OUTPUTS, Ending, Noise, Replacing, flag, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths, truth_path
@@ -62,8 +62,10 @@ def twin(
 
     faults = Faults(errors.reference, errors.platform_std, errors.heading_bias, errors.scale_error, errors.outliers)
     options = Options(faults, survey.interval, survey.dac_only)
-    sea = read_changing_truth(files.truth, part, EPOCH) if survey.changing else read_truth(files.truth, part)
-    made = make_twin(sea, survey.vehicle, survey.pings, errors.noise, survey.seed, files.out, files.overwrite, options)
+    with progress() as advance:
+        advance(0, 0, "moving the vehicle")
+        sea = read_changing_truth(files.truth, part, EPOCH) if survey.changing else read_truth(files.truth, part)
+        made = make_twin(sea, survey.vehicle, survey.pings, errors.noise, survey.seed, files.out, files.overwrite, options)
     counted = f"{made.pings} pings" if made.pings else f"{made.dives} mean currents"
     console_beside(None).print(f"{files.out}: {counted} over {made.duration / 3600.0:.1f} h", soft_wrap=True)
     return 0
