@@ -68,7 +68,7 @@ class Ending:
     endings: tuple[str, ...] = ()
     stream: bool = False
 
-    def check(self, name: str, path: Path) -> None:
+    def check(self, name: str, text: str) -> None:
         """Refuse a name whose ending does not fit.
 
         A name without an ending fits where there is one format; where the ending chooses the format, it must be there. Upper case is the
@@ -76,11 +76,12 @@ class Ending:
 
         Args:
             name: Of the option.
-            path: Its value.
+            text: Its value.
 
         Raises:
             ConfigError: The ending does not fit, or the output cannot be written to a stream.
         """
+        path = Path(text)
         ending, streamed = path.suffix.lower(), str(path) == "-" or is_stream(path)
         if not self.endings:
             if ending in _FILE_ENDINGS:
@@ -97,20 +98,35 @@ class Ending:
             raise ConfigError(f"{name}: expected {kind}, got '{path}' with {got}; choose another name")
 
 
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """Mark of an option's annotation: the names of its numbers, which commas divide, such as ``LON,LAT,DEPTH``."""
+
+    form: str
+
+    def check(self, name: str, text: str) -> None:
+        """Raise ConfigError when a value does not hold these numbers, or no place on the Earth."""
+        values = numbers(text, name, self.form)
+        if self.form.startswith("LON,LAT,") and abs(values[1]) > 90.0:
+            swapped = ",".join(f"{value:g}" for value in (values[1], values[0], *values[2:]))
+            meant = f"did you mean {name}={swapped}?" if abs(values[0]) <= 90.0 else "give a place on the Earth"
+            raise ConfigError(f"{name}: expected {self.form}, got '{text}': the latitude {values[1]:g} is outside -90..90; {meant}")
+
+
 def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Refuse outputs whose names end in a wrong way, before values are converted and missing options are named; then begin to report.
+    """Refuse names of outputs and numbers that do not fit, before missing options are named and values converted; then begin to report.
 
     The arguments are those of the hooks that cyclopts calls between splitting and converting a command line.
 
     Raises:
-        ConfigError: An ending does not fit, or the file of ``--log`` is another of the command's files, or cannot be written.
+        ConfigError: An ending or a number does not fit, or the file of ``--log`` is another of the command's files, or cannot be written.
     """
     given = {argument.name: [token.value for token in argument.tokens] for argument in arguments if argument.tokens}
     for argument in arguments:
         for mark in get_args(argument.field_info.annotation)[1:]:
-            if isinstance(mark, Ending):
+            if isinstance(mark, Ending | Numbers):
                 for value in given.get(argument.name, []):
-                    mark.check(argument.name, Path(value))
+                    mark.check(argument.name, value)
     log = next((Path(value) for value in given.get("--log", [])), None)
     if log is not None and any(_is(log, value) for name, values in given.items() if name != "--log" for value in values):
         raise ConfigError(f"--log: '{log}' is another file of this command; choose another name")
@@ -128,6 +144,7 @@ Log = Annotated[
     Path,
     argument("LOG", "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP); merged by time."),
 ]
+PLACE = Numbers("LON,LAT,DEPTH")
 MCAP, NETCDF = Ending((".mcap",)), Ending((".nc",))
 Ensemble = Annotated[
     Path, option("--ensemble", "Ensemble forecast: CF NetCDF or Zarr with a member dimension.", metavar="FILE", group=INPUTS)
@@ -197,11 +214,7 @@ def _number(part: str, expected: str) -> float:
 
 def place(text: str, name: str) -> "Place":
     """Return the place of an option ``LON,LAT,DEPTH``."""
-    longitude, latitude, depth = numbers(text, name, "LON,LAT,DEPTH")
-    if abs(latitude) > 90.0:
-        swapped = f"did you mean {name}={latitude:g},{longitude:g},{depth:g}?" if abs(longitude) <= 90.0 else "give a place on the Earth"
-        raise ConfigError(f"{name}: expected LON,LAT,DEPTH, got '{text}': the latitude {latitude:g} is outside -90..90; {swapped}")
     # loads numpy, after what is quickly refused
     from replay_kit.core.plan import Place
 
-    return Place(longitude, latitude, depth)
+    return Place(*numbers(text, name, PLACE.form))

@@ -54,8 +54,10 @@ def info(
             # one log is no share of the work
             advance(k, len(logs) if len(logs) > 1 else 0, f"reading: {path}")
             found.append(inspect_log(path, config))
-        advance(0, 1, "checking against the ensemble")
-        check = None if ensemble is None else check_logs(list(logs), ensemble, config)
+        check = None
+        if ensemble is not None:
+            advance(0, 1, "checking against the ensemble")
+            check = check_logs(list(logs), ensemble, config)
     console = console_beside(json_file, suggest)
     for log in found:
         print_info(log, console, outputs.verbose)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
-from replay_kit.cli.options import MCAP, NETCDF, TO_INPUTS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
+from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_paths, truth_path
@@ -16,7 +16,7 @@ class Inputs:
     """What is replayed, and what it is scored against."""
 
     ensemble: Ensemble
-    goal: Annotated[str | None, option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH")] = None
+    goal: Annotated[str | None, option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH"), PLACE] = None
     truth: Truth = None
     truth_radius: Annotated[
         float | None, option("--truth-radius", "Score only grid points this near to a profile used [km]. Default: all.", metavar="KM")
