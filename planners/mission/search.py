@@ -33,6 +33,7 @@ from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_local
+from replay_kit.core.progress import announce
 
 # Legs tried beyond those that a route suggests, besides one for each goal.
 _MORE_LEGS = 1
@@ -82,6 +83,7 @@ def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> l
     brief = not route.arrives and is_out_of_reach(task)
 
     def attempt(legs: tuple[int, ...], fewer: bool = False) -> Attempt:
+        announce(f"planning: {legs[-1]} legs")
         guess = initial_guess(task, route, graph, legs[-1])
         return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer, brief=brief)
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
-from replay_kit.config.explain import explain
+from replay_kit.config.explain import explain, explain_syntax
 from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.option import Option
@@ -91,8 +91,7 @@ class MeasurementConfig(_Section):
     use_relative: bool = Field(default=True, description="Use profiles relative to a platform of unknown velocity, for their shear.")
     use_dac: bool = Field(default=True, description="Use the depth-averaged currents of dives.")
     use_inverted: bool = Field(
-        default=True,
-        description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these.",
+        default=True, description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these."
     )
     dead_reckoning: Literal["corrected", "through_water"] = Field(
         default="corrected",
@@ -252,14 +251,14 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
         except OSError as error:
             raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path}: not TOML: {error}") from error
+            raise ConfigError(f"{path}: {explain_syntax(error, path)}") from error
     if "trust" in tables:
         keys = ", ".join(f"{old} is {new}" for old, new in RENAMED_KEYS.items())
         raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")
     try:
         return RunConfig.model_validate(_laid_over(tables, overrides or {}))
     except ValidationError as error:
-        raise ConfigError(f"{path or 'options'}: {explain(error, RunConfig)}") from error
+        raise ConfigError(explain(error, RunConfig, path, overrides or {})) from error
 
 
 def _laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -50,6 +50,14 @@ def as_path(value: object, what: str) -> Path:
     raise ConfigError(f"{what}: expected a path (str or Path), got {type(value).__name__}; give the name of the file")
 
 
+def check_folder(out: Path) -> None:
+    """Raise ConfigError when a folder for results cannot be made."""
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"{out}: is a file; give the name of a folder")
+    if not out.parent.is_dir():
+        raise ConfigError(f"{out}: there is no folder {out.parent}; make it, or choose another place")
+
+
 def is_stream(path: Path) -> bool:
     """Return whether a path is a pipe or a device, which is written to and not replaced."""
     return path.is_fifo() or path.is_char_device()

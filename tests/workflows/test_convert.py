@@ -176,7 +176,8 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
         ("/plan", "there is no frame for a message without a schema"): 1,
     }
     assert summary.messages["DEBUG_FLOAT_ARRAY"] == 2 * 5
-    assert {"topic": "/plan", "messages": 1, "why": "there is no frame for a message without a schema"} in convert_json(summary)["left_out"]
+    plan = {"code": "there_is_no_frame_for_a_message_without_a_schema", "why": "there is no frame for a message without a schema"}
+    assert {"topic": "/plan", "messages": 1, **plan} in convert_json(summary)["left_out"]
     console = Console(record=True, file=StringIO())
     print_converted(summary, console)
     assert "Left out: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()

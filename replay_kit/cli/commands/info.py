@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.console import console_beside, write_json, write_text
+from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import INPUTS, TO_OUTPUTS, Answer, Ending, Log, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -48,11 +48,19 @@ def info(
     from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
     from replay_kit.workflows.info.inspect import info_json, inspect_log, print_info
 
-    found = [inspect_log(path, config) for path in logs]
-    check = None if ensemble is None else check_logs(list(logs), ensemble, config)
+    found = []
+    with progress() as advance:
+        for k, path in enumerate(logs):
+            # one log is no share of the work
+            advance(k, len(logs) if len(logs) > 1 else 0, f"reading: {path}")
+            found.append(inspect_log(path, config))
+        check = None
+        if ensemble is not None:
+            advance(0, 1, "checking against the ensemble")
+            check = check_logs(list(logs), ensemble, config)
     console = console_beside(json_file, suggest)
     for log in found:
-        print_info(log, console)
+        print_info(log, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
     if suggest is not None:

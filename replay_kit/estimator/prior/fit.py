@@ -18,6 +18,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.gaussian import coverage, crps_gaussian
+from replay_kit.core.progress import counted
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 
@@ -93,7 +94,8 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     if config.sample_share is not None:
         return PriorSettings(config.sample_share, shift, radius)
     start = PriorSettings(_SHARE_OF_FEW, shift, radius)
-    rows = score_sample_shares(members, start, SHARES, _LEFT_OUT)
+    advance = counted("fitting the prior", min(_LEFT_OUT, members.weights.shape[0]))
+    rows = score_sample_shares(members, start, SHARES, _LEFT_OUT, advance)
     return best(rows) if rows else start
 
 

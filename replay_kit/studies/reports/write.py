@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.table import Table as ConsoleTable
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.core.errors import ConfigError
 from replay_kit.core.version import __version__
 from replay_kit.studies.reports.tables import Cell, Criterion, Picture, Table
 
@@ -114,14 +113,6 @@ def criteria_table(title: str, criteria: Sequence[Criterion]) -> Table:
         for one in criteria
     )
     return Table("criteria", title, ("figure", "value", "90 % interval", "required", ""), rows, shown=bool(rows))
-
-
-def check_folder(out: Path) -> None:
-    """Raise ConfigError when a folder for results cannot be made."""
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"{out}: is a file; give the name of a folder")
-    if not out.parent.is_dir():
-        raise ConfigError(f"{out}: there is no folder {out.parent}; make it, or choose another place")
 
 
 def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:

@@ -1,14 +1,13 @@
 """What is in a log, and what it can be used for."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
@@ -17,7 +16,8 @@ from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import open_log
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
-from replay_kit.results.losses import iso_time, loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
+from replay_kit.results.losses import loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
+from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +178,7 @@ def info_json(info: LogInfo) -> dict[str, Any]:
             {"topic": name, "schema": topic.schema, "messages": topic.messages, "first": iso(topic.first_ns), "last": iso(topic.last_ns)}
             for name, topic in info.topics.items()
         ],
-        "not_used": info.not_used,
+        "not_used": {topic: coded(reasons) for topic, reasons in info.not_used.items()},
         "undecodable": undecodable_json(info.report.undecodable),
         "notes": info.report.notes,
         "losses": [loss_json(loss) for loss in info.report.losses],
@@ -186,29 +186,20 @@ def info_json(info: LogInfo) -> dict[str, Any]:
     }
 
 
-def iso(time_ns: int | None) -> str | None:
-    """Return a time as ISO 8601 UTC to the second; None stays None, and a time that 64 bits cannot hold is given as the last they can."""
-    return None if time_ns is None else iso_time(time_ns, "s")
+def _span(topics: Mapping[str, TopicInfo]) -> str:
+    """Return the time span of a log's topics in words; empty when no message has a time."""
+    spans = [(topic.first_ns, topic.last_ns) for topic in topics.values() if topic.first_ns is not None and topic.last_ns is not None]
+    return f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}" if spans else ""
 
 
-def not_used_lines(not_used: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
-    """Yield a line for each reason for which messages of a topic were not used."""
-    return (f"Not used: {count} x {topic}: {reason}" for topic, reasons in not_used.items() for reason, count in reasons.items())
-
-
-def print_lines(console: Console, lines: Iterable[str]) -> None:
-    """Print lines that the terminal wraps, so that a pipe has them whole."""
-    for line in lines:
-        console.print(line, soft_wrap=True)
-
-
-def print_info(log: LogInfo, console: Console) -> None:
-    """Print what a log holds."""
-    report, content = log.report, log.content
-    table = Table("topic", "schema", "messages", "first", "last", title=f"{report.path} ({report.format})", title_justify="left")
-    for name, topic in log.topics.items():
-        table.add_row(name, topic.schema, str(topic.messages), iso(topic.first_ns) or "", iso(topic.last_ns) or "")
-    console.print(table)
+def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
+    """Print what a log holds; topics that differ in a number alone share a row unless whole tables are asked for."""
+    report, content, topics = log.report, log.content, log.topics
+    times = short_times([topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()])
+    cells = zip(topics.items(), times[: len(topics)], times[len(topics) :], strict=True)
+    rows = ((name, topic.schema, str(topic.messages), first, last) for (name, topic), first, last in cells)
+    columns = ("topic", "schema", "messages", "first", "last")
+    print_table(console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose))
     console.print(
         f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
     )
@@ -219,7 +210,7 @@ def print_info(log: LogInfo, console: Console) -> None:
     if content.depths is not None:
         console.print(f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m")
     known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
-    print_lines(console, not_used_lines(known))
+    print_lines(console, not_used_lines(known, verbose))
     print_lines(console, undecodable_lines(report.undecodable))
     if report.unchecked:
         print_lines(console, [f"Without a checksum, so that damage cannot be detected: {unchecked_words(report)}"])

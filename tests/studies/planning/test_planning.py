@@ -90,7 +90,7 @@ def answer(tmp_path_factory):
 def test_studies_are_reported_in_every_form(answer):
     out, said, printed, again = answer
     assert tuple(said["studies"]) == DRAWN
-    assert said == json.loads((out / "planning.json").read_text())
+    assert said == {"format_version": 2, **json.loads((out / "planning.json").read_text())}
     report = (out / "report.md").read_text()
     for study, reported in said["studies"].items():
         for name, rows in reported["tables"].items():

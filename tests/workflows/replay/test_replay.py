@@ -281,9 +281,21 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
     ]
     done = invoke(arguments)
     assert done.exit_code == 0, done.output
-    assert "RMS innovation by dive" in done.output
+    assert "Dives: 4; RMS innovation" in done.output
     answer = json.loads((tmp_path / "o.json").read_text())
-    keys = {"status", "exit_code", "messages", "observations", "rms_innovation", "by_dive", "nis_per_dof", "seconds", "plan", "truth"}
+    keys = {
+        "format_version",
+        "status",
+        "exit_code",
+        "messages",
+        "observations",
+        "rms_innovation",
+        "by_dive",
+        "nis_per_dof",
+        "seconds",
+        "plan",
+        "truth",
+    }
     assert keys <= set(answer)
     assert answer["truth"]["points"] > 0
     assert answer["plan"]["status"] in ("reached", "unreachable")
