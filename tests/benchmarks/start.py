@@ -9,7 +9,7 @@ from typing import Any
 from tests.places import ROOT
 
 _MAIN = "from replay_kit.cli import main; main()"
-_OPEN = "from replay_kit.logs import open_log; next(iter(open_log({log!r}).messages()))"
+_OPEN = "import replay_kit; next(iter(replay_kit.open_log({log!r}).messages()))"
 # processor time asked for [s]
 _HELP, _IMPORT, _LOG = 0.4, 0.1, 0.5
 
