@@ -18,7 +18,7 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import LogReport, Loss
 from replay_kit.core.paths import check_paths
-from replay_kit.logs import merge, open_log
+from replay_kit.logs import merge, open_logs
 from replay_kit.logs.losses import loss_json, loss_lines, note_lines, undecodable_json, undecodable_lines
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
@@ -88,7 +88,7 @@ def convert(
         raise ConfigError("convert: expected at least one log, got none")
     check_paths(inputs, [out], overwrite)
     with ExitStack() as opened:
-        logs = [opened.enter_context(open_log(path, number, config)) for number, path in enumerate(inputs)]
+        logs = [opened.enter_context(log) for log in open_logs(inputs, config)]
         return (_to_tlog if out.suffix.lower() == ".tlog" else _to_mcap)(logs, out, config, on_message or _ignore)
 
 

@@ -14,7 +14,7 @@ from replay_kit.core.observation import VehicleState
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import read_truth
-from replay_kit.logs import merge, open_log
+from replay_kit.logs import merge, open_logs
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
 
@@ -76,13 +76,13 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     mapped = [entry.topic.split("/") for entry in config.measurements.map]
     # a schema of DataFlash has its format's name before that of the record
     wanted = MAVLINK_NAMES | {".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped}
-    return [open_log(path, position, config.logs, wanted=wanted) for position, path in enumerate(logs)]
+    return list(open_logs(logs, config.logs, wanted))
 
 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
     """Copy the logs' messages unchanged into the result, if the job asks for it: of a telemetry log its frames."""
     if job.include_inputs:
-        logs = [open_log(path, number, config) for number, path in enumerate(job.logs)]
+        logs = open_logs(job.logs, config)
         writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames else log.raw_messages()))
 
 

@@ -1,0 +1,85 @@
+"""Glider files opened, and those of one mission put together."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from replay_kit.core.errors import LogError
+from replay_kit.logs.glider.dialects import DIALECTS, Dialect, dialect_of
+from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
+from replay_kit.logs.glider.seaexplorer import is_seaexplorer, open_seaexplorer
+
+_HEAD = 1 << 12
+#: Dialects of which a mission is many files: one a profile, or one a segment.
+_PARTS = ("gliderdac", "seaexplorer")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GliderFile:
+    """A file of a known dialect.
+
+    Attributes:
+        content: The variables that the dialect's reader uses.
+        dialect: How it is written.
+    """
+
+    content: NetcdfFile
+    dialect: Dialect
+
+
+def open_glider_file(path: Path) -> GliderFile:
+    """Return a file with its dialect.
+
+    Raises:
+        LogError: The file cannot be read, or is of no known dialect.
+    """
+    found: list[Dialect | None] = []
+
+    def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
+        dialect = dialect_of(names, attributes)
+        found.append(dialect)
+        return [] if dialect is None else dialect.wanted(names)
+
+    with open(path, "rb") as file:
+        text = is_seaexplorer(file.read(_HEAD))
+    content = (open_seaexplorer if text else open_netcdf)(path, choose)
+    dialect = found[0]
+    if dialect is None:
+        raise LogError(_unknown(content))
+    return GliderFile(content, dialect)
+
+
+def _unknown(content: NetcdfFile) -> str:
+    titles = ", ".join(dialect.title for dialect in DIALECTS[1:])
+    return (
+        f"{content.path}: expected a Seaglider basestation file, or one of {titles}; got variables "
+        f"{', '.join(content.names) or 'none'}; a forecast is given with --ensemble, not as a log"
+    )
+
+
+def grouped(paths: Sequence[Path]) -> list[list[int]]:
+    """Return the positions of files in groups, each one log: all profiles of a GliderDAC mission, all parts of a SeaExplorer's, else one.
+
+    Raises:
+        LogError: A file cannot be read.
+    """
+    groups: dict[tuple[str, int], list[int]] = {}
+    for place, path in enumerate(paths):
+        name = _dialect_name(path)
+        groups.setdefault((name, 0 if name in _PARTS else place), []).append(place)
+    return list(groups.values())
+
+
+def _dialect_name(path: Path) -> str:
+    found: list[Dialect | None] = []
+
+    def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
+        found.append(dialect_of(names, attributes))
+        return []
+
+    with open(path, "rb") as file:
+        if is_seaexplorer(file.read(_HEAD)):
+            return "seaexplorer"
+    open_netcdf(path, choose)
+    return found[0].name if found[0] is not None else ""
