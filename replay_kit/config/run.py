@@ -103,7 +103,16 @@ class MeasurementConfig(_Section):
     """``[measurements]``: how messages become observations."""
 
     position_max_age: float = Field(
-        default=600.0, gt=0.0, description="Longest time from a ping to the nearest fix [s]; a ping farther from any fix is not used."
+        default=600.0,
+        gt=0.0,
+        description="Longest time from a ping to the nearest fix [s]; a ping farther from any fix is used only in a dive, see "
+        "position_max_gap.",
+    )
+    position_max_gap: float = Field(
+        default=86400.0,
+        gt=0.0,
+        description="Longest time between two positions that enclose a dive [s]; a ping in the dive is placed between them, however far in "
+        "time, and the error of its place is reported.",
     )
     surface_depth: float = Field(default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m].")
     velocity_std: float = Field(

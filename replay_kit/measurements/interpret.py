@@ -90,10 +90,16 @@ def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> Step:
     """Let go of the pings for which no position will come that is near enough: they must not pile up."""
-    oldest_ns = now_ns - int(min(config.position_max_age * 1e9, _FOREVER_NS))
-    if not state.waiting or state.waiting[0].source.time_ns >= oldest_ns:
+    if not state.waiting:
         return state, []
-    expired, left = split(state.waiting, oldest_ns)
+    # of pings in a dive the fix after it may come hours later; while one of them waits, so do those after it
+    first = state.waiting[0]
+    oldest_ns = now_ns - int(min(first.longest_wait(config) * 1e9, _FOREVER_NS))
+    if first.source.time_ns >= oldest_ns:
+        return state, []
+    older, newer = split(state.waiting, oldest_ns)
+    expired = [ping for ping in older if now_ns - ping.source.time_ns > ping.longest_wait(config) * 1e9]
+    left = (*(ping for ping in older if now_ns - ping.source.time_ns <= ping.longest_wait(config) * 1e9), *newer)
     return replace(state, waiting=left), [event for ping in expired for event in place(ping, state.fix, None, state.track, config)]
 
 

@@ -100,6 +100,7 @@ class ReplaySummary:
         outcomes: Predicted surfacings with the actual ones.
         truth: Score against a truth, if one was given.
         notes: What the user should know.
+        lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
     """
 
     messages: tuple[TopicRow, ...]
@@ -120,6 +121,7 @@ class ReplaySummary:
     outcomes: tuple[Outcome, ...] = ()
     truth: TruthScore | None = None
     notes: tuple[str, ...] = ()
+    lost_pings: str = ""
 
     @property
     def exit_code(self) -> int:
@@ -153,6 +155,7 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
             "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
             "truth": asdict(summary.truth) if summary.truth else None,
             "notes": list(summary.notes),
+            "lost_pings": summary.lost_pings,
         }
     )
     return summary_json
@@ -171,6 +174,8 @@ def _plain(value: Any) -> Any:
 
 def print_summary(summary: ReplaySummary, console: Console) -> None:
     """Print the tables and sentences of the end of a replay."""
+    if summary.lost_pings:
+        console.print(f"MANY PINGS LOST: {summary.lost_pings}", soft_wrap=True)
     table = Table("topic", "read", "used", "skipped", "reasons", title="Messages", title_justify="left")
     for row in summary.messages:
         why = "; ".join(f"{count} x {reason}" for reason, count in sorted(row.reasons.items()))

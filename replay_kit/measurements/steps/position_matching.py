@@ -3,6 +3,7 @@
 The waiting pings are one tuple in the order of their times: to add a ping costs a copy of the tuple and no more.
 """
 
+import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,9 @@ from replay_kit.measurements.ping.platform_velocity import Fixes, fixes_around, 
 from replay_kit.measurements.ping.profile import profile_of
 from replay_kit.measurements.quality.ping import Check, checks, flags_of
 
+# m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
+# the straight way between its ends, is off by this times T s (1 - s)
+_SPEED_STD = 0.1
 #: The reason of a ping that is no absolute profile, where these alone are wanted.
 RELATIVE = "velocity relative to the platform, whose own motion is not known"
 
@@ -35,6 +39,7 @@ class WaitingPing:
         dive: The dive it belongs to.
         n_messages: Messages that carried it: more than one in MAVLink.
         until_ns: When the fixes are there that give its place, and its platform's velocity [ns, UTC].
+        in_dive: Whether the vehicle was in a dive, and a position before it is known.
     """
 
     ping: AdcpPing
@@ -43,6 +48,11 @@ class WaitingPing:
     dive: int
     n_messages: int
     until_ns: int
+    in_dive: bool = False
+
+    def longest_wait(self, config: MeasurementConfig) -> float:
+        """Return how long it waits for a position [s]."""
+        return max(config.position_max_gap, config.position_max_age) if self.in_dive else config.position_max_age
 
 
 def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
@@ -99,11 +109,17 @@ def observe(ping: WaitingPing, before: VehicleState | None, after: VehicleState 
         after: First position after it; None when none came.
         config: How messages become observations.
     """
-    position = _interpolate(ping.source.time_ns, before, after, config.position_max_age)
+    position, std = _interpolate(ping.source.time_ns, before, after, config.position_max_age), 0.0
+    if position is None and ping.in_dive and before is not None and after is not None:
+        gap_s = (after.time_ns - before.time_ns) * 1e-9
+        if gap_s <= config.position_max_gap:
+            position = _interpolate(ping.source.time_ns, before, after, math.inf)
+            std = _SPEED_STD * gap_s * (share := (ping.source.time_ns - before.time_ns) * 1e-9 / gap_s) * (1.0 - share)
     if position is None:
         return refuse(ping, f"no position within {config.position_max_age:g} s")
     try:
         observation, found = _observation(ping, position, config)
+        observation = replace(observation, position_std=std)
     except MeasurementError as error:
         return refuse(ping, str(error))
     topic = ping.source.topic
