@@ -8,6 +8,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
+from replay_kit.config.mapping import TopicMap
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
@@ -104,7 +105,7 @@ def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> 
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
-    entry = next((entry for entry in config.map if entry.topic == message.topic), None) if config.map else None
+    entry = next((entry for entry in config.map if _covers(entry, message)), None) if config.map else None
     # a mapping goes before a known kind
     system = mavlink_vehicle.system_of(message) if entry is None else None
     if system is not None and state.system not in (None, system):
@@ -118,3 +119,7 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         state = replace(state, system=system)
     source = Source(message.input, message.topic, message.position, message.time_ns)
     return _STEPS[type(stated)](state, stated, source, config)
+
+
+def _covers(entry: TopicMap, message: Message) -> bool:
+    return entry.topic == message.topic and (entry.name is None or entry.name == message.payload.get("name"))

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from replay_kit.core.errors import LogError
-from replay_kit.logs.glider.dialects import DIALECTS, Dialect, dialect_of
+from replay_kit.logs.glider.dialects import Dialect, dialect_of
 from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
 from replay_kit.logs.glider.seaexplorer import is_seaexplorer, open_seaexplorer
 
@@ -28,11 +27,11 @@ class GliderFile:
     dialect: Dialect
 
 
-def open_glider_file(path: Path) -> GliderFile:
-    """Return a file with its dialect.
+def open_glider_file(path: Path) -> GliderFile | None:
+    """Return a file with its dialect; None for a NetCDF file of no known dialect.
 
     Raises:
-        LogError: The file cannot be read, or is of no known dialect.
+        LogError: The file cannot be read.
     """
     found: list[Dialect | None] = []
 
@@ -44,18 +43,7 @@ def open_glider_file(path: Path) -> GliderFile:
     with open(path, "rb") as file:
         text = is_seaexplorer(file.read(_HEAD))
     content = (open_seaexplorer if text else open_netcdf)(path, choose)
-    dialect = found[0]
-    if dialect is None:
-        raise LogError(_unknown(content))
-    return GliderFile(content, dialect)
-
-
-def _unknown(content: NetcdfFile) -> str:
-    titles = ", ".join(dialect.title for dialect in DIALECTS[1:])
-    return (
-        f"{content.path}: expected a Seaglider basestation file, or one of {titles}; got variables "
-        f"{', '.join(content.names) or 'none'}; a forecast is given with --ensemble, not as a log"
-    )
+    return None if found[0] is None else GliderFile(content, found[0])
 
 
 def grouped(paths: Sequence[Path]) -> list[list[int]]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from replay_kit.config.run import LogConfig
 from replay_kit.logs.glider.files import open_glider_file
 from replay_kit.logs.glider.reader import GliderReader
+from replay_kit.logs.glider.rows import NetcdfRows
 from replay_kit.logs.reader import LogFile
 
 
@@ -24,4 +25,5 @@ def open_glider(
     Raises:
         LogError: A file cannot be read, or is of no known dialect.
     """
-    return GliderReader(path, input, config, wanted, files=[open_glider_file(part) for part in (path, *more)])
+    files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
+    return GliderReader(path, input, config, wanted, files=files) if files else NetcdfRows(path, input, config, wanted)

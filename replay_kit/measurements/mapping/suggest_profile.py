@@ -18,6 +18,8 @@ _COUNT = re.compile(r"(.*_)?(n|num|number_of|no_of)?_?(cells|bins)")
 # a flat list this short is one velocity, not a profile
 _SHORTEST_FLAT = 6
 _MISSING = (-32768.0, -9999.0, 9999.0, -999.0)
+#: Why a suggestion leaves open what a velocity is relative to.
+NO_REFERENCE = "NOT KNOWN from the message, so it is not used yet: earth if the vehicle's motion is removed, else platform"
 # no current in m/s is as fast
 _NO_MPS = 20.0
 
@@ -34,7 +36,7 @@ def profile_lines(found: Sequence[Leaf]) -> list[str]:
         return []
     lines, n_cells, values = velocity
     return [
-        line("reference", "platform", "NOT KNOWN from the message, so only its shear is used; earth if the vehicle's motion is removed"),
+        line("reference", "unknown", NO_REFERENCE),
         line("frame", "enu", "NOT KNOWN from the message: enu, ned, ship, instrument or beam"),
         *lines,
         *_speed(values),

@@ -100,7 +100,7 @@ def _profile(payload: Mapping[str, Any], entry: ProfileMap) -> StatedPing | str:
     return StatedPing(
         {
             "coordinate_system": _COORDINATES.get(entry.frame, entry.frame),
-            "reference": entry.reference,
+            "reference": None if entry.reference == "unknown" else entry.reference,
             "orientation": entry.orientation,
             "n_cells": len(cells),
             "velocity": cells,
@@ -129,12 +129,12 @@ def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> StatedPing | st
     return StatedPing(
         {
             "coordinate_system": "earth",
-            "reference": entry.reference,
-            "orientation": "down",
+            "reference": None if entry.reference == "unknown" else entry.reference,
+            "orientation": entry.orientation,
             "n_cells": 1,
             "velocity": [[_speed(look_up(payload, path), entry) for path in (entry.east, entry.north)]],
             "velocity_std": entry.velocity_std,
-            "cell_distances": [0.0],
+            "cell_distances": [entry.distance or 0.0],
             **fields,
         },
         place,

@@ -101,7 +101,9 @@ def _write_classic(path: Path, variables: dict[str, Any]) -> Path:
 
 
 def _assert_as_h5netcdf_reads(path: Path) -> None:
-    dive = open_glider_file(path).content
+    opened = open_glider_file(path)
+    assert opened is not None
+    dive = opened.content
     with h5netcdf.File(path, "r") as file:
         assert dive_number(dive) == int(file.attrs["dive_number"])
         for name, stored in dive.variables.items():
