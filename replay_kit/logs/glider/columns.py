@@ -103,7 +103,8 @@ def _without_bad(
     skipped: list[tuple[str, str, int]] = []
     for key, name in chosen.items():
         part = key.partition("_")[0] if key.endswith("_flag") else ""
-        for flag in [name] if part else [name + suffix for suffix in ("_QC", "_qc") if name + suffix in file.variables]:
+        own = [name + suffix for suffix in ("_QC", "_qc") if name + suffix in file.variables and name + suffix not in chosen.values()]
+        for flag in [name] if part else own:
             bad = units.flagged_bad(flag, file.variables[flag], dialect.flag_meanings, notes)
             topic, what = ("/dac", "mean current") if part == "dac" else ("/vehicle/fix", "GPS fix")
             if part and bad.any():

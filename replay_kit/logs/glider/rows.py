@@ -37,7 +37,7 @@ class NetcdfRows(LogFile):
         super().__init__(path, input, config, wanted)
         file = open_netcdf(path, _all)
         if any(stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2 for stored in file.variables.values()):
-            raise LogError(f"{path}: {_EXPECTED}, got currents on a grid: {', '.join(file.names)}{_NOT_A_LOG}")
+            raise LogError(f"{path}: {_EXPECTED}, got currents on a grid: {', '.join(file.variables)}{_NOT_A_LOG}")
         self._name = _time_name(file)
         notes: list[str] = []
         self._time_ns, self._known = units.time_ns(self._name, file.variables[self._name], file, notes)
@@ -76,7 +76,7 @@ def _time_name(file: NetcdfFile) -> str:
     if not found:
         raise LogError(
             f"{file.path}: {_EXPECTED}, or any NetCDF with a variable of time (units 'seconds since 1970-01-01'); got variables "
-            f"{', '.join(file.names) or 'none'}{_NOT_A_LOG}"
+            f"{', '.join(file.variables) or 'none'}{_NOT_A_LOG}"
         )
     return max(found, key=lambda name: (found[name].values.size, found[name].text("standard_name") == "time"))
 

@@ -102,3 +102,21 @@ def _geometry(found: Sequence[Leaf], n_cells: int) -> list[str]:
         else:
             lines.append(line(key, leaf.path, f"by its name: {leaf.values[0]:g} m"))
     return lines
+
+
+def velocity_lines(scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a velocity at one depth; none when no two numbers look like its components."""
+    for east in scalars:
+        twist = east.path.endswith("linear.x")
+        if not (_EAST.fullmatch(east.name) or twist):
+            continue
+        beside = (leaf for leaf in scalars if leaf.parent == east.parent and (leaf.name == "y" if twist else _NORTH.fullmatch(leaf.name)))
+        if (north := next(beside, None)) is not None:
+            why = "a twist's x: east only if its frame is east, north, up" if twist else "by its name"
+            return [
+                line("reference", "unknown", NO_REFERENCE),
+                line("east", east.path, why),
+                line("north", north.path, why.replace("x: east", "y: north")),
+                *_speed(east.values + north.values),
+            ]
+    return []

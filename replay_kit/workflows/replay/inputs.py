@@ -10,7 +10,7 @@ from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.observation import VehicleState
+from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import read_truth
@@ -110,17 +110,21 @@ def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
 def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
     """Return the mean longitude and latitude of the positions that a replay would use, and the time of its first message."""
     settings, first_ns = config.logs, None
-    state, positions = initial_state(settings.system), []
+    state, positions, placed = initial_state(settings.system), [], []
     for message in merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns):
         first_ns = message.time_ns if first_ns is None else first_ns
         state, events = interpret(state, message, config.measurements)
         if settings.start_ns is None or message.time_ns >= settings.start_ns:
             positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
+            placed += [(event.longitude, event.latitude) for event in events if isinstance(event, Observation)]
+    # measurements with places of their own do not say where the vehicle is, but where to place the ensemble
+    positions = positions or placed
     if not positions:
         between = f" between {settings.start or 'their start'} and {settings.end or 'their end'}" if settings.start or settings.end else ""
         raise MeasurementError(
             f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; "
             + ("widen --start and --end, or leave the option out" if between else "leave the option out")
+            + f"; replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
         )
     longitude, latitude = np.array(positions).T
     # on the unit circle, because longitudes may lie on both sides of the antimeridian

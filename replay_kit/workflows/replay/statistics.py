@@ -8,7 +8,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport
 from replay_kit.core.observation import PathMean
-from replay_kit.measurements import Event, Skipped, Used
+from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow
 from replay_kit.workflows.replay.estimation import Step
 from replay_kit.workflows.replay.profile_counts import ProfileCounts, increment
@@ -117,7 +117,18 @@ class RunStatistics:
         raise MeasurementError(
             f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping; "
             "expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) "
-            f"with positions and, unless in earth coordinates, attitude. Found: {found}"
+            f"with positions and, unless in earth coordinates, attitude. Found: {found}{self._mapping_hint(reports)}"
+        )
+
+    def _mapping_hint(self, reports: Sequence[LogReport]) -> str:
+        unknown = {topic for topic, reason in self.messages.skipped if reason == NOT_A_KIND}
+        if not unknown:
+            return ""
+        variables = "".join(f". {note}" for report in reports if report.format == "netcdf" for note in report.notes[:1])
+        name = reports[0].path
+        return (
+            f"{variables}. {len(unknown)} topics are of unknown types: replay-kit info {name} --suggest map.toml writes a mapping "
+            "of them to complete, for --config map.toml"
         )
 
     def notes(self, reports: Sequence[LogReport]) -> list[str]:
