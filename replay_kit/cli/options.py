@@ -112,7 +112,11 @@ def check_endings(app: App, commands: tuple[str, ...], arguments: ArgumentCollec
 PART_OF_FORECAST = tuple(f"forecast.{key}" for key in ("region", "levels", "level_step", "lead", "time", "reference_time"))
 Log = Annotated[
     Path,
-    argument("LOG", "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP); merged by time."),
+    argument(
+        "LOG",
+        "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other gliders' NetCDF, "
+        "SeaExplorer's raw files, or folders of these; merged by time.",
+    ),
 ]
 MCAP, NETCDF = Ending((".mcap",)), Ending((".nc",))
 Ensemble = Annotated[

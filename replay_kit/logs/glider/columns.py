@@ -58,7 +58,7 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
         LogError: A time has a unit that is not understood.
     """
     chosen = dialect.chosen(file.variables)
-    notes.append("read as " + ", ".join(f"{key.replace('_', ' ')}: {name}" for key, name in chosen.items()))
+    notes.append("read as " + ", ".join(f"{_words(key)}: {name}" for key, name in chosen.items()))
     values: dict[str, NDArray[Any]] = {}
     for key, name in chosen.items():
         stored = file.variables[name]
@@ -81,6 +81,10 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
         if key in values and dialect.units.get(key) != "rad":
             values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
     return _grouped(values, skipped)
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ").replace("dac ", "mean current ").replace("gps ", "GPS ")
 
 
 def _missing(chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]) -> list[str]:

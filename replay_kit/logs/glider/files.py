@@ -52,22 +52,24 @@ def grouped(paths: Sequence[Path]) -> list[list[int]]:
     Raises:
         LogError: A file cannot be read.
     """
-    groups: dict[tuple[str, int], list[int]] = {}
+    groups: dict[tuple[str, str], list[int]] = {}
     for place, path in enumerate(paths):
-        name = _dialect_name(path)
-        groups.setdefault((name, 0 if name in _PARTS else place), []).append(place)
+        name, mission = _mission(path)
+        groups.setdefault((name, mission if name in _PARTS else str(place)), []).append(place)
     return list(groups.values())
 
 
-def _dialect_name(path: Path) -> str:
+def _mission(path: Path) -> tuple[str, str]:
+    """Return the name of a file's dialect, and of its mission where the file states it, or a SeaExplorer's file name."""
     found: list[Dialect | None] = []
 
     def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
         found.append(dialect_of(names, attributes))
-        return []
+        return [name for name in names if name.lower() == "trajectory"]
 
     with open(path, "rb") as file:
         if is_seaexplorer(file.read(_HEAD)):
-            return "seaexplorer"
-    open_netcdf(path, choose)
-    return found[0].name if found[0] is not None else ""
+            return "seaexplorer", ".".join(path.name.lower().split(".")[:2])
+    content = open_netcdf(path, choose)
+    texts = [stored.values.tobytes().strip(b"\0 ").decode("utf-8", "replace") for stored in content.variables.values()]
+    return found[0].name if found[0] is not None else "", "".join(texts)

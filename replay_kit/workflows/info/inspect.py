@@ -113,13 +113,13 @@ class LogInfo:
 
     @property
     def missing(self) -> str:
-        """What a replay still needs, and which topics of unknown types may hold it; empty for a log that has it all."""
+        """What a replay still needs; empty for a log that has it all."""
         content, lacks = self.content, []
         if not content.positions and not content.bins:
             lacks.append("positions")
         if not content.bins and not content.mean_currents:
             lacks.append("profiles of the current, or mean currents of dives with their fixes")
-        return f"for a replay this log lacks {' and '.join(lacks)}" if lacks else ""
+        return ", and ".join(lacks)
 
     @property
     def mappable(self) -> Mapping[str, str]:
@@ -138,7 +138,7 @@ class LogInfo:
         if self.content.bins:
             return "replay: it has positions and profiles of the current"
         if self.content.mean_currents:
-            return "mean currents between fixes, without profiles, for estimators that take them"
+            return "replay: it has mean currents between fixes, which alone estimate a field; no usable profile of the current"
         if self.content.positions:
             return "positions only: no usable profile of the current"
         return "nothing yet: neither positions nor profiles of the current"
@@ -269,7 +269,7 @@ def print_info(log: LogInfo, console: Console) -> None:
     print_lines(console, (f"Note: {note}" for note in report.notes))
     print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))
     if log.missing:
-        print_lines(console, [f"Missing: {log.missing}"])
+        print_lines(console, [f"Missing for a replay: {log.missing}"])
     mappable = log.mappable
     print_lines(console, (f"Unknown type: {topic} looks like a {kind}" for topic, kind in mappable.items()))
     others = len(log.unknown) - len(mappable)
@@ -290,5 +290,4 @@ def next_command(logs: Sequence[LogInfo], names: Sequence[str]) -> str:
         return f"Next: replay-kit replay {given} --ensemble FORECAST.nc -o RESULT.mcap"
     if any(log.mappable for log in logs):
         return f"Next: replay-kit info {given} --suggest map.toml, correct map.toml, then replay-kit info {given} --config map.toml"
-    lacking = next((log.missing for log in logs if log.missing), "nothing of the current is in these logs")
-    return f"Next: add the log that has what is missing ({lacking}), and give all logs of the mission together"
+    return f"Next: replay-kit info {given} ANOTHER_LOG, with the log of this mission that has what is missing"

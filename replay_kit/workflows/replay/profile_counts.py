@@ -80,7 +80,7 @@ class ProfileCounts:
         last_position: Last position; None before the first.
         interpolated: Profiles used whose place was interpolated between positions far apart in time.
         position_std: Largest standard error of such a place [m].
-        path_means: Mean currents used.
+        path_means: Mean currents used, by kind.
     """
 
     rejected: int = 0
@@ -94,7 +94,7 @@ class ProfileCounts:
     last_position: VehicleState | None = None
     interpolated: int = 0
     position_std: float = 0.0
-    path_means: int = 0
+    path_means: Mapping[str, int] = field(default_factory=dict)
 
     def after(self, steps: Sequence[Step]) -> "ProfileCounts":
         """Return the counts after some steps."""
@@ -120,16 +120,19 @@ class ProfileCounts:
             vehicles[-1] if vehicles else self.last_position,
             self.interpolated + len(far),
             max([self.position_std, *far]),
-            self.path_means + sum(isinstance(event, PathMean) for event, _ in used),
+            increment(self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))),
         )
 
     def notes(self) -> list[str]:
         """Return what the gate and the consistency monitor did, as sentences."""
         notes = []
-        if self.path_means and self.path_means == self.total.profiles:
+        means = sum(self.path_means.values())
+        if means and means == self.total.profiles:
+            drifts = self.path_means.get("drift", 0)
+            more = "" if drifts else " (measurements.use_drift = true adds the drift at the surface)"
             notes.append(
-                f"no profile of the current was used: the estimate rests on {self.path_means} mean currents between fixes alone, "
-                "which tell nothing of how the current changes with depth but through the ensemble"
+                f"no profile of the current was used: the estimate rests on {means - drifts} mean currents of dives and {drifts} drifts "
+                f"between fixes alone{more}; how the current changes with depth is known from the ensemble only"
             )
         if self.interpolated:
             notes.append(
