@@ -121,7 +121,8 @@ def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> StatedPing | st
         place = _position(payload, entry)
     if isinstance(place, str):
         return place
-    fields: dict[str, Any] = {"vehicle_depth_needed": True}
+    # a cell of an instrument is where it is on a vessel that states no depth, too; a velocity at the vehicle needs the vehicle's
+    fields: dict[str, Any] = {"vehicle_depth_needed": True} if entry.distance is None else {}
     if entry.at_depth is not None:
         fields = {"pressure": 0.0, "transducer_depth": entry.at_depth}
     elif entry.depth is not None:
