@@ -134,7 +134,8 @@ def open_log(path: Path, input: int = 0, config: LogConfig | None = None, wanted
         if form.recognises(head):
             return form.load()(path, input, config, wanted)
     for plugin in entry_points(group=PLUGINS):
-        if (log := plugin.load()(path, input, config, wanted)) is not None:
+        log: LogFile | None = plugin.load()(path, input, config, wanted)
+        if log is not None:
             return log
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
