@@ -172,12 +172,13 @@ def _profile(values: Mapping[str, NDArray[Any]], n: int) -> Mapping[str, Array]:
         return {}
     depth = values["profile_depth"].ravel()
     east, north = values["profile_east"], values["profile_north"]
-    if east.shape == (depth.size, n):
+    if east.shape == north.shape == (depth.size, n):
         # a square is depth first, as the files of this dialect are
         east, north = east.T, north.T
-    order = np.argsort(values["time"], kind="stable")
-    order = order[values["time"][order] > 0]
-    return {"depth": depth, "east": east[order], "north": north[order]} if east.shape == (n, depth.size) else {}
+    time_ns = values["time"].ravel() if "time" in values else np.empty(0, np.int64)
+    order = np.argsort(time_ns, kind="stable")
+    order = order[time_ns[order] > 0]
+    return {"depth": depth, "east": east[order], "north": north[order]} if east.shape == north.shape == (n, depth.size) else {}
 
 
 def joined(parts: Sequence[Columns]) -> Columns:

@@ -143,7 +143,7 @@ def _with_ends(candidate: _Candidate, samples: Table, fixes: Fixes, ascent_share
     deepest = float(np.nanmax(depth)) if np.isfinite(depth).any() else candidate.number("deepest")
     dive = candidate.number("dive")
     middle = None
-    if candidate.time("dac_time") and np.unique(samples["time"][candidate.rows]).size == 1:
+    if candidate.time("dac_time") and candidate.rows.size and np.unique(samples["time"][candidate.rows]).size == 1:
         middle = End(candidate.time("dac_time"), candidate.number("dac_longitude"), candidate.number("dac_latitude"))
     return DiveMean(
         candidate.number("dac_east"),
@@ -198,7 +198,7 @@ def _time_within(candidate: _Candidate, samples: Table) -> int:
     time_ns, depth = samples.get("time", np.empty(0, np.int64)), samples.get("depth", np.empty(0))
     known = np.isfinite(depth) if depth.size else np.zeros(0, np.bool_)
     stated = candidate.time("dac_time")
-    if not known.any():
+    if not known.any() or not (stated or candidate.rows.size):
         return stated
     own = candidate.rows[np.isfinite(depth[candidate.rows])] if candidate.rows.size else candidate.rows
     if not stated and own.size and depth[own].max() > _SURFACE:

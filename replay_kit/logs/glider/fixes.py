@@ -62,7 +62,9 @@ def _table(table: Table, part: str) -> tuple[NDArray[np.int64], Array, Array, Ar
 
 
 def _by_state(samples: Table, notes: list[str]) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    if "dead_reckoning" in samples:
+    if not {"longitude", "latitude"} <= set(samples):
+        measured = np.zeros(0, np.bool_)
+    elif "dead_reckoning" in samples:
         measured = samples["dead_reckoning"] == 0.0
     elif "nav_state" in samples:
         measured = samples["nav_state"] == _FIX_STATE

@@ -22,6 +22,8 @@ _SECONDS |= {"second": 1.0, "sec": 1.0, "s": 1.0, "minute": 60.0, "min": 60.0, "
 _SINCE = re.compile(r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*", re.IGNORECASE)
 # 1971 and 2100: clocks that lost their time count from 1970
 _FIRST_NS, _LAST_NS = 31_536_000 * 10**9, 4_102_444_800 * 10**9
+# of any epoch; more is no time, and does not fit into 64 bits of nanoseconds
+_MOST_MS = 9e12
 _EPOCH_SECONDS = (3.5e8, 4.1e9)
 # rad; a mission whose headings all lie below a turn, or whose tilts all lie below a right angle, is in radians
 _TURN, _LEAST_ANGLES = 6.3, 20
@@ -122,20 +124,26 @@ def time_ns(name: str, stored: Stored, file: NetcdfFile, notes: list[str]) -> tu
     units, match = stored.units, _SINCE.fullmatch(stored.units)
     values = stored.values.astype(np.float64) if stored.values.dtype.kind == "f" else stored.values
     finite = np.isfinite(stored.unpacked())
+    stated = finite.copy()
     factor, epoch_ms = 1000.0, 0
     word = match[1].lower() if match is not None else ""
     word = word if word in _SECONDS else word.removesuffix("s")
-    if match is not None and word in _SECONDS:
-        factor, epoch_ms = 1000.0 * _SECONDS[word], _epoch_ms(match)
+    epoch = _epoch_ms(match) if match is not None and word in _SECONDS else None
+    if epoch is not None:
+        factor, epoch_ms = 1000.0 * _SECONDS[word], epoch
     else:
         inside = (stored.unpacked() > _EPOCH_SECONDS[0]) & (stored.unpacked() < _EPOCH_SECONDS[1])
         if finite.any() and inside.any():
             notes.append(f"{name}: {f'unit {units!r}' if units else 'no unit'}, taken as seconds since 1970")
         finite &= inside
-    milliseconds = np.round(np.where(finite, values * factor, 0.0)).astype(np.int64) + epoch_ms
+    with np.errstate(over="ignore"):
+        since = np.where(finite, values * factor, np.nan)
+    countable = np.abs(since) < _MOST_MS
+    milliseconds = np.round(np.where(countable, since, 0.0)).astype(np.int64) + epoch_ms
+    finite &= countable
     found = milliseconds * 1_000_000
     known = finite & (found > _FIRST_NS) & (found < _LAST_NS)
-    if finite.any() and not known.any():
+    if stated.any() and not known.any():
         raise LogError(
             f"{file.path}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
             f"times from {np.nanmin(stored.unpacked()):g} on; process the dive again, or correct the units"
@@ -143,9 +151,12 @@ def time_ns(name: str, stored: Stored, file: NetcdfFile, notes: list[str]) -> tu
     return np.where(known, found, 0), known
 
 
-def _epoch_ms(match: re.Match[str]) -> int:
+def _epoch_ms(match: re.Match[str]) -> int | None:
     year, month, day, hour, minute, second = (int(part or 0) for part in match.groups()[1:7])
-    whole = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+    try:
+        whole = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+    except ValueError:
+        return None
     return round(whole.timestamp()) * 1000 + round(float(match[8] or 0.0) * 1000.0)
 
 

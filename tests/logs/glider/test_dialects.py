@@ -1,5 +1,6 @@
 """The forms of gliders' files without a real sample: the field and the fixes that were written come back, to packing precision."""
 
+import contextlib
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -223,3 +224,48 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path: Path) -> None:
 
 def _packed_rows(values: np.ndarray, n: int) -> tuple[np.ndarray, dict[str, Any]]:
     return made.packed(np.tile(values[:, None], (1, n)), 1e-4)
+
+
+@pytest.mark.parametrize("form", [*DACS, "midas"])
+@pytest.mark.parametrize("seed", range(6))
+def test_files_that_lack_variables_or_hold_nonsense_are_read_or_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str, seed: int
+) -> None:
+    """One variable each is left out, emptied, reversed, made large, cut to half on a dimension of its own, or of an impossible unit."""
+    rng = np.random.default_rng([seed, *form.encode()])
+    write = made.write
+
+    def damaged(path: Path, variables: made.Variables, *rest: Any, **named: Any) -> Path:
+        name = str(rng.choice(list(variables)))
+        dims, values, attributes = variables[name]
+        values = np.asarray(values)
+        number = values.dtype.kind == "f"
+        changed = [
+            None,
+            (dims, np.full(values.shape, np.nan) if number else values, attributes),
+            (dims, values[::-1] if values.ndim else values, attributes),
+            (dims, values * 1e30 if number else values, attributes),
+            (tuple(f"own{k}" for k in range(values.ndim)), values[: len(values) // 2] if values.ndim else values, attributes),
+            (dims, values, attributes | {"units": "days since 2000-13-45"}),
+        ][seed]
+        kept = {key: value for key, value in variables.items() if key != name and not (values.ndim and key in dims and seed == 4)}
+        return write(path, kept | ({} if changed is None else {name: changed}), *rest, **named)
+
+    monkeypatch.setattr(made, "write", damaged)
+    given = made.midas(tmp_path / "a.nc", VELOCITY, _BEAMS) if form == "midas" else DACS[form][1](tmp_path)
+    found = []
+    with contextlib.suppress(LogError):
+        found = list(observations(merge(open_logs(given if isinstance(given, list) else [given]), 1.0), MeasurementConfig()))
+    # nothing that is not finite leaves the reader, and no error but our own
+    assert all(np.isfinite(event.velocity).all() for event in found if isinstance(event, PathMean))
+
+
+def test_beams_of_other_cells_are_refused(tmp_path: Path) -> None:
+    path = made.midas(tmp_path / "a.nc", VELOCITY, _BEAMS)
+    import h5py
+
+    with h5py.File(path, "r+") as file:
+        del file["Data/Average/VelocityBeam2"]
+        file["Data/Average/VelocityBeam2"] = np.zeros((2, 4))
+    with pytest.raises(LogError, match=r"expected beams with the same cells at each of 2 times, got VelocityBeam1 \(2, 5\), VelocityBeam2"):
+        open_log(path)

@@ -14,7 +14,7 @@ from tests.command import invoke
 from tests.logs.glider import glider_samples as made
 from tests.places import DATA
 
-FAST = "--modes 20 --place-ensemble --overwrite --estimator.sample-share 0.5 --estimator.shift-distance 0".split()
+FAST = ["--modes", "20", "--place-ensemble", "--overwrite", "--estimator.sample-share", "0.5", "--estimator.shift-distance", "0"]
 
 
 @pytest.fixture(scope="module")
