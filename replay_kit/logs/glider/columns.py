@@ -63,7 +63,14 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
     for key, name in chosen.items():
         stored = file.variables[name]
         if key in TIMES:
-            values[key], known = units.time_ns(name, stored, file, notes)
+            try:
+                values[key], known = units.time_ns(name, stored, file, notes)
+            except LogError:
+                # of a basestation's file each time counts; others fill what they do not use with any number
+                if key == "time" or dialect.name == "seaglider":
+                    raise
+                notes.append(f"{name}: holds no time of a mission, not used")
+                continue
             if not known.all():
                 notes.append(f"{name}: {int((~known).sum())} values without a time, left out")
         elif key in QUANTITIES:
@@ -142,8 +149,10 @@ def _grouped(values: Mapping[str, NDArray[Any]], skipped: tuple[tuple[str, str, 
     own = {key: values[key].ravel() for key in (*_DAC, "dive") if key in values}
     dac = _same_length(own, "dac_east") if "dac_east" in own and "dac_east" not in samples else {}
     gps = {key: values[key].ravel() for key in _GPS if key in values}
-    if "gps_longitude" in gps and "gps_time" not in gps and gps["gps_longitude"].size == n:
-        gps["gps_time"] = values["time"]
+    if "gps_longitude" in gps and gps["gps_longitude"].size == n == gps.get("gps_time", np.zeros(n)).size:
+        # some writers state the position of a fix and leave its time to the row
+        own_time = gps.get("gps_time", np.zeros(n, np.int64))
+        gps["gps_time"] = np.where(own_time > 0, own_time, values["time"].ravel())
     gps = _same_length(gps, "gps_longitude") if {"gps_time", "gps_longitude", "gps_latitude"} <= set(gps) else {}
     profile = _profile(values, n)
     if not profile:

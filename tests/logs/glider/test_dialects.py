@@ -269,3 +269,26 @@ def test_beams_of_other_cells_are_refused(tmp_path: Path) -> None:
         file["Data/Average/VelocityBeam2"] = np.zeros((2, 4))
     with pytest.raises(LogError, match=r"expected beams with the same cells at each of 2 times, got VelocityBeam1 \(2, 5\), VelocityBeam2"):
         open_log(path)
+
+
+def test_times_of_fixes_that_are_all_fill_do_not_cost_the_file(tmp_path: Path) -> None:
+    import h5py
+
+    path = made.bodc(tmp_path / "a.nc")
+    with h5py.File(path, "r+") as file:
+        file["TIME_GPS"][...] = -1.0
+    log = open_log(path)
+    # the rows' own times stand for them
+    assert [message.time_ns for message in log.messages() if message.topic == "/vehicle/fix"] == [
+        round(made.START + seconds) * 10**9 for seconds in made.FIXES[:, 0]
+    ]
+    assert "TIME_GPS: holds no time of a mission, not used" in log.report().notes
+    with h5py.File(path, "r+") as file:
+        file["TIME_GPS"][0] = made.START + 5.0
+    assert [message.time_ns - round(made.START) * 10**9 for message in open_log(path).messages() if message.topic == "/vehicle/fix"] == [
+        seconds * 10**9 for seconds in (5, 3600, 4200, 7800)
+    ]
+    with h5py.File(path, "r+") as file:
+        file["TIME"][...] = -1.0
+    with pytest.raises(LogError, match="TIME: expected units"):
+        open_log(path)
