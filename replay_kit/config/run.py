@@ -103,16 +103,10 @@ class MeasurementConfig(_Section):
     """``[measurements]``: how messages become observations."""
 
     position_max_age: float = Field(
-        default=600.0,
-        gt=0.0,
-        description="Longest time from a ping to the nearest fix [s]; a ping farther from any fix is used only in a dive, see "
-        "position_max_gap.",
+        default=600.0, gt=0.0, description="Longest time from a ping to the nearest fix [s]; a farther ping is used in a dive only."
     )
     position_max_gap: float = Field(
-        default=86400.0,
-        gt=0.0,
-        description="Longest time between two positions that enclose a dive [s]; a ping in the dive is placed between them, however far in "
-        "time, and the error of its place is reported.",
+        default=86400.0, gt=0.0, description="Longest time between the positions about a dive, from which its pings are placed [s]."
     )
     surface_depth: float = Field(default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m].")
     velocity_std: float = Field(
@@ -125,8 +119,7 @@ class MeasurementConfig(_Section):
     use_relative: bool = Field(default=True, description="Use profiles relative to a platform of unknown velocity, for their shear.")
     use_dac: bool = Field(default=True, description="Use the depth-averaged currents of dives.")
     use_inverted: bool = Field(
-        default=True,
-        description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these.",
+        default=True, description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these."
     )
     dead_reckoning: Literal["corrected", "through_water"] = Field(
         default="corrected",
@@ -134,9 +127,7 @@ class MeasurementConfig(_Section):
         "dives whose log states none.",
     )
     dac_std: float = Field(
-        default=0.02,
-        gt=0.0,
-        description="Standard error of a depth-averaged current that states none [m/s], in addition to that of its fixes.",
+        default=0.02, gt=0.0, description="Standard error of a depth-averaged current that states none [m/s], beside that of its fixes."
     )
     use_drift: bool = Field(
         default=False, description="Use the drift between fixes at the surface as a current; not for vehicles under power."
