@@ -139,7 +139,7 @@ class RunStatistics:
                 for report in reports
                 if report.without_stamp
             ),
-            *(f"{report.path}: {note}" for report in reports for note in report.notes),
+            *_notes_of(reports),
             *self.profiles.notes(),
             *(
                 f"{count} mean currents ({kind}): not supported by this estimator"
@@ -184,6 +184,15 @@ class RunStatistics:
                 for dive, sums in sorted(counts.dives.items())
             ),
         )
+
+
+def _notes_of(reports: Sequence[LogReport]) -> list[str]:
+    """Return the readers' notes with their logs; one that several logs have is given once, with their number."""
+    logs: dict[str, list[str]] = defaultdict(list)
+    for report in reports:
+        for note in report.notes:
+            logs[note].append(report.path)
+    return [f"{paths[0] if len(paths) == 1 else f'{len(paths)} logs'}: {note}" for note, paths in logs.items()]
 
 
 def _describe(rows: Sequence[TopicRow]) -> str:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from replay_kit.core.message import Message
+from replay_kit.core.message import LogReport, Message
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.workflows.replay.statistics import RunStatistics
 from tests import synthetic
 from tests.command import invoke
 from tests.logs.glider import glider_samples as made
@@ -122,3 +123,11 @@ def test_mean_currents_of_real_files_are_used(ocean, name, used):
     (dac,) = (row for row in answer["messages"] if row["topic"] == "/dac")
     assert (dac["read"], dac["used"]) == (used, used)
     assert answer["observations"]["used"] + answer["observations"]["rejected"] == used
+
+
+def test_a_note_that_several_logs_have_is_given_once():
+    def report(path, *notes):
+        return LogReport(path, "seaglider", {}, {}, (), notes=notes)
+
+    notes = RunStatistics().notes([report("a.nc", "feet", "miles"), report("b.nc", "feet")])
+    assert notes == ["2 logs: feet", "a.nc: miles"]
