@@ -2,6 +2,7 @@
 
 import gzip
 import re
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,6 @@ _EPOCH = {"units": "seconds since 1970-01-01"}
 def is_seaexplorer(head: bytes) -> bool:
     """Return whether a file that begins with these bytes is one, compressed or not."""
     if head.startswith(_GZIP):
-        import zlib
-
         try:
             head = zlib.decompressobj(wbits=31).decompress(head, 256)
         except zlib.error:
@@ -42,7 +41,7 @@ def open_seaexplorer(path: Path, choose: Choose) -> NetcdfFile:
             compressed = raw.read(2) == _GZIP
         with gzip.open(path, "rb") if compressed else open(path, "rb") as file:
             lines = file.read(_MOST).decode("utf-8-sig", "replace").splitlines()
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise LogError(f"{path}: cannot be read as a SeaExplorer's file: {error}; is the file whole?") from error
     names = [name.strip() for name in lines[0].split(";")]
     rows = [fields for line in lines[1:] if len(fields := line.split(";")) == len(names)]

@@ -1,6 +1,7 @@
 """The forms of gliders' files without a real sample: the field and the fixes that were written come back, to packing precision."""
 
 import contextlib
+import gzip
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -291,4 +292,18 @@ def test_times_of_fixes_that_are_all_fill_do_not_cost_the_file(tmp_path: Path) -
     with h5py.File(path, "r+") as file:
         file["TIME"][...] = -1.0
     with pytest.raises(LogError, match="TIME: expected units"):
+        open_log(path)
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped"])
+def test_a_damaged_compressed_file_is_an_error_of_ours(tmp_path: Path, damage: str) -> None:
+    first, _ = made.seaexplorer(tmp_path / "raw")
+    data = bytearray(gzip.compress(first.read_bytes(), mtime=0))
+    path = tmp_path / "sea063.22.gli.sub.9.gz"
+    path.write_bytes(bytes(data))
+    assert len(list(open_log(path).messages())) == 13
+    # cut in the middle, or with one bit of its checksum changed
+    data[-6] ^= 1
+    path.write_bytes(bytes(data[: len(data) // 2]) if damage == "cut" else bytes(data))
+    with pytest.raises(LogError, match="cannot be read as a SeaExplorer's file"):
         open_log(path)
