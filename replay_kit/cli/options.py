@@ -142,7 +142,11 @@ def _is(path: Path, value: str) -> bool:
 PART_OF_FORECAST = tuple(f"forecast.{key}" for key in ("region", "levels", "level_step", "lead", "time", "reference_time"))
 Log = Annotated[
     Path,
-    argument("LOG", "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP); merged by time."),
+    argument(
+        "LOG",
+        "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other gliders' NetCDF, "
+        "SeaExplorer's raw files, or folders of these; merged by time.",
+    ),
 ]
 PLACE = Numbers("LON,LAT,DEPTH")
 MCAP, NETCDF = Ending((".mcap",)), Ending((".nc",))

@@ -78,7 +78,10 @@ class MeasurementConfig(_Section):
     """``[measurements]``: how messages become observations."""
 
     position_max_age: float = Field(
-        default=600.0, gt=0.0, description="Longest time from a ping to the nearest fix [s]; a ping farther from any fix is not used."
+        default=600.0, gt=0.0, description="Longest time from a ping to the nearest fix [s]; a farther ping is used in a dive only."
+    )
+    position_max_gap: float = Field(
+        default=86400.0, gt=0.0, description="Longest time between the positions about a dive, from which its pings are placed [s]."
     )
     surface_depth: float = Field(default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m].")
     velocity_std: float = Field(
@@ -99,9 +102,7 @@ class MeasurementConfig(_Section):
         "dives whose log states none.",
     )
     dac_std: float = Field(
-        default=0.02,
-        gt=0.0,
-        description="Standard error of a depth-averaged current that states none [m/s], in addition to that of its fixes.",
+        default=0.02, gt=0.0, description="Standard error of a depth-averaged current that states none [m/s], beside that of its fixes."
     )
     use_drift: bool = Field(
         default=False, description="Use the drift between fixes at the surface as a current; not for vehicles under power."

@@ -103,6 +103,7 @@ class ReplaySummary:
         outcomes: Predicted surfacings with the actual ones.
         truth: Score against a truth, if one was given.
         notes: What the user should know.
+        lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
     """
 
     messages: tuple[TopicRow, ...]
@@ -123,6 +124,7 @@ class ReplaySummary:
     outcomes: tuple[Outcome, ...] = ()
     truth: TruthScore | None = None
     notes: tuple[str, ...] = ()
+    lost_pings: str = ""
 
     def __repr__(self) -> str:
         """Return the sentences on the estimate."""
@@ -160,6 +162,7 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
             "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
             "truth": asdict(summary.truth) if summary.truth else None,
             "notes": list(summary.notes),
+            "lost_pings": summary.lost_pings,
         }
     )
     return summary_json
@@ -184,6 +187,8 @@ def print_summary(summary: ReplaySummary, console: Console, verbose: bool = Fals
         console: Where to.
         verbose: Whether each topic and each dive has a row of its own.
     """
+    if summary.lost_pings:
+        print_lines(console, [f"MANY PINGS LOST: {summary.lost_pings}"])
     rows = ((row.topic, str(row.read), str(row.used), str(row.skipped)) for row in summary.messages)
     print_table(console, "Messages", ("topic", "read", "used", "skipped"), folded(rows, verbose))
     print_lines(console, not_used_lines({row.topic: row.reasons for row in summary.messages}, verbose))

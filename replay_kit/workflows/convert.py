@@ -19,7 +19,7 @@ from replay_kit.core.message import LogReport, Loss
 from replay_kit.core.paths import check_paths
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.raw import RawMessage
-from replay_kit.logs import merge, open_log
+from replay_kit.logs import merge, open_logs
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.reader import LogFile, RawLog
@@ -87,7 +87,7 @@ def convert(inputs: Sequence[Path], out: Path, overwrite: bool, config: LogConfi
         raise ConfigError("convert: expected at least one log, got none")
     check_paths(inputs, [out], overwrite)
     with ExitStack() as opened:
-        logs = [opened.enter_context(open_log(path, number, config)) for number, path in enumerate(inputs)]
+        logs = [opened.enter_context(log) for log in open_logs(inputs, config)]
         return (_to_tlog if out.suffix.lower() == ".tlog" else _to_mcap)(logs, out, config, reading(logs, progress, "converting"))
 
 

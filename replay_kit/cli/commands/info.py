@@ -46,14 +46,10 @@ def info(
 
     from replay_kit.measurements import suggestions
     from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
-    from replay_kit.workflows.info.inspect import info_json, inspect_log, print_info
+    from replay_kit.workflows.info.inspect import info_json, inspect_logs, next_command, print_info
 
-    found = []
     with progress() as advance:
-        for k, path in enumerate(logs):
-            # one log is no share of the work
-            advance(k, len(logs) if len(logs) > 1 else 0, f"reading: {path}")
-            found.append(inspect_log(path, config))
+        found = inspect_logs(logs, config, advance)
         check = None
         if ensemble is not None:
             advance(0, 1, "checking against the ensemble")
@@ -63,8 +59,9 @@ def info(
         print_info(log, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
+    console.print(next_command(found, [str(path) for path in logs]), soft_wrap=True)
     if suggest is not None:
         write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
-    answer = {"logs": [info_json(log) for log in found]}
+    answer = {"logs": [info_json(log) for log in found], "next": next_command(found, [str(path) for path in logs])}
     write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
     return 4 if any(log.report.losses for log in found) else 0

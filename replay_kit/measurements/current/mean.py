@@ -39,6 +39,7 @@ class MeanCurrent:
         start: The fix before the dive; None when not stated.
         end: The fix after it; None when not stated.
         dive: Number of its dive; None when not stated.
+        max_depth: Greatest depth of its dive [m]; NaN when not stated.
     """
 
     velocity: tuple[float, float]
@@ -46,6 +47,7 @@ class MeanCurrent:
     start: Fix | None
     end: Fix | None
     dive: int | None
+    max_depth: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +176,9 @@ def _path_of(dives: Dives, mean: MeanCurrent, source: Source) -> tuple[Path, Veh
     if path is not None and _same(path.start, start) and path.last.time_ns <= end.time_ns and math.isfinite(path.deepest):
         # the fix after the dive has not come yet
         return path, last
-    deepest = max((known.deepest for known in (path, dives.done and dives.done[0]) if known is not None), key=_finite, default=math.nan)
+    deepest = mean.max_depth
+    if not math.isfinite(deepest):
+        deepest = max((known.deepest for known in (path, dives.done and dives.done[0]) if known is not None), key=_finite, default=math.nan)
     if not math.isfinite(deepest):
         return None
     return replace(begin(VehicleState(*start, 0.0, False, source)), deepest=deepest), last

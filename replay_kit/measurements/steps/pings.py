@@ -116,7 +116,8 @@ def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_mess
     if not np.isfinite(state.depth) and np.isfinite(depth):
         # a log known only depth is the ping's own pressure still has dives
         state = replace(at_depth(state, depth, config), depth=float("nan"))
-    waiting = replace(waiting, dive=state.dive if ping.dive is None else ping.dive)
+    dive = state.dive if ping.dive is None else ping.dive
+    waiting = replace(waiting, dive=dive, in_dive=state.submerged and state.fix is not None)
     if state.fix is not None and state.fix.time_ns == source.time_ns == until_ns:
         return state, observe(waiting, state.fix, None, config)
     return replace(state, waiting=add(state.waiting, waiting)), []

@@ -3,6 +3,7 @@
 The waiting pings are one tuple in the order of their times: to add a ping costs a copy of the tuple and no more.
 """
 
+import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -21,6 +22,9 @@ from replay_kit.measurements.ping.profile import profile_of
 from replay_kit.measurements.quality.ping import checks, flags_of
 from replay_kit.measurements.vehicle.vessel_velocity import Fixes, fixes_around, vessel_velocity
 
+# m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
+# the straight way between its ends, is off by this times T s (1 - s)
+_SPEED_STD = 0.1
 #: The reason of a ping that is no absolute profile, where these alone are wanted.
 RELATIVE = "velocity relative to the platform, whose own motion is not known"
 _time = attrgetter("source.time_ns")
@@ -37,6 +41,7 @@ class WaitingPing:
         dive: The dive it belongs to.
         n_messages: Messages that carried it: more than one in MAVLink.
         until_ns: When the fixes are there that give its place, and its platform's velocity [ns, UTC].
+        in_dive: Whether the vehicle was in a dive, and a position before it is known.
     """
 
     ping: AdcpPing
@@ -45,6 +50,11 @@ class WaitingPing:
     dive: int
     n_messages: int
     until_ns: int
+    in_dive: bool = False
+
+    def longest_wait(self, config: MeasurementConfig) -> float:
+        """Return how long it waits for a position [s]."""
+        return max(config.position_max_gap, config.position_max_age) if self.in_dive else config.position_max_age
 
 
 def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
@@ -105,7 +115,7 @@ def observe(waiting: WaitingPing, before: VehicleState | None, after: VehicleSta
         config: How messages become observations.
     """
     ping, source = waiting.ping, waiting.source
-    position = _interpolate(source.time_ns, before, after, config.position_max_age)
+    position, position_std = _place(waiting, before, after, config)
     if position is None:
         return refuse(waiting, f"no position within {config.position_max_age:g} s")
     # a log that never states a depth is a surface vessel's
@@ -131,6 +141,7 @@ def observe(waiting: WaitingPing, before: VehicleState | None, after: VehicleSta
         common_std,
         ping.correlation_depth if ping.correlation_depth >= 0.0 else config.correlation_depth,
         platform_velocity,
+        position_std=position_std,
     )
     return [*[Used(source.topic)] * (waiting.n_messages - 1), Used(source.topic, found), observation]
 
@@ -138,6 +149,20 @@ def observe(waiting: WaitingPing, before: VehicleState | None, after: VehicleSta
 def refuse(ping: WaitingPing, reason: str) -> list[Event]:
     """Return the events of a ping that is not used, one for each message that carried it."""
     return [Skipped(ping.source.topic, reason)] * ping.n_messages
+
+
+def _place(
+    waiting: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig
+) -> tuple[tuple[float, float] | None, float]:
+    """Return longitude and latitude of a ping, or None, and the standard deviation of a place that lies far from both positions [m]."""
+    time_ns = waiting.source.time_ns
+    near = _interpolate(time_ns, before, after, config.position_max_age)
+    if near is not None or not waiting.in_dive or before is None or after is None:
+        return near, 0.0
+    gap_s, since_s = (after.time_ns - before.time_ns) * 1e-9, (time_ns - before.time_ns) * 1e-9
+    if gap_s > config.position_max_gap:
+        return None, 0.0
+    return _interpolate(time_ns, before, after, math.inf), _SPEED_STD * since_s * (1.0 - since_s / gap_s)
 
 
 def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float) -> tuple[float, float] | None:

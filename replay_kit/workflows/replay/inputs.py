@@ -12,12 +12,12 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.observation import VehicleState
+from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress
 from replay_kit.forecast import read_truth
-from replay_kit.logs import merge, open_log
+from replay_kit.logs import merge, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
@@ -85,7 +85,7 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     mapped = [entry.topic.split("/") for entry in config.measurements.map]
     # a schema of DataFlash has its format's name before that of the record
     wanted = MAVLINK_NAMES | {".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped}
-    return [open_log(path, position, config.logs, wanted=wanted) for position, path in enumerate(logs)]
+    return list(open_logs(logs, config.logs, wanted))
 
 
 def reading(logs: Sequence[LogReader | LogFile], progress: Progress, what: str) -> Callable[[], None]:
@@ -104,7 +104,7 @@ def reading(logs: Sequence[LogReader | LogFile], progress: Progress, what: str) 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
     """Copy the logs' messages unchanged into the result, if the job asks for it: of a telemetry log its frames."""
     if job.include_inputs:
-        logs = [open_log(path, number, config) for number, path in enumerate(job.logs)]
+        logs = open_logs(job.logs, config)
         writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames else log.raw_messages()))
 
 
@@ -132,13 +132,15 @@ def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
 def _positions(logs: Sequence[Path], config: RunConfig) -> tuple[list[tuple[float, float]], int | None]:
     """Return the longitudes and latitudes that a replay would use, and the time of its first message."""
     settings, first_ns = config.logs, None
-    state, positions = initial_state(settings.system), []
+    state, positions, placed = initial_state(settings.system), [], []
     for message in merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns):
         first_ns = message.time_ns if first_ns is None else first_ns
         state, events = interpret(state, message, config.measurements)
         if settings.start_ns is None or message.time_ns >= settings.start_ns:
             positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
-    return positions, first_ns
+            placed += [(event.longitude, event.latitude) for event in events if isinstance(event, Observation)]
+    # measurements with places of their own do not say where the vehicle is, but where to place the ensemble
+    return positions or placed, first_ns
 
 
 def check_goal(planner: Planner, flow: FlowEstimate, job: ReplayJob, config: RunConfig) -> None:
@@ -186,6 +188,7 @@ def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, f
         raise MeasurementError(
             f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; "
             + ("widen --start and --end, or leave the option out" if between else "leave the option out")
+            + f"; replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
         )
     longitude, latitude = np.array(positions).T
     # on the unit circle, because longitudes may lie on both sides of the antimeridian

@@ -142,6 +142,8 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progres
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
     metadata = {} if job.out is None else run_metadata(job.logs, job.ensemble, ensemble, _options(job, prior_flow))
+    if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
+        metadata["replay_kit.reading"] = assumed
     session = Session(estimator, ensemble.grid.levels, config, problem, clock)
     return session, _Inputs(job, readers, forecasts, prior_flow, truth, metadata)
 
