@@ -16,6 +16,7 @@ from cyclopts.token import Token
 
 from replay_kit import __version__
 from replay_kit.cli.console import wide_console
+from replay_kit.cli.ensembles import repeat_ensembles
 from replay_kit.cli.options import CHOICES, check_endings
 from replay_kit.core.errors import ReplayKitError
 
@@ -25,10 +26,10 @@ gc.set_threshold(50_000, 20, 20)
 # What each command needs, and what it does.
 _COMMANDS = {
     "replay": (
-        "LOG... --ensemble FILE -o OUT.mcap",
+        "LOG... --ensemble FILE... -o OUT.mcap",
         "Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP.",
     ),
-    "info": ("LOG...", "Report what is in a log and what it can be used for."),
+    "info": ("LOG... | --ensemble FILE...", "Report what is in a log or a forecast and what it can be used for."),
     "qc": ("LOG...", "Show the outcome of each quality test of the ADCP's bins, and the dives of the track."),
     "convert": (
         "LOG... -o OUT.mcap|OUT.tlog",
@@ -129,7 +130,7 @@ def run(arguments: list[str]) -> int:
         CycloptsError: The arguments cannot be parsed.
         ReplayKitError: The command ended with an error of its own.
     """
-    code = app(arguments, console=wide_console())
+    code = app(repeat_ensembles(arguments), console=wide_console())
     # without a command the help is shown, but nothing was done
     return 2 if arguments in ([], ["experiment"]) else code or 0
 

@@ -156,8 +156,19 @@ class MeasurementConfig(_Section):
 
 
 class ForecastConfig(_Section):
-    """``[forecast]``: which part of the ensemble is used."""
+    """``[forecast]``: what the members of the ensemble are, and which part of it is used."""
 
+    members: Annotated[str | None, Option("--members", "RULE")] = Field(
+        default=None,
+        pattern=r"^(dim(:.+)?|files(:.+)?|suffix|lags|times:\d+(\.\d+)?d?|models)$",
+        description="What a member is. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; suffix: "
+        "variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so many "
+        "days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
+        "dimension, else labels such as mem001 in the names of files.",
+    )
+    axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(
+        default="auto", description="Whether velocities lie along the grid's axes or along true east and north; auto: as the file says."
+    )
     region: Annotated[tuple[float, float, float, float] | None, Option("--region", "W,S,E,N")] = Field(
         default=None, description="West, south, east and north bound of the part used [degrees]. Default: all."
     )

@@ -60,6 +60,7 @@ class Ensemble:
         time_ns: Time of the forecast [ns, UTC]; None when the file gives none.
         source: Path of the file, with ``#member`` when one was chosen.
         notes: What a user should know of how the file was read.
+        members: Where each member comes from; empty for what was not read from files.
     """
 
     grid: Grid
@@ -67,6 +68,7 @@ class Ensemble:
     time_ns: int | None
     source: str
     notes: tuple[str, ...] = ()
+    members: tuple[str, ...] = ()
 
     @property
     def n_members(self) -> int:

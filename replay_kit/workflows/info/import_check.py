@@ -89,7 +89,7 @@ class ImportCheck:
     note: str = ""
 
 
-def check_logs(logs: Sequence[Path], ensemble: Path, config: RunConfig) -> ImportCheck:
+def check_logs(logs: Sequence[Path], ensemble: Path | Sequence[Path], config: RunConfig) -> ImportCheck:
     """Return the check of a mission's logs, which may place each other's profiles, against an ensemble.
 
     Raises:

@@ -1,5 +1,6 @@
 """From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -42,14 +43,14 @@ class Forecasts:
         return min(self.series, key=lambda forecast: abs((forecast.time_ns or 0) - time_ns))
 
 
-def read_forecasts(path: Path, config: RunConfig, near_ns: int | None, place_at: tuple[float, float] | None) -> Forecasts:
+def read_forecasts(path: Path | Sequence[Path], config: RunConfig, near_ns: int | None, place_at: tuple[float, float] | None) -> Forecasts:
     """Return the forecast at the time, or the times, that the settings ask for.
 
     The estimate goes through time where the forecast has several dated times (unless one is chosen, or ``time.scale`` is static), and
     where a time scale, oscillations or biases are asked for. Else it is static.
 
     Args:
-        path: The ensemble.
+        path: Files of the ensemble.
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
         place_at: (longitude, latitude) to move the ensemble's centre to.

@@ -17,6 +17,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
+from replay_kit.forecast import ensemble_files
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
@@ -132,7 +133,7 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None) -> tupl
     if job.goal is not None and planner is not None:
         planner.check(prior_flow, job.goal)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    metadata = {} if job.out is None else run_metadata(job.logs, job.ensemble, ensemble, _options(job, prior_flow))
+    metadata = {} if job.out is None else run_metadata(job.logs, ensemble_files(job.ensemble), ensemble, _options(job, prior_flow))
     session = Session(estimator, ensemble.grid.levels, config, problem, clock)
     return session, _Inputs(job, readers, forecasts, prior_flow, truth, metadata)
 

@@ -19,7 +19,7 @@ def dives(
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
     """Return 0."""
-    check_paths([*logs, ensemble, settings.file], [answer.json_file], answer.overwrite)
+    check_paths([*logs, *ensemble, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
     from replay_kit.estimator.evolving import build_evolving
@@ -34,7 +34,7 @@ def dives(
     forecasts = read_forecasts(ensemble, config, first_ns, place_at)
     with working(config.output.threads) as advance:
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
-        result = run_dives(estimator, found, config, fit, str(ensemble), advance)
+        result = run_dives(estimator, found, config, fit, " ".join(map(str, ensemble)), advance)
     console = console_beside(answer.json_file)
     for note in forecasts.notes:
         console.print(f"Note: {note}", soft_wrap=True)

@@ -62,7 +62,7 @@ def missions(
     if out is not None:
         check_folder(out)
     written = [out / name for name in FILES if (out / name).exists()] if out is not None else []
-    check_paths([truths.ensemble, settings.file], [*written, outputs.json_file], outputs.overwrite)
+    check_paths([*truths.ensemble, settings.file], [*written, outputs.json_file], outputs.overwrite)
     config = settings.load()
     series = read_series(truths.ensemble, config.forecast)
     # the study of time needs a truth that changes
