@@ -106,9 +106,8 @@ def _told(u: OpenedFile) -> tuple[str, ...]:
     named = str(variable.encoding.get("coordinates", variable.attrs.get("coordinates", ""))).split()
     lacking = [name for name in named if name not in u.ds.variables and ("lon" in name.lower() or "lat" in name.lower())]
     if lacking:
-        notes.append(
-            f"{', '.join(lacking)} are named as coordinates but are not in the file: its nominal ones were used, unless a grid file has them"
-        )
+        names = ", ".join(lacking)
+        notes.append(f"coordinates {names} are named but not in the file: nominal ones were used, unless a grid file has them")
     return tuple(notes)
 
 
