@@ -137,8 +137,11 @@ def _labelled(holders: list[OpenedFile], rule: MemberRule | None) -> list[Opened
         whole = all(file.current is not None and file.current.u and file.current.v for file in holders)
         if len(set(labels.values())) == len(holders) and not whole:
             # a file of u and one of v to each member, whose names say no member: paired in their order
-            us, vs = ([file for file in holders if file.current and bool(file.current.u) is first] for first in (True, False))
-            labels = {file.path: f"{k}" for group in (us, vs) for k, file in enumerate(sorted(group, key=lambda file: natural(file.path)))}
+            us, vs = (
+                sorted((file.path for file in holders if file.current and bool(file.current.u) is first), key=natural)
+                for first in (True, False)
+            )
+            labels |= {v: u.name for u, v in zip(us, vs, strict=False)} | {u: u.name for u in us}
         return sorted((replace(file, label=labels[file.path]) for file in holders), key=lambda file: natural(Path(file.label)))
     if kind == "lags":
         return sorted((replace(file, label=_reference(file)) for file in holders), key=lambda file: file.label)
