@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Ensemble, Projection
+from replay_kit.forecast.agreement import common_water, unusual_members
 from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.blocks import Block, Collection, Part, open_collection
 from replay_kit.forecast.grid import centre_longitude, grid_to_local, local_grid, true_to_local
@@ -22,9 +22,6 @@ from replay_kit.forecast.names import MEMBER_NAMES
 from replay_kit.forecast.regrid import bilinear, find_cells, to_levels
 from replay_kit.forecast.selection import Selected, Selection, select
 from replay_kit.forecast.window import Window, read_window
-
-# Faster than currents are, or slower: velocities in another unit than the file states.
-_ODD_SPEEDS = (0.004, 1.5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,27 +146,34 @@ def read_selection(
     layout = _layout(first.part, first.ds, config)
     window, notes = _read(first, layout, config), list(selection.notes)
     projection = local_grid(window.longitude, window.latitude, window.levels, np.ones(0, bool), None).projection
-    fields, moved, last = [_local(window, projection)], 0, layout
+    fields, alike, moved = [window.velocity], [0], 0
     around = config.model_copy(update={"region": _around(window)})
     for field in selection.fields[1:]:
         last = layout if _same_grid(field.part, first.part) else _layout(field.part, field.ds, config)
         other = _read(field, last, config if last is layout else around)
-        values = _local(other, projection)
-        if not _alike(other, window):
-            values, moved = _moved(other, values, window, projection), moved + values.shape[0]
+        values = other.velocity
+        if _alike(other, window):
+            alike.append(len(fields))
+        else:
+            values, moved = _moved(other, _local(other, projection), window, projection), moved + values.shape[0]
         fields.append(values.mean(axis=0, keepdims=True) if field.extra else values)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
+    # at once, as the turn of the frame's axes is the same for all
+    turned = _local(replace(window, velocity=np.concatenate([fields[k] for k in alike])), projection)
+    ends = np.cumsum([len(fields[k]) for k in alike])[:-1]
+    for k, values in zip(alike, np.split(turned, ends), strict=True):
+        fields[k] = values
     if moved:
         notes.append(f"{moved} members were interpolated to the grid of the first (bilinear; linear in depth)")
-    velocity = fields[0] if len(fields) == 1 else np.concatenate(fields)
+    velocity = np.concatenate(fields) if moved else turned
     if selection.change is not None:
         velocity, changed = selection.change(velocity)
         notes += changed
     labels = tuple(label for field in selection.fields if not field.extra for label in field.labels)
-    velocity, wet, holes = _common_water(velocity, labels, source)
+    velocity, wet, holes = common_water(velocity, labels, source)
     check = check_axes(window, layout, velocity, wet, projection)
     grid = local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
-    in_order = (*notes, *_placed(place_at), *window.notes, *holes, *_odd(velocity, labels, source), *check.notes, *told)
+    in_order = (*notes, *_placed(place_at), *window.notes, *holes, *unusual_members(velocity, labels, source), *check.notes, *told)
     return Reading(Ensemble(grid, velocity, selection.time_ns, source, tuple(dict.fromkeys(in_order)), labels), layout, check, first.part)
 
 
@@ -215,12 +219,14 @@ def _around(window: Window) -> tuple[float, float, float, float]:
 
 
 def _alike(one: Window, other: Window) -> bool:
-    same = all(getattr(one, name).shape == getattr(other, name).shape for name in ("longitude", "latitude", "levels"))
-    return same and all(
-        np.allclose((one.longitude - other.longitude + 180.0) % 360.0, 180.0, atol=1e-5)
-        and np.allclose(one.latitude, other.latitude, atol=1e-5)
+    """Return whether two windows have the same points, levels and axes."""
+    if one.axes != other.axes or one.longitude.shape != other.longitude.shape or one.levels.shape != other.levels.shape:
+        return False
+    apart = (one.longitude - other.longitude + 180.0) % 360.0 - 180.0
+    return bool(
+        np.abs(apart).max() < 1e-5
+        and np.abs(one.latitude - other.latitude).max() < 1e-5
         and np.allclose(one.levels, other.levels, rtol=1e-3)
-        for _ in range(1)
     )
 
 
@@ -233,32 +239,6 @@ def _moved(other: Window, values: Array, window: Window, projection: Projection)
     return bilinear(to_levels(values, other.levels, window.levels), j, i, inside)
 
 
-def _common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[Array, NDArray[np.bool_], tuple[str, ...]]:
-    """Return velocities where all members have one, where that is, and what was lost by it.
-
-    Raises:
-        ForecastError: No water is left at the first level.
-    """
-    own = np.isfinite(velocity).all(axis=1)
-    wet, anywhere = own.all(axis=0), own.any(axis=0)
-    missing = (anywhere & ~own).sum(axis=(1, 2, 3))
-    worst = int(np.argmax(missing))
-    if not anywhere[0].any():
-        raise ForecastError(f"{source}: every point of the first level is land; check the region and the variables' missing values")
-    if not wet[0].any():
-        raise ForecastError(
-            f"{source}: the masks of the members leave no water at the first level; '{labels[worst]}' misses most "
-            f"({int(missing[worst])} of {int(anywhere.sum())} points): leave it out"
-        )
-    notes = ()
-    if missing.any():
-        notes = (
-            f"{int(np.count_nonzero(missing))} of {len(labels)} members miss values where others have them, '{labels[worst]}' most "
-            f"({int(missing[worst])} of {int(anywhere.sum())} points): {int((anywhere & ~wet).sum())} points were taken for land",
-        )
-    return np.where(wet, velocity, np.nan), wet, notes
-
-
 def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
     if place_at is None:
         return ()
@@ -266,30 +246,3 @@ def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
         f"the ensemble was moved so that its centre lies at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
         "what it says of this place is no forecast",
     )
-
-
-def _odd(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[str, ...]:
-    """Return warnings of members that are the same, of speeds that no current has, and of anomalies without a state.
-
-    Raises:
-        ForecastError: All members are the same.
-    """
-    notes = []
-    seen: dict[bytes, str] = {}
-    same = []
-    for label, member in zip(labels, velocity, strict=True):
-        # a few values tell members apart; all are compared where these agree
-        key = member.tobytes()
-        if key in seen:
-            same.append(f"'{label}' and '{seen[key]}'")
-        seen.setdefault(key, label)
-    if len(labels) > 1 and len(seen) == 1:
-        raise ForecastError(f"{source}: all {len(labels)} members are the same; give members that differ")
-    if same:
-        notes.append(f"WARNING: {len(same)} members are copies of others, such as {same[0]}, and count twice: leave them out")
-    rms = float(np.sqrt(np.nanmean(velocity**2)))
-    if not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
-        notes.append(f"WARNING: currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities")
-    if len(labels) > 3 and np.sqrt(np.nanmean(velocity.mean(axis=0) ** 2)) < 1e-3 * rms:
-        notes.append("WARNING: the members cancel out in their mean, as anomalies do; give the background as bg_*.nc with --ensemble too")
-    return tuple(notes)
