@@ -16,8 +16,8 @@ def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple
     Raises:
         ForecastError: No water is left at the first level.
     """
-    own = np.isfinite(velocity).all(axis=1)
-    wet, anywhere = own.all(axis=0), own.any(axis=0)
+    own = np.asarray(np.isfinite(velocity).all(axis=1))
+    wet, anywhere = np.asarray(own.all(axis=0)), np.asarray(own.any(axis=0))
     missing = (anywhere & ~own).sum(axis=(1, 2, 3))
     worst = int(np.argmax(missing))
     if not anywhere[0].any():
@@ -27,7 +27,7 @@ def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple
             f"{source}: the masks of the members leave no water at the first level; '{labels[worst]}' misses most "
             f"({int(missing[worst])} of {int(anywhere.sum())} points): leave it out"
         )
-    notes = ()
+    notes: tuple[str, ...] = ()
     if missing.any():
         notes = (
             f"{int(np.count_nonzero(missing))} of {len(labels)} members miss values where others have them, '{labels[worst]}' most "

@@ -5,7 +5,7 @@ can carry, and, where the file has the height of the surface, the angle between 
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse
@@ -172,7 +172,7 @@ def _second(n: int) -> scipy.sparse.csr_matrix:
     return scipy.sparse.diags([np.ones(n - 2), -2.0 * np.ones(n - 2), np.ones(n - 2)], [0, 1, 2], shape=(n - 2, n)).tocsr()
 
 
-def _times(factor: Array, operator: scipy.sparse.spmatrix) -> scipy.sparse.spmatrix:
+def _times(factor: Any, operator: scipy.sparse.spmatrix) -> scipy.sparse.spmatrix:
     return scipy.sparse.diags(factor.ravel()) @ operator
 
 

@@ -77,8 +77,8 @@ def label_files(paths: Sequence[Path], expression: str) -> dict[Path, str]:
 def usual_labels(paths: Sequence[Path], expressions: Sequence[str] = _SURE) -> dict[Path, str] | None:
     """Return the members by usual names such as mem001_uv.nc, r1i1p1f1 or ens01/; None where not all files have such a name."""
     for expression in expressions:
-        for text in (lambda path: path.name, lambda path: path.parent.name):
-            found = {path: re.search(expression, text(path), re.IGNORECASE) for path in paths}
+        for texts in ([path.name for path in paths], [path.parent.name for path in paths]):
+            found = {path: re.search(expression, text, re.IGNORECASE) for path, text in zip(paths, texts, strict=True)}
             if all(found.values()) and len({match[1] for match in found.values() if match}) > 1:
                 return {path: match[1] for path, match in found.items() if match}
     return None

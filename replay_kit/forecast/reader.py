@@ -14,11 +14,12 @@ from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.forecast.agreement import common_water, unusual_members
 from replay_kit.forecast.axes import AxesCheck, check_axes
-from replay_kit.forecast.blocks import Block, Collection, Part, open_collection
+from replay_kit.forecast.blocks import Block, Collection, open_collection
 from replay_kit.forecast.grid import centre_longitude, grid_to_local, local_grid, true_to_local
 from replay_kit.forecast.layout import Layout, lay_out
 from replay_kit.forecast.members import MemberRule, parse_rule
 from replay_kit.forecast.names import MEMBER_NAMES
+from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.regrid import bilinear, find_cells, to_levels
 from replay_kit.forecast.selection import Selected, Selection, select
 from replay_kit.forecast.window import Window, read_window

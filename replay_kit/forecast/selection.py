@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from replay_kit.config.run import ForecastConfig, parse_time
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
-from replay_kit.forecast.blocks import Block, Collection, Part
+from replay_kit.forecast.blocks import Block, Collection
 from replay_kit.forecast.layout import U
 from replay_kit.forecast.names import find_lead, find_time
+from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.times import choose_time
 
 _YEAR = np.timedelta64(365, "D") + np.timedelta64(6, "h")

@@ -227,10 +227,10 @@ def _mask(source: _Source, depth: str | None, order: NDArray[np.int64]) -> NDArr
     wet = np.ones((1, 1, 1), dtype=bool)
     for name in source.layout.kind.mask:
         if name in ds.variables and set(centre) <= set(ds[name].dims):
-            return source.read(name, centre, _AT_CENTRES, None if depth is None else (depth, order))[0] > 0.0
+            return np.asarray(source.read(name, centre, _AT_CENTRES, None if depth is None else (depth, order))[0] > 0.0)
     for name in LEVEL_COUNTS:
         if name in ds.variables and set(centre) <= set(ds[name].dims):
-            return source.read(name, centre, _AT_CENTRES, None)[0] > order[:, None, None]
+            return np.asarray(source.read(name, centre, _AT_CENTRES, None)[0] > order[:, None, None])
     return wet
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from replay_kit.cli.console import console_beside, write_json, write_text
 from replay_kit.cli.options import ENSEMBLE_HELP, INPUTS, PART_OF_FORECAST, TO_OUTPUTS, Answer, Ending, LogIfAny, option
@@ -64,7 +64,7 @@ def info(
         print_import_check(check, console)
     if suggest is not None:
         write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
-    answer = {"logs": [info_json(log) for log in found]}
+    answer: dict[str, Any] = {"logs": [info_json(log) for log in found]}
     answer |= {} if forecast is None else {"forecast": ensemble_json(forecast)}
     write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
     return 4 if any(log.report.losses for log in found) else 0
