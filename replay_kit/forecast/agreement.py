@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 
+#: Beginning of the notes that say that something is probably wrong.
+WARNING = "WARNING: "
 # Faster than currents are, or slower: velocities in another unit than the file states.
 _ODD_SPEEDS = (0.004, 1.5)
 
@@ -53,10 +55,10 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
     if len(labels) > 1 and len(seen) == 1:
         raise ForecastError(f"{source}: all {len(labels)} members are the same; give members that differ")
     if same:
-        notes.append(f"WARNING: {len(same)} members are copies of others, such as {same[0]}, and count twice: leave them out")
+        notes.append(f"{WARNING}{len(same)} members are copies of others, such as {same[0]}, and count twice: leave them out")
     rms = float(np.sqrt(np.nanmean(velocity**2)))
     if not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
-        notes.append(f"WARNING: currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities")
+        notes.append(f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities")
     if len(labels) > 3 and np.sqrt(np.nanmean(velocity.mean(axis=0) ** 2)) < 1e-3 * rms:
-        notes.append("WARNING: the members cancel out in their mean, as anomalies do; give the background as bg_*.nc with --ensemble too")
+        notes.append(f"{WARNING}the members cancel out in their mean, as anomalies do; give the background as bg_*.nc with --ensemble too")
     return tuple(notes)

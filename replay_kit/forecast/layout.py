@@ -65,7 +65,7 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
     u_dims, v_dims = _horizontal(ds, U, current.u, where), _horizontal(ds, V, current.v, where)
     if not any("lon" in str(name).lower() or ds[name].attrs.get("standard_name") == "longitude" for name in ds.variables):
         ds = _projected(ds, u_dims)
-    x_name, y_name, kind = find_coordinates(ds, ds[U].dims, where)
+    x_name, y_name, kind = find_coordinates(ds, [dim for dim in ds[U].dims if dim in ds[V].dims], where)
     longitude, latitude = (_without_times(ds[name], (*u_dims, *v_dims)) for name in (x_name, y_name))
     if longitude.ndim != latitude.ndim:
         raise ForecastError(f"{where}: longitude has {longitude.ndim} dimensions and latitude {latitude.ndim}; both must have 1 or both 2")

@@ -155,7 +155,7 @@ def find_coordinates(ds: xr.Dataset, dims: Iterable[Hashable], where: str) -> tu
 
     Args:
         ds: A file, with what grid files add to it.
-        dims: Of the first velocity component; coordinates on other dimensions fit only a staggered grid.
+        dims: Of both velocity components; coordinates of one alone, as those of u on a C-grid, are not those of the centres.
         where: The file, for messages.
 
     Raises:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
-from replay_kit.forecast.depths import in_metres
+from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.grid import Block, region_block
 from replay_kit.forecast.layout import Layout, U, V
 from replay_kit.forecast.names import LEVEL_COUNTS, SEA_LEVEL, Axes, Current, find_depth
@@ -74,7 +74,7 @@ def read_window(ds: xr.Dataset, current: Current, layout: Layout, member: str | 
     s_coordinate = None if dims[0] is None else find_s_coordinate(ds, dims[0], where)
     notes: tuple[str, ...] = ()
     if s_coordinate is None:
-        levels, order, notes = _levels(ds, dims, config, 0.5 * float(latitude.min() + latitude.max()), where)
+        levels, order, notes = choose_levels(ds, dims, config, 0.5 * float(latitude.min() + latitude.max()), where)
     else:
         levels, order = np.zeros(0), np.arange(s_coordinate.s.size)
     velocity, counts = _at_centres(source, (current.u, current.v), dims, order)
@@ -242,42 +242,6 @@ def _surface(source: _Source) -> Array | None:
             scale = 0.01 if str(ds[name].attrs.get("units", "m")).startswith(("cm", "centi")) else 1.0
             return source.read(name, centre, _AT_CENTRES, None)[:, 0] * scale
     return None
-
-
-def _levels(
-    ds: xr.Dataset, dims: tuple[str | None, ...], config: ForecastConfig, latitude: float, where: str
-) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
-    """Return the levels used [m, increasing], their positions in the file, and notes; one level at 0 m without a depth dimension."""
-    if dims[0] is None:
-        return np.zeros(1), np.zeros(1, dtype=np.int64), ()
-    values, notes = _depths(ds, dims[0], latitude, where)
-    if dims[1] is not None and dims[1] != dims[0] and not np.allclose(_depths(ds, dims[1], latitude, where)[0], values, rtol=1e-3):
-        raise ForecastError(f"{where}: the depths of u ({dims[0]}) and v ({dims[1]}) differ; interpolate them to the same levels")
-    order = np.argsort(values, kind="stable")
-    if config.levels is not None:
-        nearest = [int(np.argmin(np.abs(values[order] - wanted))) for wanted in config.levels]
-        order = order[np.unique(nearest)]
-    order = order[:: config.level_step]
-    levels = values[order]
-    if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
-        raise ForecastError(f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}")
-    return levels, order, notes
-
-
-_DEPTH_VARIABLES = ("depth", "Z", "zt", "z", "deptht", "lev", "RC", "z_t", "st_ocean")
-
-
-def _depths(ds: xr.Dataset, dim: str, latitude: float, where: str) -> tuple[Array, tuple[str, ...]]:
-    """Return the depths of a dimension [m], positive down, from its coordinate or from a variable of depths along it."""
-    name = dim if dim in ds.coords else next((name for name in _DEPTH_VARIABLES if name in ds.variables and ds[name].dims == (dim,)), None)
-    if name is None:
-        raise ForecastError(
-            f"{where}: dimension {dim} has no coordinate values; add a depth coordinate in metres, or give the file of the grid"
-        )
-    values, notes = in_metres(ds[name], latitude, where)
-    if ds[name].attrs.get("positive", "").lower() == "up" or np.all(values <= 0.0):
-        values = -values
-    return values, notes
 
 
 def _from_s_levels(

@@ -96,6 +96,9 @@ def roms(at, shape, member, transform=2, packed=False):
             "mask_v": (("eta_v", "xi_v"), mask_v),
             "lon_rho": (rho, longitude),
             "lat_rho": (rho, latitude),
+            # some writers give those of u the standard names too, and some leave them 0
+            "lon_u": (("eta_u", "xi_u"), 0.0 * longitude[:, 1:], {"standard_name": "longitude"}),
+            "lat_u": (("eta_u", "xi_u"), 0.0 * latitude[:, 1:], {"standard_name": "latitude"}),
             "angle": (rho, np.full(shape, 0.5)),
             "Cs_r": ("s_rho", c),
             "hc": ((), hc),

@@ -333,3 +333,16 @@ def test_pop_in_centimetres_with_undeclared_fill(tmp_path):
     assert not read.grid.wet[:, 0, 0].any()
     assert read.grid.wet.sum() == u[0].size - 4
     assert any("24 values beyond 1000 m/s" in note for note in read.notes)
+
+
+def test_pop_levels_between_interfaces(tmp_path):
+    longitude, latitude = forms.lonlat()
+    edges = np.array([0.0, 10.0, 110.0, 190.0, 410.0])
+    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude, ("UVEL", "VVEL"), ({}, {}))
+    ds = ds.drop_vars("depth").rename(depth="k").assign(w_dep=("w_dep", edges))
+    read = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig(axes="true"))
+    np.testing.assert_array_equal(read.grid.levels, LEVELS)
+    assert "levels of k were taken midway between the interfaces w_dep" in read.notes
+    assert_comes_back(read, 1e-12)
+    with pytest.raises(ForecastError, match="dimension k has no coordinate values; add a depth coordinate in metres, or give the file"):
+        read_ensemble(save(ds.drop_vars("w_dep"), tmp_path / "none.nc"), ForecastConfig())

@@ -1,5 +1,6 @@
 """From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,8 +14,10 @@ from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.forecast import read_ensemble, read_series
+from replay_kit.forecast.agreement import WARNING
 
 _OWN = "reduced_basis"
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +70,19 @@ def read_forecasts(path: Path | Sequence[Path], config: RunConfig, near_ns: int 
             f"{what} is static: it takes no time.scale, oscillators, biases or window; leave them out, or the estimator's name"
         )
     if own and (asked or config.time.scale == "auto"):
-        series = read_series(path, config.forecast, near_ns=near_ns, place_at=place_at)
+        series = _warned(read_series(path, config.forecast, near_ns=near_ns, place_at=place_at))
         forecasts = Forecasts(series, series[0], asked or len(series) > 1)
         return replace(forecasts, ensemble=forecasts.nearest(near_ns))
-    ensemble = read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at)
+    (ensemble,) = _warned((read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at),))
     return Forecasts((ensemble,), ensemble, False)
+
+
+def _warned(series: tuple[Ensemble, ...]) -> tuple[Ensemble, ...]:
+    """Return a forecast after its warnings were said: those on its axes matter before a long run, not after it."""
+    for note in series[0].notes:
+        if note.startswith(WARNING):
+            _LOG.warning(note.removeprefix(WARNING))
+    return series
 
 
 def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> Estimator[Any]:
