@@ -3,59 +3,23 @@
 One TOML file holds it; each table is one class below. Command-line options override the file.
 """
 
-import re
 import tomllib
 from collections.abc import Mapping
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
 from replay_kit.config.explain import explain
 from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
 from replay_kit.config.mapping import TopicMap
+from replay_kit.config.moment import Moment, parse_time
 from replay_kit.config.option import Option
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_LAST_NS = 2**63 - 1
-
-
-def parse_time(text: str) -> int:
-    """Return a time [ns, UTC] written in ISO 8601; without an offset it is UTC, with one it is converted.
-
-    Raises:
-        ConfigError: The text is no such time, or lies outside 1970..2262, the years that 64 bits of nanoseconds hold.
-    """
-    try:
-        moment = datetime.fromisoformat(text.strip())
-    except ValueError as error:
-        raise ConfigError(f"'{text}' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z") from error
-    # a time with an offset is moved by hand, as datetime itself fails on those that leave its years 1..9999
-    offset = moment.utcoffset() or timedelta(0)
-    since = moment.replace(tzinfo=UTC) - _EPOCH - offset
-    # datetime ends at microseconds; logs are stamped in nanoseconds
-    digits = re.search(r"[.,]\d{6}(\d{1,3})", text)
-    time_ns = since // timedelta(microseconds=1) * 1000 + (int(digits[1].ljust(3, "0")) if digits else 0)
-    if not 0 <= time_ns <= _LAST_NS:
-        raise ConfigError(f"'{text}' is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z")
-    return time_ns
-
-
-def _checked_time(text: str) -> str:
-    try:
-        parse_time(text)
-    except ConfigError as error:
-        # the kind of error that pydantic gathers and names the key of
-        raise ValueError(str(error)) from error
-    return text
-
-
-_Time = Annotated[str, AfterValidator(_checked_time)]
 _Depth = Annotated[float, Field(ge=0.0)]
 
 
@@ -73,8 +37,8 @@ class LogConfig(_Section):
     system: int | None = Field(
         default=None, ge=0, le=255, description="MAVLink system to read; required for a log with positions of several systems."
     )
-    start: Annotated[_Time | None, Option("--start", "TIME")] = Field(default=None, description="First time used, ISO 8601 UTC.")
-    end: Annotated[_Time | None, Option("--end", "TIME")] = Field(default=None, description="Last time used, ISO 8601 UTC.")
+    start: Annotated[Moment | None, Option("--start", "TIME")] = Field(default=None, description="First time used, ISO 8601 UTC.")
+    end: Annotated[Moment | None, Option("--end", "TIME")] = Field(default=None, description="Last time used, ISO 8601 UTC.")
     reorder_window: float = Field(
         default=1.0, ge=0.0, description="Largest delay at which a message is still sorted in [s]; later ones are counted and left out."
     )
@@ -181,12 +145,12 @@ class ForecastConfig(_Section):
         description="Forecast period in the file's unit; the nearest is taken. Default: all dated leads where the estimate changes in "
         "time, else the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date.",
     )
-    time: _Time | None = Field(
+    time: Moment | None = Field(
         default=None,
         description="Time of the forecast, ISO 8601 UTC; the nearest is taken. Default: all times where the estimate changes in time, else "
         "the time nearest to the log's first message; the first time without a log.",
     )
-    reference_time: Annotated[_Time | None, Option("--reference-time", "TIME")] = Field(
+    reference_time: Annotated[Moment | None, Option("--reference-time", "TIME")] = Field(
         default=None, description="Start of the forecast, ISO 8601 UTC, for a file of leads that states none."
     )
     place: Annotated[bool, Option("--place-ensemble")] = Field(

@@ -61,6 +61,7 @@ class Ensemble:
         source: Path of the file, with ``#member`` when one was chosen.
         notes: What a user should know of how the file was read.
         members: Where each member comes from; empty for what was not read from files.
+        representation_error_std: What the files' own doubtful labels add to the error of each component [m/s].
     """
 
     grid: Grid
@@ -69,6 +70,7 @@ class Ensemble:
     source: str
     notes: tuple[str, ...] = ()
     members: tuple[str, ...] = ()
+    representation_error_std: float = 0.0
 
     @property
     def n_members(self) -> int:

@@ -62,7 +62,8 @@ class AxesCheck:
         other: Literal["grid", "true"] = "true" if self.axes == "grid" else "grid"
         return (
             f"WARNING: the velocities were read along {_NAMES[self.axes]} ({self.why}), but fit {_NAMES[other]} better: {self.figures}; "
-            f"--axes {other} reads them so, --axes {self.axes} keeps this reading",
+            f"--axes {other} reads them so, --axes {self.axes} keeps this reading; until then {100 * self.residual_std:.1f} cm/s count as "
+            "representation error",
         )
 
     @property

@@ -173,9 +173,14 @@ def read_selection(
     labels = tuple(label for field in selection.fields if not field.extra for label in field.labels)
     velocity, wet, holes = common_water(velocity, labels, source)
     check = check_axes(window, layout, velocity, wet, projection)
+    # who states the axes has been told
+    doubts = check.notes if config.axes == "auto" else ()
     grid = local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
-    in_order = (*notes, *_placed(place_at), *window.notes, *holes, *unusual_members(velocity, labels, source), *check.notes, *told)
-    return Reading(Ensemble(grid, velocity, selection.time_ns, source, tuple(dict.fromkeys(in_order)), labels), layout, check, first.part)
+    in_order = (*notes, *_placed(place_at), *window.notes, *holes, *unusual_members(velocity, labels, source), *doubts, *told)
+    notes = list(dict.fromkeys(in_order))
+    error_std = check.residual_std if doubts else 0.0
+    ensemble = Ensemble(grid, velocity, selection.time_ns, source, tuple(notes), labels, error_std)
+    return Reading(ensemble, layout, check, first.part)
 
 
 def _layout(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:

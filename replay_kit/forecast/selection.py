@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from replay_kit.config.run import ForecastConfig, parse_time
+from replay_kit.config.moment import parse_time
+from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast.blocks import Block, Collection

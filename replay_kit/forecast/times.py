@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from replay_kit.config.run import ForecastConfig, parse_time
+from replay_kit.config.moment import parse_time
+from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast.files import undated
 from replay_kit.forecast.names import find_lead, find_time

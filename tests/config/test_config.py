@@ -1,6 +1,7 @@
 import pytest
 
-from replay_kit.config.run import RunConfig, load_config, parse_time
+from replay_kit.config.moment import parse_time
+from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 from replay_kit.workflows.replay.provenance import run_settings_toml
 

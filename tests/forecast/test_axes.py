@@ -1,12 +1,15 @@
 """Whether velocities lie along the axes that a file says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config.run import ForecastConfig
+from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
+from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.forecast import describe_ensemble, read_ensemble
 from replay_kit.forecast.axes import divergent_share, geostrophic_flow
 from tests.forecast import forms
@@ -58,11 +61,23 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
     if not right:
         assert "true east and north (standard name eastward_sea_water_velocity), but fit the grid's axes better" in warned[0]
         assert "--axes grid reads them so, --axes true keeps this reading" in warned[0]
+        rms = np.sqrt(np.mean(found.ensemble.velocity**2))
+        assert found.ensemble.representation_error_std == pytest.approx(np.sqrt(as_read) * rms, rel=0.05)
+        assert f"{100 * found.ensemble.representation_error_std:.1f} cm/s count as representation error" in warned[0]
+        basis = build_basis(found.ensemble, EstimatorConfig(modes=1))
+        trusted = build_basis(replace(found.ensemble, representation_error_std=0.0), EstimatorConfig(modes=1))
+        expected = np.hypot(trusted.truncation_std, found.ensemble.representation_error_std)
+        np.testing.assert_allclose(basis.truncation_std, expected, rtol=1e-12)
+        kept = describe_ensemble(path, ForecastConfig(axes="true"))
+        assert kept.check.contradicted
+        assert kept.ensemble.notes == ()
+        assert kept.ensemble.representation_error_std == 0.0
     if sea_level:
         # read along true axes, the current lies 44 degrees to the right of the geostrophic one
         assert found.check.phase == pytest.approx((0.0, -44.0) if right else (-44.0, 0.0), abs=1.0)
     mended = describe_ensemble(path, ForecastConfig(axes="grid"))
     assert not mended.check.contradicted
+    assert mended.ensemble.representation_error_std == 0.0
     assert mended.check.why == "--axes grid"
     np.testing.assert_array_equal(
         mended.ensemble.velocity, read_ensemble(save(flow(44.0, GRID), tmp_path / "g.nc"), ForecastConfig()).velocity
