@@ -3,6 +3,7 @@
 One TOML file holds it; each table is one class below. Command-line options override the file.
 """
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -124,7 +125,6 @@ class ForecastConfig(_Section):
 
     members: Annotated[str | None, Option("--members", "RULE")] = Field(
         default=None,
-        pattern=r"^(dim(:.+)?|files(:.+)?|suffix|lags|times:\d+(\.\d+)?d?|models)$",
         description="What a member is. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; suffix: "
         "variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so many "
         "days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
@@ -156,6 +156,13 @@ class ForecastConfig(_Section):
     place: Annotated[bool, Option("--place-ensemble")] = Field(
         default=False, description="Move the ensemble's centre to the mean fix of the log."
     )
+
+    @field_validator("members")
+    @classmethod
+    def _is_a_rule(cls, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(r"dim(:.+)?|files(:.+)?|suffix|lags|times:\d+(\.\d+)?d?|models", value):
+            raise ValueError("expected dim[:NAME], files[:REGEX], suffix, lags, times:15d or models")
+        return value
 
 
 class EstimatorConfig(_Section):

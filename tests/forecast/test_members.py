@@ -215,8 +215,10 @@ def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
         read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="dim:cycle"))
     with pytest.raises(ConfigError, match="is no regular expression"):
         read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="files:mem("))
-    with pytest.raises(ConfigError, match="members"):
-        load_config(None, {"forecast": {"members": "times:fortnight"}})
+    for wrong in ("times:fortnight", "time:3", "dim:", "suffixes", "xlags"):
+        with pytest.raises(ConfigError, match=rf"forecast\.members.*expected dim\[:NAME\], .*times:15d or models, got '{wrong}'"):
+            load_config(None, {"forecast": {"members": wrong}})
+    assert load_config(None, {"forecast": {"members": "times:2.5d"}}).forecast.members == "times:2.5d"
     (tmp_path / "empty").mkdir()
     with pytest.raises(ForecastError, match="the folder holds no NetCDF file"):
         read_ensemble([tmp_path / "empty"], ForecastConfig())
