@@ -1,5 +1,7 @@
 """Members seen together: the water that all have, copies, and speeds that no current has."""
 
+import hashlib
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,7 +50,7 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
     seen: dict[bytes, str] = {}
     same = []
     for label, member in zip(labels, velocity, strict=True):
-        key = member.tobytes()
+        key = hashlib.blake2b(member.tobytes()).digest()
         if key in seen:
             same.append(f"'{label}' and '{seen[key]}'")
         seen.setdefault(key, label)
