@@ -15,6 +15,7 @@ from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError, Unkno
 from cyclopts.token import Token
 
 from replay_kit.cli import reporting
+from replay_kit.cli.ensembles import repeat_ensembles
 from replay_kit.cli.help import command_group, layout, option_groups
 from replay_kit.cli.options import CHOICES, before_conversion
 from replay_kit.core.errors import ConfigError, ReplayKitError
@@ -26,10 +27,10 @@ gc.set_threshold(50_000, 20, 20)
 # What each command needs, and what it does.
 _COMMANDS = {
     "replay": (
-        "LOG... --ensemble FILE -o OUT.mcap",
+        "LOG... --ensemble FILE... -o OUT.mcap",
         "Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP.",
     ),
-    "info": ("LOG...", "Report what is in a log and what it can be used for."),
+    "info": ("LOG... | --ensemble FILE...", "Report what is in a log or a forecast and what it can be used for."),
     "qc": ("LOG...", "Show the outcome of each quality test of the ADCP's bins, and the dives of the track."),
     "convert": (
         "LOG... -o OUT.mcap|OUT.tlog",
@@ -133,7 +134,7 @@ def run(arguments: list[str]) -> int:
         ReplayKitError: The command ended with an error of its own.
     """
     reporting.begin(reporting.Reporting())
-    arguments = _command_first(arguments)
+    arguments = repeat_ensembles(_command_first(arguments))
     words = [word for word in arguments if word not in _HELP]
     if words == arguments and words not in ([], ["experiment"]):
         # a console is made by cyclopts only to print what is printed here

@@ -139,20 +139,18 @@ def _is(path: Path, value: str) -> bool:
 
 
 # Settings of the forecast that do not need a log.
-PART_OF_FORECAST = tuple(f"forecast.{key}" for key in ("region", "levels", "level_step", "lead", "time", "reference_time"))
-Log = Annotated[
-    Path,
-    argument(
-        "LOG",
-        "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other gliders' NetCDF, "
-        "SeaExplorer's raw files, or folders of these; merged by time.",
-    ),
-]
+_OF_FORECAST = ("members", "axes", "region", "levels", "level_step", "lead", "time", "reference_time")
+PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
+_LOGS = (
+    "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other gliders' NetCDF, "
+    "SeaExplorer's raw files, or folders of these; merged by time."
+)
+Log = Annotated[Path, argument("LOG", _LOGS)]
+LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, required=False)]
 PLACE = Numbers("LON,LAT,DEPTH")
 MCAP, NETCDF = Ending((".mcap",)), Ending((".nc",))
-Ensemble = Annotated[
-    Path, option("--ensemble", "Ensemble forecast: CF NetCDF or Zarr with a member dimension.", metavar="FILE", group=INPUTS)
-]
+ENSEMBLE_HELP = "NetCDF files, Zarr stores, folders or patterns; may be repeated. --members says what a member is."
+Ensemble = Annotated[tuple[Path, ...], option("--ensemble", f"Ensemble forecast: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS)]
 Truth = Annotated[str | None, option("--truth", "Known truth to score against.", metavar="T.nc[#member]")]
 Noise = Annotated[float, option("--noise", "Standard deviation of each velocity component of a bin [m/s].", least=0.0)]
 ConfigFile = Annotated[Path | None, option("--config", "Settings of the run; options given here win.", metavar="TOML", group=INPUTS)]

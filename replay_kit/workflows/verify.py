@@ -149,10 +149,15 @@ def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -
     named = recorded.metadata["replay_kit.inputs"]
     options = recorded.metadata.get("replay_kit.options", {})
     found = {key: _find(result, key, text, folders) for key, text in named.items()}
-    logs = tuple(found[f"log{i}"] for i in range(len(found) - 1))
+    logs, ensemble = (tuple(found[key] for key in sorted(found, key=_number) if key.startswith(kind)) for kind in ("log", "ensemble"))
     goal = options.get("goal")
     where = Place(*(float(part) for part in goal.split(","))) if goal else None
-    return ReplayJob(logs, found["ensemble"], out, goal=where, include_inputs=options.get("include_inputs") == "true")
+    return ReplayJob(logs, ensemble, out, goal=where, include_inputs=options.get("include_inputs") == "true")
+
+
+def _number(key: str) -> int:
+    """Return the number at the end of an input's key; 0 without one."""
+    return int(key.lstrip("abcdefghijklmnopqrstuvwxyz") or 0)
 
 
 def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Path:

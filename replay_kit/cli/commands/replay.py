@@ -53,7 +53,7 @@ def replay(
     # no least value of the option, which lets 0 and nan pass
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
-    read, made = (*logs, inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
+    read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
     check_paths(read, (*made, outputs.json_file), outputs.overwrite)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 

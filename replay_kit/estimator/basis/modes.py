@@ -9,7 +9,7 @@ l_z = 100 m the Gaussian factor is nearly singular where levels are closer, and 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -97,7 +97,8 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     kernel = _kernel(ensemble, slices, config)
     if config.preset == "paper":
         return _paper_basis(ensemble.grid, slices, kernel, DepthFunctions("gaussian", config.length_vertical), config.modes)
-    return _default_basis(ensemble.grid, slices, kernel, config)
+    basis = _default_basis(ensemble.grid, slices, kernel, config)
+    return replace(basis, truncation_std=np.hypot(basis.truncation_std, ensemble.representation_error_std))
 
 
 def ensemble_slices(ensemble: Ensemble) -> Array:

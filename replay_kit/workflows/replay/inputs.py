@@ -16,7 +16,7 @@ from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress
-from replay_kit.forecast import read_truth
+from replay_kit.forecast import ensemble_files, read_truth
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
@@ -34,7 +34,7 @@ class ReplayJob:
 
     Attributes:
         logs: Log files.
-        ensemble: Ensemble file or store.
+        ensemble: Ensemble file or store, or several, folders and patterns.
         out: Result MCAP; None computes without writing.
         goal: Where the vehicle should go; None plans nothing.
         netcdf: Gridded estimate, CF NetCDF.
@@ -47,7 +47,7 @@ class ReplayJob:
     """
 
     logs: tuple[Path, ...]
-    ensemble: Path
+    ensemble: Path | tuple[Path, ...]
     out: Path | None = None
     goal: Place | None = None
     netcdf: Path | None = None
@@ -67,7 +67,7 @@ def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_wr
         also_read: Inputs that are not in the job, such as the configuration file.
         also_written: Outputs that are not in the job, such as the JSON summary.
     """
-    inputs = (*job.logs, job.ensemble, truth_path(job.truth), *also_read)
+    inputs = (*job.logs, *ensemble_files(job.ensemble), truth_path(job.truth), *also_read)
     check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite, checkpoint_files(job.checkpoint))
 
 

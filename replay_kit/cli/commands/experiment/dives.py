@@ -19,7 +19,7 @@ def dives(
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
     """Return 0."""
-    check_paths([*logs, ensemble, settings.file], [answer.json_file], answer.overwrite)
+    check_paths([*logs, *ensemble, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
     from replay_kit.estimator.evolving import build_evolving
@@ -34,7 +34,7 @@ def dives(
     forecasts = read_forecasts(ensemble, config, first_ns, place_at)
     with progress(config.output.threads) as advance:
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
-        for result in run_dives(estimator, found, config, fit, str(ensemble), advance):
+        for result in run_dives(estimator, found, config, fit, " ".join(map(str, ensemble)), advance):
             keep_json(answer.json_file, to_json(result))
     console = console_beside(answer.json_file)
     for note in forecasts.notes:

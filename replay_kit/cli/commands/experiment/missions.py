@@ -47,7 +47,7 @@ def missions(
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
     """Return 0."""
-    read, out = [truths.ensemble, settings.file], outputs.out
+    read, out = [*truths.ensemble, settings.file], outputs.out
     if out is not None:
         check_folder(out)
     check_paths(read, [outputs.json_file], outputs.overwrite)

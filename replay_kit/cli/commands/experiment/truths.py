@@ -42,7 +42,7 @@ class OneTruth:
     @property
     def files(self) -> list[Path | None]:
         """The files that are read."""
-        return [self.ensemble, truth_path(self.truth)]
+        return [*self.ensemble, truth_path(self.truth)]
 
     def check(self, study: str) -> None:
         """Raise ConfigError unless one of the two is given."""
