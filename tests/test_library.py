@@ -70,6 +70,12 @@ def test_a_replay_that_fails_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp
     assert not list(tmp_path.iterdir())
 
 
+def test_what_is_lost_of_a_log_is_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:-200_000])
+    with pytest.warns(UserWarning, match="lost: 1 damaged parts of the logs, 0 late messages; result.summary.losses"):
+        rk.replay(tmp_path / "cut.mcap", ENSEMBLE, settings=SETTINGS)
+
+
 def test_a_plan_is_one_call(result) -> None:
     plan = rk.plan(result.estimate, START, GOAL)
     assert plan.status == "reached"
@@ -104,6 +110,8 @@ def test_settings_are_tables_a_file_or_a_configuration(tmp_path: Path) -> None:
         (lambda: rk.open_log([LOG]), "log: expected a path (str or Path), got list"),
         (lambda: rk.replay([LOG, None], ENSEMBLE), "log: expected a path (str or Path), got NoneType"),
         (lambda: rk.replay(LOG, rk.open_ensemble(ENSEMBLE)), "ensemble: expected a path (str or Path), got Ensemble"),
+        (lambda: rk.replay([], ENSEMBLE), "logs: expected one log or several, got none"),
+        (lambda: rk.plan("flow.nc", START, GOAL), "estimate: expected a FlowEstimate, got str; open one with open_estimate"),
         (lambda: rk.replay(LOG, ENSEMBLE, out=1), "out: expected a path (str or Path), got int"),
         (lambda: rk.replay(LOG, ENSEMBLE, settings=1), "settings: expected a path (str or Path), got int"),
         (lambda: rk.replay(LOG, ENSEMBLE, goal=(1.0, 2.0)), "goal: expected longitude, latitude [degrees] and depth [m], got (1.0, 2.0)"),
@@ -147,9 +155,11 @@ def test_every_public_name_is_there_and_no_other() -> None:
 
 
 def test_signatures_are_short() -> None:
-    for name in rk.__all__:
-        if inspect.isfunction(getattr(rk, name)):
-            assert len(inspect.signature(getattr(rk, name)).parameters) <= 6, name
+    functions = [getattr(rk, name) for name in rk.__all__ if inspect.isfunction(getattr(rk, name))]
+    for function in (*functions, FlowEstimate.velocity_at, FlowEstimate.along, FlowEstimate.to_xarray, FlowEstimate.to_pandas):
+        signature = inspect.signature(function)
+        assert len(signature.parameters) <= 6, function
+        assert len(str(signature)) < 260, signature
 
 
 def test_names_are_loaded_when_they_are_asked_for() -> None:

@@ -112,6 +112,7 @@ class Observation:
             independent ones.
         platform_velocity: True east and north [m/s], what was added to the velocity measured relative to the platform; None when
             it is not known, or when the instrument's log does not say.
+        position_std: Standard error of its place [m], interpolated between positions far apart in time; 0 for a place that is near one.
     """
 
     time_ns: int
@@ -128,6 +129,7 @@ class Observation:
     common_std: float = 0.0
     correlation_depth: float = 0.0
     platform_velocity: tuple[float, float] | None = None
+    position_std: float = 0.0
 
     def __repr__(self) -> str:
         """Return where and when it was made, and what it holds."""

@@ -96,13 +96,13 @@ class Result:
         import pandas as pd
 
         lists = [field.name for field in MESSAGES["Innovation"] if field.repeated]
-        parts = []
-        for number, value in enumerate(self._decoded("/flow/innovation", "Innovation")):
-            bins = {name: np.asarray(getattr(value, name)) for name in lists}
-            time = np.datetime64(value.timestamp.ToNanoseconds(), "ns")
-            parts.append(pd.DataFrame({"time": time, "observation": number, "dive": value.dive, **bins}))
-        columns = ["time", "observation", "dive", *lists]
-        return pd.concat(parts).set_index("time") if parts else pd.DataFrame(columns=columns).set_index("time")
+        values = list(self._decoded("/flow/innovation", "Innovation"))
+        counts = [len(value.depth) for value in values]
+        times = np.array([value.timestamp.ToNanoseconds() for value in values], dtype="datetime64[ns]")
+        of_profile = {"time": times, "observation": range(len(values)), "dive": [value.dive for value in values]}
+        columns = {name: np.repeat(np.asarray(column), counts) for name, column in of_profile.items()}
+        columns |= {name: np.concatenate([np.empty(0), *(getattr(value, name) for value in values)]) for name in lists}
+        return pd.DataFrame(columns).astype({"flags": np.int32, "reasons": np.uint32}).set_index("time")
 
     @cached_property
     def dives(self) -> "pd.DataFrame":
@@ -199,9 +199,8 @@ def open_result(path: str | Path) -> Result:
 
 
 def _table(rows: list[Any], columns: str) -> "pd.DataFrame":
-    """Return rows as a table; the first column is the time, its index."""
+    """Return rows as a table, with the column ``time`` as its index."""
     import pandas as pd
 
-    first, *rest = columns.split()
-    table = pd.DataFrame(rows, columns=[first, *rest])
-    return table.assign(time=pd.to_datetime(table[first])).set_index(first)
+    table = pd.DataFrame(rows, columns=columns.split())
+    return table.assign(time=pd.to_datetime(table["time"])).set_index("time")

@@ -1,7 +1,11 @@
 """What ``import replay_kit`` offers beside the readers: a replay and a plan, each as one call."""
 
+# keeps the signatures in help() short: the names of types, not what they stand for
+from __future__ import annotations
+
 import shutil
 import tempfile
+import warnings
 import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +16,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.paths import as_path
+from replay_kit.core.paths import Paths, as_path, as_paths
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.time import to_time_ns
 from replay_kit.forecast import read_ensemble
@@ -31,7 +35,7 @@ At = Place | tuple[float, float, float]
 
 def replay(
     logs: Logs,
-    ensemble: str | Path,
+    ensemble: Paths,
     *,
     goal: At | None = None,
     out: str | Path | None = None,
@@ -41,8 +45,8 @@ def replay(
     """Return what logs and an ensemble forecast say of the current: the estimate, and tables of what was used.
 
     Args:
-        logs: Logs of one mission.
-        ensemble: Ensemble file: CF NetCDF or Zarr.
+        logs: Logs of one mission; an open one stands for its path, and is read with these settings.
+        ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is.
         goal: Where to go next; None plans nothing.
         out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
         overwrite: Whether an existing result is replaced.
@@ -53,7 +57,9 @@ def replay(
     """
     each = logs if isinstance(logs, list | tuple) else [logs]
     paths = tuple(as_path(getattr(log, "path", log), "log") for log in each)
-    forecast, config = as_path(ensemble, "ensemble"), settings_of(settings)
+    if not paths:
+        raise ConfigError("logs: expected one log or several, got none")
+    forecast, config = as_paths(ensemble, "ensemble"), settings_of(settings)
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
     job = ReplayJob(paths, forecast, file, goal=None if goal is None else place_of(goal, "goal"), overwrite=overwrite)
@@ -63,6 +69,9 @@ def replay(
         if folder is not None:
             shutil.rmtree(folder)
         raise
+    if summary.exit_code:
+        lost = f"{len(summary.losses)} damaged parts of the logs, {summary.late} late messages"
+        warnings.warn(f"lost: {lost}; result.summary.losses says what", stacklevel=2)
     result = Result(file, summary)
     # the estimate is at hand, and need not be read back
     vars(result)["estimate"] = flow
@@ -84,17 +93,20 @@ def plan(estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, setti
     Raises:
         PlanError: Start or goal is outside the region or on land.
     """
+    if not isinstance(estimate, FlowEstimate):
+        got = type(estimate).__name__
+        raise ConfigError(f"estimate: expected a FlowEstimate, got {got}; open one with open_estimate, or take that of a result")
     planner, begin, end = planner_of(settings_of(settings).planner), place_of(start, "start"), place_of(goal, "goal")
     planner.check(estimate, end)
     start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
     return planner.plan(estimate, begin, end, start_ns, None).plan
 
 
-def open_ensemble(path: str | Path, *, settings: Settings = None) -> Ensemble:
+def open_ensemble(path: Paths, *, settings: Settings = None) -> Ensemble:
     """Return the members of an ensemble forecast that a replay would use.
 
     Args:
-        path: CF NetCDF file or Zarr store with a member dimension.
+        path: As in ``replay``.
         settings: As in ``replay``; ``[forecast]`` counts.
 
     Raises:

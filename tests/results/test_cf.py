@@ -18,6 +18,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.lossless import save
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.geodesy import to_local
+from tests.core.flow.test_evolution import evolving
 
 
 @pytest.fixture(scope="module")
@@ -72,4 +73,9 @@ def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(mak
 @pytest.mark.parametrize("time_ns", [None, 1_700_000_000_123_456_789])
 def test_a_saved_estimate_is_compliant(make_flow, tmp_path: Path, complaints, n_modes: int, time_ns: int | None) -> None:
     save(replace(make_flow(n_modes=n_modes), time_ns=time_ns), tmp_path / "flow.nc")
+    assert complaints(tmp_path / "flow.nc") == []
+
+
+def test_a_saved_estimate_that_changes_with_time_is_compliant(tmp_path: Path, complaints) -> None:
+    save(evolving(), tmp_path / "flow.nc")
     assert complaints(tmp_path / "flow.nc") == []

@@ -13,7 +13,8 @@ README = (Path(replay_kit.results.__file__).parent / "README.md").read_text(enco
 def documented(message: str) -> list[tuple[str, str]]:
     """Return (field, type) of a message's table in the README."""
     section = README.split(f"### replay_kit.{message}\n")[1].split("\n#")[0]
-    return re.findall(r"^\| `(\w+)` \| ([\w.\[\]]+) \| .+ \| .+ \|$", section, flags=re.MULTILINE)
+    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ([\w.\[\]]+) \| .+ \| .+ \|$", section, flags=re.MULTILINE)
+    return [(name, kind) for names, kind in rows for name in re.findall(r"\w+", names)]
 
 
 @pytest.mark.parametrize("message", MESSAGES)

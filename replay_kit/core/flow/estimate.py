@@ -1,5 +1,8 @@
 """The current estimate: what a planner or an analyst holds."""
 
+# keeps the signatures in help() short: the names of types, not what they stand for
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +35,7 @@ class FlowEstimate(FlowField):
         uncertainty = f"{self.n_modes} modes a level" if self.n_modes else "no uncertainty"
         return f"FlowEstimate for {time_text(self.time_ns)} ({holds}), {uncertainty}\n  {self.grid}"
 
-    def velocity_at(self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None) -> "Velocities":
+    def velocity_at(self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None) -> Velocities:
         """Return velocity and standard error towards true east and true north at points; NaN where nothing is known.
 
         Args:
@@ -49,16 +52,17 @@ class FlowEstimate(FlowField):
 
         return velocity_at(self, longitude, latitude, depth, time)
 
-    def along(self, track: Any) -> "Velocities":
+    def along(self, track: Any) -> Velocities:
         """Return velocity and standard error along a track, such as ``result.fixes``.
 
         Args:
             track: pandas table, xarray dataset or mapping with ``longitude``, ``latitude``, ``depth`` and, if it has, ``time``, of one
-                shape. Where the track is older than the last observation, an estimate that changes with time is that of the latter:
-                see ``Velocities.estimate_time``.
+                shape. Where the track is older than the last observation, an estimate that changes with time is that of the latter;
+                a flow without a model of time is as it is: see ``Velocities.estimate_time``.
 
         Raises:
-            EstimatorError: A column is missing, or the track has times and the flow no model of time.
+            EstimatorError: A column is missing, or a latitude is none.
+            ConfigError: A time is none.
         """
         from replay_kit.core.flow.points import velocity_along
 
@@ -66,7 +70,7 @@ class FlowEstimate(FlowField):
 
     def to_xarray(
         self, longitude: ArrayLike | None = None, latitude: ArrayLike | None = None, depth: ArrayLike | None = None, time: Any = None
-    ) -> "xr.Dataset":
+    ) -> xr.Dataset:
         """Return velocity and standard error on a grid as a CF dataset, NaN where dry, for ``.sel`` and plots.
 
         On axes given, and on a forecast's grid of longitudes and latitudes, the coordinates are one-dimensional. A curvilinear grid has
@@ -93,7 +97,7 @@ class FlowEstimate(FlowField):
 
         return xr.concat(datasets, "time", combine_attrs="drop_conflicts")
 
-    def to_pandas(self, **axes: ArrayLike) -> "pd.DataFrame":
+    def to_pandas(self, **axes: ArrayLike) -> pd.DataFrame:
         """Return ``to_xarray(**axes)`` as a table with a row a point and time where the flow is known."""
         return self.to_xarray(**axes).to_dataframe().dropna(subset=["u"]).reset_index()
 

@@ -9,6 +9,9 @@ weights w of r modes a level: f = K modes w summed over levels in the same way. 
 members are all this one value, as ``FlowEstimate``.
 """
 
+# keeps the signatures in help() short: the names of types, not what they stand for
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -54,7 +57,7 @@ class FlowField:
     modes: Array
     covariance: Array | Callable[[tuple[int, ...] | None], Array]
     time_ns: int | None
-    later: "Callable[[Self, int], Self] | None" = None
+    later: Callable[[Self, int], Self] | None = None
 
     def at(self, time_ns: int) -> Self:
         """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
@@ -62,12 +65,17 @@ class FlowField:
         Raises:
             EstimatorError: The flow carries no model of time, as one of a truth or of a baseline.
         """
+        self.require_model_of_time()
+        assert self.later is not None
+        return self.later(self, time_ns)
+
+    def require_model_of_time(self) -> None:
+        """Raise EstimatorError when the flow has no model of time, so that ``at`` cannot answer."""
         if self.later is None:
             raise EstimatorError(
                 "the flow has no model of time (a truth, a member, a sample, a baseline's estimate, or one saved by an earlier version); "
                 "ask the estimate of a replay for another time"
             )
-        return self.later(self, time_ns)
 
     @property
     def nodes(self) -> Array:

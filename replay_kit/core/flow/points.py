@@ -84,8 +84,8 @@ def velocity_at(flow: FlowField, longitude: ArrayLike, latitude: ArrayLike, dept
     """Return the velocities at points; see ``FlowEstimate.velocity_at``."""
     if time is None:
         return _velocities(flow, (longitude, latitude, depth), None)
-    time_ns = to_time_ns(time)
-    first = flow.later.time_ns if isinstance(flow.later, Evolution) else None
+    time_ns, first = to_time_ns(time), _last_observation(flow)
+    flow.require_model_of_time()
     if first is not None and time_ns.size and time_ns.min() < first:
         raise EstimatorError(
             f"time: {time_text(int(time_ns.min()))} is before the last observation of the estimate, {time_text(first)}; expected that time "
@@ -109,24 +109,31 @@ def velocity_along(flow: FlowField, track: Any) -> Velocities:
     return _velocities(flow, tuple(columns.values()), None if time is None else to_time_ns(time))
 
 
+def _last_observation(flow: FlowField) -> int | None:
+    """Return the time before which an estimate does not change [ns, UTC]; None without one."""
+    return flow.later.time_ns if isinstance(flow.later, Evolution) else None
+
+
 def _velocities(flow: FlowField, points: tuple[Any, ...], time_ns: NDArray[np.int64] | None) -> Velocities:
-    """Return the velocities at points; those before the last observation of an estimate at the time of that."""
+    """Return the velocities at points.
+
+    Those before the last observation of an estimate are at the time of that, and those of a flow without a model of time at its own.
+    """
     own = np.iinfo(np.int64).min if flow.time_ns is None else flow.time_ns  # the former is NaT
     axes = (np.asarray(axis, dtype=np.float64) for axis in points)
     longitude, latitude, depth, asked = np.broadcast_arrays(*axes, np.int64(own) if time_ns is None else time_ns)
     if np.any(np.abs(latitude) > 90.0):
         raise EstimatorError(f"latitude: expected -90 to 90 degrees, got {span_text(latitude)}; the order is longitude, latitude, depth")
     at = np.column_stack([axis.ravel() for axis in (longitude, latitude, depth)])
-    values, held = np.full((len(at), 4), np.nan), asked.ravel().astype(np.int64)
-    if time_ns is None or flow.later is constant:
-        values[:] = _evaluate(flow, *at.T)
+    first = _last_observation(flow)
+    held = np.full(len(at), own) if flow.later is None else asked.ravel() if first is None else np.maximum(asked.ravel(), first)
+    if time_ns is None or flow.later is None or flow.later is constant:
+        values = _evaluate(flow, *at.T)
     else:
-        times, which = np.unique(asked, return_inverse=True)
-        for k, time in enumerate(times.tolist()):
-            here = which.ravel() == k
-            now = flow.at(time)
-            values[here] = _evaluate(now, *at[here].T)
-            held[here] = time if now.time_ns is None else now.time_ns
+        values = np.empty((len(at), 4))
+        for time in np.unique(held).tolist():
+            here = held == time
+            values[here] = _evaluate(flow.at(time), *at[here].T)
     kept = (column.reshape(depth.shape)[()] for column in values.T)
     dates = (value.reshape(depth.shape).astype("datetime64[ns]")[()] for value in (asked, held))
     return Velocities(longitude[()], latitude[()], depth[()], *dates, *kept)

@@ -121,8 +121,23 @@ def test_what_is_no_track_is_refused(flow: FlowEstimate) -> None:
         flow.along([5.0, 62.0])
     with pytest.raises(EstimatorError, match="but latitude, depth is missing"):
         flow.along({"longitude": [5.0]})
+
+
+def test_a_flow_without_a_model_of_time_is_as_it_is_along_a_track_and_refused_at_a_time(flow: FlowEstimate) -> None:
+    got = flow.along({"longitude": [5.0, 5.0], "latitude": 62.0, "depth": 5.0, "time": [TIME_NS - HOUR, TIME_NS + HOUR]})
+    assert got.u.tolist() == [flow.velocity_at(5.0, 62.0, 5.0).u] * 2
+    assert got.time.tolist() == [TIME_NS - HOUR, TIME_NS + HOUR]
+    assert got.estimate_time.tolist() == [TIME_NS, TIME_NS]
     with pytest.raises(EstimatorError, match="has no model of time"):
-        flow.along({"longitude": [5.0], "latitude": [62.0], "depth": [5.0], "time": [TIME_NS]})
+        flow.velocity_at(5.0, 62.0, 5.0, TIME_NS)
+
+
+def test_a_track_of_the_past_is_one_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
+    flow, asked = evolving(), []
+    at = FlowEstimate.at
+    monkeypatch.setattr(FlowEstimate, "at", lambda self, time_ns: (asked.append(time_ns), at(self, time_ns))[1])
+    flow.along({"longitude": 5.0, "latitude": 62.0, "depth": 5.0, "time": TIME_NS + HOUR * np.array([-3, -2, -1, 0, 1, 2, 2])})
+    assert asked == [TIME_NS, TIME_NS + HOUR, TIME_NS + 2 * HOUR]
 
 
 def test_points_become_tables_and_datasets(flow: FlowEstimate) -> None:
