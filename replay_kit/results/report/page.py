@@ -94,7 +94,7 @@ def _figure_html(figure: Figure) -> str:
     readout = f'<p class="readout" aria-live="polite">{escape(figure.readout)}</p>' if figure.readout else ""
     return (
         f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{readout}'
-        f'<div class="plot" tabindex="0" role="img" aria-label="{escape(figure.alternative)}" '
+        f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}" '
         f'style="height:{figure.layout.get("height", 420)}px"><p class="waiting">This figure is drawn by JavaScript.</p></div>'
         f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div></figure>'
     )

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.text import time_text
 from replay_kit.results.report.colors import scale
 from replay_kit.results.report.contents import Contents
@@ -24,10 +24,11 @@ def map_section(contents: Contents) -> Section:
     slices, track = contents.slices, contents.track
     missing = []
     if slices is None:
-        missing.append("The result holds no current: the map shows positions alone.")
+        missing.append("The result holds no current: the map shows positions and plans alone.")
     if track.time_ns.size == 0:
         missing.append("The result holds no position of the vehicle.")
-    if slices is None and track.time_ns.size == 0:
+    tracks = contents.result.plan_tracks
+    if slices is None and track.time_ns.size == 0 and not len(tracks):
         return Section("map", "Map", missing=missing)
     tables, traces = _field_traces(contents, slices)
     extent = _extent(contents, slices)
@@ -93,6 +94,9 @@ def _extent(contents: Contents, slices: CurrentSlices | None) -> Extent:
     east, north = [contents.track.east], [contents.track.north]
     if slices is not None:
         east, north = [*east, slices.east], [*north, slices.north]
+    if len(tracks := contents.result.plan_tracks):
+        planned = to_local(contents.projection, tracks["longitude"], tracks["latitude"])
+        east, north = [*east, planned[0]], [*north, planned[1]]
     return Extent.around(np.concatenate(east) / 1e3, np.concatenate(north) / 1e3)
 
 

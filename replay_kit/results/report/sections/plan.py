@@ -147,9 +147,13 @@ def _profile(contents: Contents) -> Figure:
         "yaxis": {"title": {"text": "depth [m]"}, "autorange": "reversed"},
     }
     below = (
-        "The line below is the deepest level of the forecast that is wet there; the bottom lies between it and the next level."
-        if bottom is not None and bottom.min() < bottom.max()
-        else "The forecast is wet down to its last level all along the plan."
+        ""
+        if bottom is None
+        else (
+            "The line below is the deepest level of the forecast that is wet there; the bottom lies between it and the next level."
+            if bottom.min() < bottom.max()
+            else "The forecast is wet down to its last level all along the plan."
+        )
     )
     caption = f"Depth that the last plan reaches along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. {below}"
     return Figure(
