@@ -37,7 +37,9 @@ def write(tmp_path: Path, flow: FlowEstimate) -> Write:
             fill(writer)
             if estimate is not None:
                 writer.finish(estimate)
-        return report_html(open_result(tmp_path / "out.mcap"))
+        page = report_html(open_result(tmp_path / "out.mcap"))
+        assert str(tmp_path) not in page
+        return page
 
     return make
 
