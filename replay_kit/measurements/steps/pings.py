@@ -9,6 +9,7 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Source, VehicleState
+from replay_kit.measurements.consistency.raw import raw_values
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame, assemble, is_complete
@@ -116,10 +117,11 @@ def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_mess
     Raises:
         MeasurementError: The ping does not say what turns its velocities to the earth's axes.
     """
+    raw = raw_values(ping.velocity)
     ping = with_bottom_track(ping, state.bottom, source.time_ns)
     until_ns = waits_until(ping, source.time_ns, () if state.submerged else state.track)
     ping = earth_referenced(ping, config)
-    waiting = WaitingPing(ping, source, state.depth, 0, n_messages, until_ns)
+    waiting = WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, raw)
     if until_ns == source.time_ns and is_unwanted(ping, config):
         return state, refuse(waiting, RELATIVE)
     depth = depth_of_pressure(ping.pressure, state.latitude)

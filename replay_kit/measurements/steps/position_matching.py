@@ -12,7 +12,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Observation, Source, VehicleState
+from replay_kit.core.observation import Observation, RawValues, Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity
@@ -35,6 +35,7 @@ class WaitingPing:
         dive: The dive it belongs to.
         n_messages: Messages that carried it: more than one in MAVLink.
         until_ns: When the fixes are there that give its place, and its platform's velocity [ns, UTC].
+        raw: Of its velocities before any rotation.
     """
 
     ping: AdcpPing
@@ -43,6 +44,7 @@ class WaitingPing:
     dive: int
     n_messages: int
     until_ns: int
+    raw: RawValues = RawValues()
 
 
 def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
@@ -143,6 +145,7 @@ def _observation(waiting: WaitingPing, position: tuple[float, float], config: Me
         common_std,
         ping.correlation_depth if ping.correlation_depth >= 0.0 else config.correlation_depth,
         platform_velocity,
+        waiting.raw,
     )
     return observation, found
 
