@@ -13,11 +13,11 @@ from planners.glide.simulate import fly
 from planners.glide.solve import plan
 from planners.mission.feedback import Pilot
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
-from planners.mission.scenarios import MonteCarloSummary, fly_scenarios, plan_scenarios
-from planners.mission.values import Line, MissionPlan, MissionRequest, MissionSettings, Mooring, Weights
+from planners.mission.scenarios import fly_scenarios, plan_scenarios
+from planners.mission.values import Line, MissionPlan, MissionRequest, MissionSettings, MonteCarloSummary, Mooring, Weights
 from planners.mission.waypoints import Waypoints, waypoints_of
 from planners.path.plan import AuvPlan, plan_path
-from planners.path.program import Auv, AuvSettings
+from planners.path.settings import Auv, AuvSettings
 from planners.route.hazards import Bathymetry, NoGo
 from planners.vehicle import Glider, SteadyFlight, fit_flight
 

@@ -23,44 +23,27 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import HorizontalKernel
 
 
-def flow_function(
-    nodes: Array, levels: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions, times: Array | None = None
-) -> ca.Function:
-    """Return the CasADi function (east, north, depth[, time], latent) -> (u, v) of every flow on these nodes.
+def field_function(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
+    """Return the CasADi function (place, latent) -> velocity of every flow on an estimate's nodes; a place is east, north, depth[, time].
 
     It equals ``FlowEstimate.velocity`` everywhere: constant in depth outside the levels, fading to zero outside the nodes. With times
     it is linear between them, and constant before the first and after the last. It is differentiable twice in place and time; the
     latent velocities are data, and derivatives by them are not defined.
 
     Args:
-        nodes: shape (N, 2) [m], east and north.
-        levels: shape (Z,) [m], increasing.
-        kernel: Horizontal kernel.
-        depth_functions: How levels combine.
+        flow: Its nodes, levels, kernel and functions of depth; its latent velocities remain an argument.
         times: shape (T,) [s], increasing; the latent velocities are then (2N, Z T), all levels of the first time first. None for a
             flow that does not change, whose latent velocities are (2N, Z).
     """
-    names = ["east", "north", "depth"] + ([] if times is None else ["time"])
-    # CasADi's type stubs read any list of expressions as SX.
-    inputs: list[Any] = [ca.MX.sym(name) for name in names]
-    count = levels.size * (1 if times is None else times.size)
-    latent = ca.MX.sym("latent", 2 * len(nodes), count)
-    velocity = field_function(nodes, levels, kernel, depth_functions, times)(ca.vertcat(*inputs), latent)
-    options = {"is_diff_in": [*(True for _ in names), False]}
-    return ca.Function("flow", [*inputs, latent], [velocity[0], velocity[1]], [*names, "latent"], ["u", "v"], options)
+    return _field(flow, flow.levels, flow.depth_functions, times, ("east", "north", "depth"))
 
 
-def flow_function_of(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
-    """Return ``flow_function`` of the nodes, levels and functions of an estimate; its latent velocities remain an argument."""
-    return flow_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions, times)
-
-
-def layer_function(nodes: Array, kernel: HorizontalKernel, times: Array | None = None) -> ca.Function:
+def layer_function(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
     """Return the function (east and north[ and time], latent) -> velocity of one depth, whose latent velocities are (2N, 1) or (2N, T).
 
     A vehicle that passes depths known beforehand contracts the levels once, outside of the optimiser.
     """
-    return _field(nodes, np.zeros(1), kernel, DepthFunctions("hat", 1.0), times, ("east", "north"))
+    return _field(flow, np.zeros(1), DepthFunctions("hat", 1.0), times, ("east", "north"))
 
 
 def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
@@ -89,21 +72,12 @@ def graph_key(flow: FlowEstimate) -> tuple[bytes, bytes, HorizontalKernel, Depth
     return np.ascontiguousarray(flow.nodes).tobytes(), np.ascontiguousarray(flow.levels).tobytes(), flow.kernel, flow.depth_functions
 
 
-def field_function(
-    nodes: Array, levels: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions, times: Array | None = None
-) -> ca.Function:
-    """Return ``flow_function`` on vectors, (place, latent) -> velocity, which costs less to call; a place is east, north, depth[, time]."""
-    return _field(nodes, levels, kernel, depth_functions, times, ("east", "north", "depth"))
-
-
-def _field(
-    nodes: Array, levels: Array, kernel: HorizontalKernel, functions: DepthFunctions, times: Array | None, axes: tuple[str, ...]
-) -> ca.Function:
+def _field(flow: FlowEstimate, levels: Array, functions: DepthFunctions, times: Array | None, axes: tuple[str, ...]) -> ca.Function:
     """Return the function (place, latent) -> velocity with its own derivatives, its place having these axes and time where there is one."""
     names = axes if times is None else (*axes, "time")
     place: Any = ca.MX.sym("place", len(names))
-    latent = ca.MX.sym("latent", 2 * len(nodes), levels.size * (1 if times is None else times.size))
-    summed = _SumOverNodes(nodes, kernel, place)
+    latent = ca.MX.sym("latent", 2 * len(flow.nodes), levels.size * (1 if times is None else times.size))
+    summed = _SumOverNodes(flow.nodes, flow.kernel, place)
 
     def derivative(*by: str) -> Any:
         """Return the velocity differentiated once by each of the axes given."""

@@ -13,18 +13,22 @@ T = TypeVar("T")
 # Programs measure distances in kilometres and times in hours, so that their unknowns are of order one to a hundred.
 KM, HOUR = 1e3, 3600.0
 MOST_ITERATIONS = 80
-OPTIONS: dict[str, Any] = {
+# An evaluation that is not a number is IPOPT's to report through its return status, not CasADi's to print.
+QUIET: dict[str, Any] = {
     "print_time": False,
     "show_eval_warnings": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
+    "ipopt.nlp_scaling_method": "none",
+}
+OPTIONS: dict[str, Any] = {
+    **QUIET,
     # kilometres and hours are to be right to metres and seconds
     "ipopt.tol": 1e-6,
     "ipopt.constr_viol_tol": 1e-6,
     "ipopt.acceptable_tol": 1e-5,
     "ipopt.acceptable_iter": 3,
     "ipopt.max_iter": MOST_ITERATIONS,
-    "ipopt.nlp_scaling_method": "none",
     "ipopt.mu_init": 1e-2,
     "ipopt.bound_push": 1e-4,
     "ipopt.bound_frac": 1e-4,

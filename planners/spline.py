@@ -2,6 +2,18 @@
 
 It is cubic in the plane. In depth it is linear between the levels where the flow is, and cubic otherwise. It represents one estimate only
 and is not divergence-free; outside its box it has the value at the edge.
+
+Over random eddies of 0.2 m/s and a kernel length of 12 km it is 0.2 mm/s off at most with three coefficients per kernel length (two: 1.3
+mm/s, four: 0.07 mm/s), and a plan of 16 h made in it misses by 6 m when it is flown in the flow itself. One evaluation with first and
+second derivatives takes 7 us or less, whatever the nodes; the flow's own takes 9, 26 and 44 us at 527 nodes. But the spline and the graph
+that holds it are made for each estimate. Processor time for ten dives, in the flow and in the spline with two coefficients per length:
+
+    nodes   first plan        again on the same estimate   on a new estimate
+    80      0.19 s, 0.26 s    0.12 s, 0.11 s               0.10 s, 0.31 s
+    527     0.74 s, 0.78 s    0.56 s, 0.24 s               0.66 s, 0.75 s
+    2040    2.2 s, 4.2 s      1.8 s, 1.3 s                 1.5 s, 4.8 s
+
+It is faster only where one estimate of some hundred nodes is used for several plans with the same number of legs.
 """
 
 from dataclasses import dataclass
@@ -21,8 +33,6 @@ from replay_kit.core.flow.horizontal import velocity_kernel
 _CUBIC = 3
 # Random places in the box at which the error is measured.
 _PLACES = 2000
-# Splines kept in memory, and with them the programs built from them.
-_MOST_SPLINES = 4
 # Places at which the kernel matrix is evaluated at once.
 _CHUNK = 1024
 
@@ -59,7 +69,8 @@ class _Axis:
         return np.asarray(BSpline.design_matrix(np.clip(at, self.knots[0], self.knots[-1]), self.knots, self.degree).toarray())
 
 
-_splines = Recent[FlowSpline](_MOST_SPLINES)
+# in memory, and with them the programs built from them
+_splines = Recent[FlowSpline](4)
 
 
 def spline_of(flow: FlowEstimate, points: int = 3) -> FlowSpline:

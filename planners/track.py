@@ -163,7 +163,7 @@ def path_function(flow: FlowEstimate, n_steps: int, integrator: Integrator = "rk
     The steps are written out in it, so that its derivatives evaluate a flow's value and Jacobian once where all need them; of a
     function for one step each derivative would evaluate its own.
     """
-    current = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
+    current = field_function(flow)
     inputs: list[Any] = [ca.MX.sym(*what) for what in (("start", 3), ("velocity", 3), ("steps", n_steps), ("latent", *flow.latent.shape))]
     start, velocity, steps, latent = inputs
 

@@ -1,4 +1,4 @@
-"""Every code block of every README runs; the set-up lines are run by .ci/run.
+"""Every code block of every README, and of the pages beside them, runs; the set-up lines are run by .ci/run.
 
 The commands of a shell block that share no file make chains, each a test of its own, so that the workers divide a long block.
 """
@@ -16,7 +16,7 @@ from replay_kit.config.run import RunConfig, load_config
 from tests.command import run_command
 from tests.places import ROOT
 
-READMES = [path for path in sorted(ROOT.rglob("README.md")) if not any(part.startswith(".") for part in path.relative_to(ROOT).parts)]
+READMES = [path for path in sorted(ROOT.rglob("*.md")) if not any(part.startswith(".") for part in path.relative_to(ROOT).parts)]
 BLOCKS = [
     (path, f"{path.relative_to(ROOT)}-{k}", language, code)
     for path in READMES

@@ -5,12 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from planners.glide.settings import GlideSettings
-from planners.glide.transcription import GlideCase, approach, solve_glide
-from planners.route.region import Region
+from planners.glide.transcription import Glide, GlideTask, approach, solve_glide
 from planners.track import Track, fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate
 
 # Largest difference between the optimiser's closest approach and the dense one [m]; after this many refinements the plan reports it.
 AGREEMENT = 1.0
@@ -22,35 +19,11 @@ _POLISHED = 1e-2, 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GlideTask:
-    """One planning problem.
-
-    Attributes:
-        flow: The current.
-        region: Where the path may be.
-        case: Places and limits in the local frame.
-        settings: Limits of the glide, effort of the planner.
-    """
-
-    flow: FlowEstimate
-    region: Region
-    case: GlideCase
-    settings: GlideSettings
-
-    @property
-    def n_steps(self) -> int:
-        """Steps of the optimiser before any refinement: each level crossed takes at most one of its own."""
-        return self.settings.n_steps + self.flow.levels.size
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
     """A glide and its dense path.
 
     Attributes:
-        heading: Clockwise from local north [rad].
-        glide_angle: Below the horizontal [rad].
-        duration: Flown [s].
+        glide: Heading, glide angle and duration flown.
         until: When its path leaves the region or meets land [s]; ``duration`` when it does not.
         time: Of the closest approach until then [s].
         distance: Closest approach until then [m].
@@ -60,9 +33,7 @@ class Candidate:
         return_status: IPOPT's last.
     """
 
-    heading: float
-    glide_angle: float
-    duration: float
+    glide: Glide
     until: float
     time: float
     distance: float
@@ -77,35 +48,32 @@ class Candidate:
         return self.distance <= self.predicted_distance + AGREEMENT
 
 
-def fly_candidate(task: GlideTask, heading: float, glide_angle: float, duration: float, refinement: int = _DENSE) -> Candidate:
+def fly_candidate(task: GlideTask, glide: Glide, refinement: int = _DENSE) -> Candidate:
     """Return a glide flown through the task's flow.
 
     Args:
         task: The problem.
-        heading: Clockwise from local north [rad].
-        glide_angle: Below the horizontal [rad].
-        duration: [s], positive.
+        glide: Its duration is positive.
         refinement: Steps for each of the optimiser's.
     """
-    velocity = np.array(velocity_through_water(np, heading, glide_angle, task.case.speed))
-    fractions = aligned_fractions(task, glide_angle, duration, refinement * task.n_steps)
-    track = fly_glide(task.flow, task.case.start, velocity, fractions * duration)
+    velocity = np.array(velocity_through_water(np, glide.heading, glide.glide_angle, task.settings.speed))
+    fractions = aligned_fractions(task, glide, refinement * task.n_steps)
+    track = fly_glide(task.flow, task.start, velocity, fractions * glide.duration)
     if not np.all(np.isfinite(track.position)):
-        return Candidate(heading, glide_angle, duration, 0.0, 0.0, np.inf, track)
+        return Candidate(glide, 0.0, 0.0, np.inf, track)
     until = track.allowed_until(task.region.allowed)
-    time, distance = track.closest(task.case.goal, until)
-    return Candidate(heading, glide_angle, duration, until, time, distance, track)
+    time, distance = track.closest(task.goal, until)
+    return Candidate(glide, until, time, distance, track)
 
 
-def aligned_fractions(task: GlideTask, glide_angle: float, duration: float, n_steps: int) -> Array:
+def aligned_fractions(task: GlideTask, glide: Glide, n_steps: int) -> Array:
     """Return the ends of a glide's steps as fractions of its duration, one at each level it crosses."""
-    start_depth = task.case.start[2]
-    end_depth = start_depth + task.case.speed * np.sin(glide_angle) * duration
-    return fractions_of_duration(start_depth, end_depth, task.flow.levels, n_steps)
+    end_depth = task.start[2] + task.settings.speed * np.sin(glide.glide_angle) * glide.duration
+    return fractions_of_duration(task.start[2], end_depth, task.flow.levels, n_steps)
 
 
-def optimise(task: GlideTask, guess: tuple[float, float, float]) -> Candidate | None:
-    """Return the optimum found from a guess of heading, glide angle and duration; None when the solution is not a number.
+def optimise(task: GlideTask, guess: Glide) -> Candidate | None:
+    """Return the optimum found from a guess; None when the solution is not a number.
 
     Least squares come near, IPOPT finishes. The steps fit the depths of the guess; where the dense path is farther away than the solver
     predicted, they are fitted to the depths of the solution, then refined. A path that leaves the region is solved within it; one that
@@ -114,19 +82,19 @@ def optimise(task: GlideTask, guess: tuple[float, float, float]) -> Candidate | 
     iterations, n_steps, best, bounded = 0, task.n_steps, None, False
     for refinement in range(_REFINEMENTS + 1):
         begun = guess = _approached(task, guess, n_steps)
-        answer = solve_glide(task.flow, task.case, guess, aligned_fractions(task, guess[1], guess[2], n_steps), bounded)
+        answer = solve_glide(task, guess, aligned_fractions(task, guess, n_steps), bounded)
         iterations += answer.iterations
         if not np.isfinite(answer.distance):
             break
-        guess = answer.heading, answer.glide_angle, answer.duration
-        flown = fly_candidate(task, *guess)
+        guess = answer.glide
+        flown = fly_candidate(task, guess)
         if best is None or flown.distance < best.distance:
             best = replace(flown, predicted_distance=answer.distance)
         fixed = task.settings.integrator == "euler"
-        if best.is_consistent or fixed or (flown.until < flown.duration and (bounded or stops_on_land(task, flown))):
+        if best.is_consistent or fixed or (flown.until < guess.duration and (bounded or stops_on_land(task, flown))):
             break
         # A path cut short is not a matter of step length: from the same guess again, now within the region.
-        if flown.until < flown.duration:
+        if flown.until < guess.duration:
             bounded, guess = True, begun
             continue
         n_steps = task.n_steps * 2**refinement
@@ -135,14 +103,14 @@ def optimise(task: GlideTask, guess: tuple[float, float, float]) -> Candidate | 
 
 def stops_on_land(task: GlideTask, flown: Candidate) -> bool:
     """Return whether what cuts a glide short is land, not the region's edge."""
-    beyond = flown.track.at(np.array([min(flown.until + 1.0, flown.duration)]))
+    beyond = flown.track.at(np.array([min(flown.until + 1.0, flown.glide.duration)]))
     return bool(task.region.inside(beyond)[0])
 
 
-def _approached(task: GlideTask, guess: tuple[float, float, float], n_steps: int) -> tuple[float, float, float]:
+def _approached(task: GlideTask, guess: Glide, n_steps: int) -> Glide:
     """Return the guess after a least-squares approach, or as it was when the approach left the region or came no closer."""
-    moved = approach(task.flow, task.case, guess, aligned_fractions(task, guess[1], guess[2], n_steps))
-    return moved if fly_candidate(task, *moved, 1).distance < fly_candidate(task, *guess, 1).distance else guess
+    moved = approach(task, guess, aligned_fractions(task, guess, n_steps))
+    return moved if fly_candidate(task, moved, 1).distance < fly_candidate(task, guess, 1).distance else guess
 
 
 def polish(task: GlideTask, seed: Candidate) -> Candidate:
@@ -151,13 +119,13 @@ def polish(task: GlideTask, seed: Candidate) -> Candidate:
     # of a goal that is missed by far, metres do not matter
     close = max(_POLISHED[0], _POLISHED[1] * seed.distance)
 
-    def distance(unknowns: Array) -> float:
-        flown = fly_candidate(task, unknowns[0], unknowns[1], float(np.exp(np.clip(unknowns[2], 0.0, limit))), refinement=1)
-        return flown.distance
+    def glide(unknowns: Array) -> Glide:
+        return Glide(float(unknowns[0]), float(unknowns[1]), float(np.exp(np.clip(unknowns[2], 0.0, limit))))
 
-    first = np.array([seed.heading, seed.glide_angle, np.log(seed.duration)])
-    simplex = first + np.vstack([np.zeros(3), np.diag([0.02, 0.1 * max(abs(seed.glide_angle), 1e-3), -0.02])])
-    options = {"initial_simplex": simplex, "xatol": close / (task.case.speed * seed.duration), "fatol": close, "maxiter": 100}
-    best = minimize(distance, first, method="Nelder-Mead", options=options).x
-    improved = fly_candidate(task, float(best[0]), float(best[1]), float(np.exp(np.clip(best[2], 0.0, limit))))
+    heading, glide_angle, duration = seed.glide
+    first = np.array([heading, glide_angle, np.log(duration)])
+    simplex = first + np.vstack([np.zeros(3), np.diag([0.02, 0.1 * max(abs(glide_angle), 1e-3), -0.02])])
+    options = {"initial_simplex": simplex, "xatol": close / (task.settings.speed * duration), "fatol": close, "maxiter": 100}
+    best = minimize(lambda at: fly_candidate(task, glide(at), 1).distance, first, method="Nelder-Mead", options=options).x
+    improved = fly_candidate(task, glide(best))
     return improved if improved.distance <= seed.distance else seed

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from planners.glide.candidate import Candidate, GlideTask, stops_on_land
+from planners.glide.candidate import Candidate, stops_on_land
+from planners.glide.transcription import GlideTask
 from replay_kit.core.plan import PlanStatus
 
 # A limit counts as binding when the path ends this close to it [m], or within this share of the longest duration.
@@ -26,17 +27,17 @@ def explain(task: GlideTask, best: Candidate, distance: float, status: PlanStatu
 
 def _binding(task: GlideTask, best: Candidate) -> str:
     end = best.track.at(np.array([best.time]))[0]
-    if float(np.linalg.norm(end - task.case.start)) < _NEAR:
+    if float(np.linalg.norm(end - task.start)) < _NEAR:
         return "every glide leads away from the goal: the current is stronger than the vehicle"
-    if best.until < best.duration and best.time > best.until - 1.0:
+    if best.until < best.glide.duration and best.time > best.until - 1.0:
         return "the path meets land there" if stops_on_land(task, best) else "the path leaves the region that the forecast covers there"
     if best.time >= (1.0 - _NEAR_SHARE) * task.settings.max_duration:
         return f"limit: the longest glide considered, max_duration = {task.settings.max_duration:g} s"
     if _distance_to_sides(task, end) < _NEAR:
         return "limit: the edge of the region that the forecast covers"
-    if end[2] > task.region.deepest - _NEAR and task.case.goal[2] < task.region.deepest - _NEAR:
+    if end[2] > task.region.deepest - _NEAR and task.goal[2] < task.region.deepest - _NEAR:
         return f"limit: the deepest level, {task.region.deepest:g} m"
-    if end[2] < _NEAR < task.case.goal[2]:
+    if end[2] < _NEAR < task.goal[2]:
         return "limit: the surface"
     through = best.track.velocity[:, :2] - task.flow.velocity(*best.track.position.T)
     current = float(np.mean(np.linalg.norm(best.track.velocity[:, :2] - through, axis=1)))
@@ -45,6 +46,6 @@ def _binding(task: GlideTask, best: Candidate) -> str:
 
 def _distance_to_sides(task: GlideTask, point: np.ndarray) -> float:
     """Return how far inside the outline a point is [m]."""
-    sides, place = task.case.sides, point[:2] / 1e3
+    sides, place = task.sides, point[:2] / 1e3
     along = sides[:, 2:4] @ place
     return float(np.min(sides[:, 4] + sides[:, 5] * along + sides[:, 6] * along**2 - sides[:, :2] @ place)) * 1e3

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from planners.glide.transcription import GlideCase
-from planners.route.region import Region
+from planners.glide.transcription import Glide, GlideTask
 from planners.route.table import FlowTable, tabulate
 from planners.track import rk4_step, velocity_through_water
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate
 
 _N_HEADINGS, _N_TIMES, _N_DRIFTS, _N_STEPS = 90, 32, 8, 48
 
@@ -23,34 +21,28 @@ class Seed:
     """An initial guess for the optimiser.
 
     Attributes:
-        heading: Clockwise from local north [rad].
-        glide_angle: Below the horizontal [rad].
-        duration: To its closest approach [s].
+        glide: To its closest approach.
         distance: Closest approach [m].
     """
 
-    heading: float
-    glide_angle: float
-    duration: float
+    glide: Glide
     distance: float
 
 
-def find_seeds(flow: FlowEstimate, region: Region, case: GlideCase, count: int) -> list[Seed]:
+def find_seeds(task: GlideTask, count: int) -> list[Seed]:
     """Return the best distinct glides found, nearest to the goal first.
 
     Two fans over all headings are searched: glides that reach the goal's depth after some time, and glides of any steady depth rate
     for goals that no such glide can reach. Each local minimum of closest approach over a fan is one candidate.
 
     Args:
-        flow: The current.
-        region: Where a path may be.
-        case: Places and limits.
+        task: The problem.
         count: Most seeds returned.
     """
-    table, seeds = tabulate(flow, region), list[Seed]()
-    for depth_rates, durations in _fans(table, case.start, case.goal, case.speed, case.max_duration):
+    table, seeds = tabulate(task.flow, task.region), list[Seed]()
+    for depth_rates, durations in _fans(table, task.start, task.goal, task.settings.speed, task.settings.max_duration):
         if depth_rates.size:
-            seeds += _search_fan(table, case, depth_rates, durations)
+            seeds += _search_fan(table, task, depth_rates, durations)
     return sorted((seed for seed in seeds if np.isfinite(seed.distance)), key=lambda seed: seed.distance)[:count]
 
 
@@ -74,19 +66,19 @@ def _fans(table: FlowTable, start: Array, goal: Array, speed: float, max_duratio
     return [(to_goal / times, times), (rates, lasting)]
 
 
-def _search_fan(table: FlowTable, case: GlideCase, depth_rates: Array, durations: Array) -> list[Seed]:
+def _search_fan(table: FlowTable, task: GlideTask, depth_rates: Array, durations: Array) -> list[Seed]:
     headings = np.linspace(0.0, 2.0 * np.pi, _N_HEADINGS, endpoint=False)
-    angles = np.arcsin(np.clip(depth_rates / case.speed, -1.0, 1.0))
+    angles = np.arcsin(np.clip(depth_rates / task.settings.speed, -1.0, 1.0))
     heading, angle = (a.ravel() for a in np.meshgrid(headings, angles, indexing="ij"))
-    velocity = np.column_stack(velocity_through_water(np, heading, angle, case.speed))
-    time, distance = _fly_all(table, case.start, case.goal, velocity, np.tile(durations, headings.size))
+    velocity = np.column_stack(velocity_through_water(np, heading, angle, task.settings.speed))
+    time, distance = _fly_all(table, task.start, task.goal, velocity, np.tile(durations, headings.size))
     by_heading = distance.reshape(headings.size, -1)
     # Headings are periodic; the other axis is not.
     lowest = minimum_filter(by_heading, size=3, mode=("wrap", "nearest")).ravel()
     # Glides that only lead away all have the distance of the start: the first of them represents all.
     useful = time > 0.0 if np.any(time > 0.0) else np.arange(time.size) == 0
     found = np.flatnonzero((distance <= lowest) & np.isfinite(distance) & useful)
-    return [Seed(float(heading[i]), float(angle[i]), float(time[i]), float(distance[i])) for i in found]
+    return [Seed(Glide(float(heading[i]), float(angle[i]), float(time[i])), float(distance[i])) for i in found]
 
 
 def _fly_all(table: FlowTable, start: Array, goal: Array, velocity: Array, duration: Array) -> tuple[Array, Array]:

@@ -1,12 +1,17 @@
-"""One glide planned: seeds, IPOPT from several of them, the best path flown again densely, its outcome in words."""
+"""One glide planned: seeds, IPOPT from several of them, the best path flown again densely, its outcome in words.
+
+A glide ends where it meets land: it cannot turn, so there is no route round it. With Euler's steps, as in the paper, the plan shows their
+error, because its path is integrated by Runge-Kutta: over eight random eddying flows of 0.25 m/s, between random places in a square of 16
+km, 123 m in the median and 365 m at most with 24 steps, 33 m and 84 m with 100.
+"""
 
 import numpy as np
 
-from planners.glide.candidate import AGREEMENT, Candidate, GlideTask, fly_candidate, optimise, polish
+from planners.glide.candidate import AGREEMENT, Candidate, fly_candidate, optimise, polish
 from planners.glide.explain import explain
 from planners.glide.seeds import find_seeds
 from planners.glide.settings import GlideSettings
-from planners.glide.transcription import GlideCase
+from planners.glide.transcription import Glide, GlideTask
 from planners.route.region import locate, region_of
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north
@@ -49,9 +54,7 @@ def plan(
         PlanError: The start or the goal is outside the region, above the surface, below the deepest level or on land.
     """
     region = region_of(flow.grid)
-    begin, end = locate(region, start, "start"), locate(region, goal, "goal")
-    case = GlideCase(begin, end, region.deepest, region.sides(), settings.speed, settings.max_duration, settings.integrator)
-    task = GlideTask(flow, region, case, settings)
+    task = GlideTask(flow, region, locate(region, start, "start"), locate(region, goal, "goal"), settings)
     turn = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
     # No glide beats one that passes the goal, so an earlier plan that still leads there needs no search.
     seeds = _flown(task, _remaining(warm, start_time_ns, turn))
@@ -68,39 +71,39 @@ def plan(
     if best is seed or (settings.integrator == "rk4" and best.distance > seed.distance + _TIE):
         best = polish(task, seed)
         notes.append("IPOPT did no better than the seed, which was polished by Nelder-Mead instead")
-    elif not best.is_consistent and best.until == best.duration:
+    elif not best.is_consistent and best.until == best.glide.duration:
         notes.append(f"the optimiser predicted {best.predicted_distance:.1f} m, more than {AGREEMENT:g} m from the dense path")
     statistics = _statistics(solved, seed, best)
     return _to_plan(task, best, (start, goal, start_time_ns, turn), notes, statistics)
 
 
-def _remaining(warm: Plan | None, start_time_ns: int, turn: float) -> list[tuple[float, float, float]]:
-    """Return heading [rad], glide angle [rad] and remaining duration [s] of an earlier plan; nothing when there is none."""
+def _remaining(warm: Plan | None, start_time_ns: int, turn: float) -> list[Glide]:
+    """Return what remains of an earlier plan; nothing when there is none."""
     if warm is None or warm.status == "failed":
         return []
     remaining = warm.duration - (start_time_ns - warm.start_time_ns) / 1e9
-    return [(float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0))]
+    return [Glide(float(np.deg2rad(warm.heading_deg)) + turn, float(np.deg2rad(warm.glide_angle_deg)), max(remaining, 1.0))]
 
 
 def _seeds(task: GlideTask) -> list[Candidate]:
     """Return the optimiser's starts, flown in the flow itself, nearest to the goal first; none when no path is finite."""
-    found = find_seeds(task.flow, task.region, task.case, _MOST_SEEDS)
+    found = find_seeds(task, _MOST_SEEDS)
     reach = _SEED_RANGE * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
-    guesses = [(seed.heading, seed.glide_angle, seed.duration) for seed in found if seed.distance <= found[0].distance + reach]
+    guesses = [seed.glide for seed in found if seed.distance <= found[0].distance + reach]
     return sorted(_flown(task, guesses), key=lambda seed: seed.distance)[: task.settings.starts]
 
 
-def _flown(task: GlideTask, guesses: list[tuple[float, float, float]]) -> list[Candidate]:
+def _flown(task: GlideTask, guesses: list[Glide]) -> list[Candidate]:
     """Return the guesses whose path is finite."""
-    limit = task.case.max_duration
-    flown = [fly_candidate(task, heading, angle, float(np.clip(time, 1.0, limit)), 1) for heading, angle, time in guesses]
+    limit = task.settings.max_duration
+    flown = [fly_candidate(task, guess._replace(duration=float(np.clip(guess.duration, 1.0, limit))), 1) for guess in guesses]
     return [seed for seed in flown if np.isfinite(seed.distance)]
 
 
 def _solve_all(task: GlideTask, seeds: list[Candidate]) -> list[Candidate]:
     solved: list[Candidate] = []
     for seed in seeds:
-        candidate = optimise(task, (seed.heading, seed.glide_angle, seed.duration))
+        candidate = optimise(task, seed.glide)
         if candidate is not None:
             solved.append(candidate)
             if candidate.distance <= _CLOSE_ENOUGH:
@@ -130,19 +133,19 @@ def _to_plan(
 ) -> Plan:
     start, goal, start_time_ns, turn = request
     # Flown again to the closest approach alone, so that the track ends there on a step.
-    final = fly_candidate(task, best.heading, best.glide_angle, max(best.time, 1e-3))
-    distance = float(np.linalg.norm(final.track.position[-1] - task.case.goal))
+    final = fly_candidate(task, best.glide._replace(duration=max(best.time, 1e-3)))
+    distance = float(np.linalg.norm(final.track.position[-1] - task.goal))
     status: PlanStatus = "reached" if distance <= task.settings.tolerance else "unreachable"
     return Plan(
         status=status,
         start=start,
         goal=goal,
         start_time_ns=start_time_ns,
-        heading_deg=float(np.mod(np.rad2deg(best.heading - turn), 360.0)),
-        glide_angle_deg=float(np.rad2deg(best.glide_angle)),
+        heading_deg=float(np.mod(np.rad2deg(best.glide.heading - turn), 360.0)),
+        glide_angle_deg=float(np.rad2deg(best.glide.glide_angle)),
         speed=task.settings.speed,
-        velocity_through_water=final.track.velocity[0] - np.append(task.flow.velocity(*task.case.start), 0.0),
-        duration=final.duration,
+        velocity_through_water=final.track.velocity[0] - np.append(task.flow.velocity(*task.start), 0.0),
+        duration=final.glide.duration,
         closest_approach=distance,
         track_time=final.track.time,
         track=final.track.position,
@@ -163,9 +166,9 @@ def _failed(task: GlideTask, start: Place, goal: Place, start_time_ns: int) -> P
         speed=task.settings.speed,
         velocity_through_water=np.zeros(3),
         duration=0.0,
-        closest_approach=float(np.linalg.norm(task.case.start - task.case.goal)),
+        closest_approach=float(np.linalg.norm(task.start - task.goal)),
         track_time=np.zeros(1),
-        track=task.case.start[None, :].copy(),
+        track=task.start[None, :].copy(),
         message="no glide has a finite path: the flow is not a number somewhere along each; check the estimate's latent velocities",
         statistics={"starts": 0, "iterations": 0, "return_status": "not started"},
     )

@@ -5,14 +5,17 @@ plan to plan (latent velocities, places, limits, steps) is a parameter, so that 
 """
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
 from planners.flow import graph_key
-from planners.solver import KM, Recent
+from planners.glide.settings import GlideSettings
+from planners.route.region import Region
+from planners.solver import KM, QUIET, Recent
 from planners.track import Integrator, path_function, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -22,11 +25,7 @@ _APPROACH_STEPS = 60
 # Steepest angle a guess may have [rad]: the tangent of a right angle is no start.
 _STEEPEST = np.pi / 2 - 1e-3
 _OPTIONS: dict[str, Any] = {
-    "print_time": False,
-    # An evaluation that is not a number is IPOPT's to report through its return status, not CasADi's to print.
-    "show_eval_warnings": False,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
+    **QUIET,
     # Tight enough for a millimetre where nothing binds, and for centimetres where a limit does.
     "ipopt.tol": 1e-6,
     # The bends of hats between two iterates can keep the gradient just above that, at millimetres from the optimum.
@@ -34,7 +33,6 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.acceptable_iter": 2,
     "ipopt.constr_viol_tol": 1e-9,
     "ipopt.max_iter": 40,
-    "ipopt.nlp_scaling_method": "none",
     # The seeds are good and lie mostly far from the limits: a small barrier keeps them where they are.
     "ipopt.mu_init": 1e-7,
     # The objective must fall wherever the limits hold to rounding; by default rounding counts as progress in feasibility.
@@ -63,27 +61,48 @@ class GlideProgram:
     upper_sides: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GlideCase:
-    """The parameters of one plan.
+class Glide(NamedTuple):
+    """A glide at one constant velocity through water.
 
     Attributes:
-        start: shape (3,) [m], local east, north, depth.
-        goal: shape (3,) [m].
-        deepest: Deepest depth allowed [m].
-        sides: shape (4, 7), the outline as ``Region.sides`` gives it.
-        speed: Through water [m/s].
-        max_duration: [s].
-        integrator: Of the steps.
+        heading: Clockwise from local north [rad].
+        glide_angle: Below the horizontal [rad].
+        duration: [s].
     """
 
+    heading: float
+    glide_angle: float
+    duration: float
+
+
+# Not slotted: the sides are fitted once, when they are first needed.
+@dataclass(frozen=True, eq=False)
+class GlideTask:
+    """One planning problem in the local frame.
+
+    Attributes:
+        flow: The current.
+        region: Where the path may be.
+        start: shape (3,) [m], local east, north, depth.
+        goal: shape (3,) [m].
+        settings: Limits of the glide, effort of the planner.
+    """
+
+    flow: FlowEstimate
+    region: Region
     start: Array
     goal: Array
-    deepest: float
-    sides: Array
-    speed: float
-    max_duration: float
-    integrator: Integrator = "rk4"
+    settings: GlideSettings
+
+    @property
+    def n_steps(self) -> int:
+        """Steps of the optimiser before any refinement: each level crossed takes at most one of its own."""
+        return self.settings.n_steps + self.flow.levels.size
+
+    @cached_property
+    def sides(self) -> Array:
+        """The outline, shape (4, 7), as ``Region.sides`` gives it."""
+        return self.region.sides()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,17 +110,13 @@ class GlideSolution:
     """The solution of IPOPT.
 
     Attributes:
-        heading: Clockwise from local north [rad].
-        glide_angle: Below the horizontal [rad].
-        duration: [s].
+        glide: The local optimum.
         distance: To the goal at the end [m].
         iterations: IPOPT's.
         return_status: IPOPT's.
     """
 
-    heading: float
-    glide_angle: float
-    duration: float
+    glide: Glide
     distance: float
     iterations: int
     return_status: str
@@ -110,26 +125,26 @@ class GlideSolution:
 _programs = Recent[GlideProgram](8)
 
 
-def glide_program(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:
+def glide_program(task: GlideTask, n_steps: int, bounded: bool) -> GlideProgram:
     """Return the program of a flow's nodes, built once: estimates that differ only in latent velocities share it.
 
     Args:
-        flow: Any flow on the nodes.
+        task: Its flow and the integrator of its settings count.
         n_steps: Number of steps.
         bounded: Whether the path is constrained to the region.
-        integrator: Of the steps.
     """
+    flow, integrator = task.flow, task.settings.integrator
     return _programs.get((*graph_key(flow), n_steps, bounded, integrator), lambda: _build(flow, n_steps, bounded, integrator))
 
 
-def approach(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, float], fractions: Array) -> tuple[float, float, float]:
+def approach(task: GlideTask, guess: Glide, fractions: Array) -> Glide:
     """Return a guess moved towards the goal by nonlinear least squares, within the bounds of the unknowns; the region is ignored.
 
     From a rough seed the exact Hessian is often indefinite, and IPOPT spends dozens of iterations on it; the Gauss-Newton steps of
     least squares go straight down, at a third of the cost each. Arguments as for ``solve_glide``.
     """
-    program, parameters = glide_program(flow, fractions.size - 1, False, case.integrator), _parameters(flow, case, fractions)
-    unknowns, lower, upper = _unknowns(case, guess)
+    program, parameters = glide_program(task, fractions.size - 1, False), _parameters(task, fractions)
+    unknowns, lower, upper = _unknowns(task.settings, guess)
     seen: dict[bytes, tuple[Array, Array]] = {}
 
     def miss(at: Array) -> tuple[Array, Array]:
@@ -143,63 +158,60 @@ def approach(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, flo
         return guess
     inside = np.clip(unknowns, lower + 1e-9, upper - 1e-9)
     answer = least_squares(lambda x: miss(x)[0], inside, lambda x: miss(x)[1], (lower, upper), x_scale="jac", max_nfev=_APPROACH_STEPS)
-    return _glide(case, answer.x)
+    return _glide(task.settings, answer.x)
 
 
-def solve_glide(flow: FlowEstimate, case: GlideCase, guess: tuple[float, float, float], fractions: Array, bounded: bool) -> GlideSolution:
+def solve_glide(task: GlideTask, guess: Glide, fractions: Array, bounded: bool) -> GlideSolution:
     """Return the local optimum that IPOPT finds from a guess.
 
     Without constraints on the path its line search descends strictly, so the region is only brought in for paths that leave it.
 
     Args:
-        flow: The current.
-        case: Places and limits.
-        guess: Heading [rad], glide angle [rad], duration [s].
+        task: The problem.
+        guess: Where to begin.
         fractions: shape (n_steps + 1,), where the steps end as fractions of the duration.
         bounded: Whether the path is constrained to the region.
     """
-    program = glide_program(flow, fractions.size - 1, bounded, case.integrator)
-    unknowns, lower, upper = _unknowns(case, guess)
+    program = glide_program(task, fractions.size - 1, bounded)
+    unknowns, lower, upper = _unknowns(task.settings, guess)
     answer = program.solver(
         x0=unknowns,
-        p=_parameters(flow, case, fractions),
+        p=_parameters(task, fractions),
         lbx=lower,
         ubx=upper,
         lbg=program.lower,
-        ubg=np.concatenate([[case.deepest / KM], program.upper_sides]) if bounded else program.upper_sides,
+        ubg=np.concatenate([[task.region.deepest / KM], program.upper_sides]) if bounded else program.upper_sides,
     )
     statistics = program.solver.stats()
     distance = float(np.sqrt(max(float(answer["f"]), 0.0))) * KM if np.isfinite(float(answer["f"])) else np.inf
-    heading, glide_angle, duration = _glide(case, np.asarray(answer["x"]).ravel())
-    return GlideSolution(heading, glide_angle, duration, distance, int(statistics["iter_count"]), str(statistics["return_status"]))
+    glide = _glide(task.settings, np.asarray(answer["x"]).ravel())
+    return GlideSolution(glide, distance, int(statistics["iter_count"]), str(statistics["return_status"]))
 
 
-def _unknowns(case: GlideCase, guess: tuple[float, float, float]) -> tuple[Array, Array, Array]:
+def _unknowns(settings: GlideSettings, guess: Glide) -> tuple[Array, Array, Array]:
     """Return a guess as the program's unknowns with their lower and upper bounds: heading, descent in kilometres, logarithm of duration.
 
     The descent is V T tan(glide angle). At the small angles of a long glide it is the depth gained, so that duration and angle do not
     have to turn together along a curved valley of constant depth; and no angle is out of its reach.
     """
-    heading, glide_angle, duration = guess
-    duration = float(np.clip(duration, 1.0, case.max_duration))
-    descent = case.speed * duration * np.tan(np.clip(glide_angle, -_STEEPEST, _STEEPEST)) / KM
+    duration = float(np.clip(guess.duration, 1.0, settings.max_duration))
+    descent = settings.speed * duration * np.tan(np.clip(guess.glide_angle, -_STEEPEST, _STEEPEST)) / KM
     return (
-        np.array([heading, descent, np.log(duration)]),
+        np.array([guess.heading, descent, np.log(duration)]),
         np.array([-np.inf, -np.inf, 0.0]),
-        np.array([np.inf, np.inf, np.log(case.max_duration)]),
+        np.array([np.inf, np.inf, np.log(settings.max_duration)]),
     )
 
 
-def _glide(case: GlideCase, unknowns: Array) -> tuple[float, float, float]:
-    """Return heading [rad], glide angle [rad] and duration [s] of the program's unknowns."""
+def _glide(settings: GlideSettings, unknowns: Array) -> Glide:
+    """Return the glide of the program's unknowns."""
     duration = float(np.exp(unknowns[2]))
-    return float(unknowns[0]), float(np.arctan(unknowns[1] * KM / (case.speed * duration))), duration
+    return Glide(float(unknowns[0]), float(np.arctan(unknowns[1] * KM / (settings.speed * duration))), duration)
 
 
-def _parameters(flow: FlowEstimate, case: GlideCase, fractions: Array) -> Array:
-    return np.concatenate(
-        [case.start, case.goal, [case.speed], np.diff(fractions), case.sides.ravel(order="F"), flow.latent.ravel(order="F")]
-    )
+def _parameters(task: GlideTask, fractions: Array) -> Array:
+    sides, latent = task.sides.ravel(order="F"), task.flow.latent.ravel(order="F")
+    return np.concatenate([task.start, task.goal, [task.settings.speed], np.diff(fractions), sides, latent])
 
 
 def _build(flow: FlowEstimate, n_steps: int, bounded: bool, integrator: Integrator) -> GlideProgram:

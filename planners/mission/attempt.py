@@ -1,15 +1,16 @@
 """One number of legs solved and flown, and how attempts are ranked."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.mission.check import Violation
 from planners.mission.flight import Flight, Legs
-from planners.mission.program import MissionGuess
-from planners.mission.task import REFINED, MissionTask
-from planners.solver import HOUR, KM
+from planners.mission.program import MissionGuess, MissionShape
+from planners.mission.task import REFINED, MissionTask, YoDepths
+from planners.solver import HOUR, KM, MOST_ITERATIONS
 from replay_kit.core.arrays import Array
 
 # An attempt that violates a constraint ranks behind all that do not [m of miss distance].
@@ -32,6 +33,51 @@ class GoalSteps:
         """Return the numbers of a flight's points at which the goals are met."""
         begins, legs = np.concatenate([[0], flight.ends[:-1]]), np.array(self.legs) - 1
         return np.asarray(np.where(np.array(self.steps) == 0, flight.ends[legs], begins[legs] + REFINED * np.array(self.steps)))
+
+
+# Not slotted: depth profiles are made once, when they are first needed.
+@dataclass(frozen=True, eq=False)
+class LegsProblem:
+    """A mission with a given number of legs.
+
+    Attributes:
+        task: The mission.
+        n_legs: Number of legs.
+        goals: When each goal is to be met.
+        max_iterations: Of each solve.
+    """
+
+    task: MissionTask
+    n_legs: int
+    goals: GoalSteps
+    max_iterations: int = MOST_ITERATIONS
+
+    @cached_property
+    def yo_depths(self) -> tuple[YoDepths, ...]:
+        """Depths [m] at which each leg begins, turns and ends."""
+        return self.task.yo_depths(self.n_legs)
+
+    @cached_property
+    def depths(self) -> tuple[Array, ...]:
+        """Depths [m] of each leg's steps."""
+        return self.task.depths(self.yo_depths)
+
+    @property
+    def drifts(self) -> Array:
+        """Drift time [s] after each leg."""
+        return self.task.drifts(self.n_legs)
+
+    def shape(self, n_planes: int) -> MissionShape:
+        """Return the shape of the program with so many half-planes for each place."""
+        profiles = tuple(self.profiles.index(leg) for leg in self.yo_depths)
+        n_steps, has_reference = self.depths[0].size - 1, self.task.reference_path is not None
+        drifts = bool(np.any(self.drifts))
+        return MissionShape(self.n_legs, n_steps, self.goals.legs, profiles, n_planes, drifts, self.goals.steps, has_reference)
+
+    @property
+    def profiles(self) -> list[YoDepths]:
+        """The different depth profiles among the legs."""
+        return list(dict.fromkeys(self.yo_depths))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

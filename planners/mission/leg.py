@@ -98,7 +98,7 @@ def stage_latent(latent: Array, levels: Array, functions: DepthFunctions, depths
     """Return the latent velocities at each step's beginning, middle and end, and of the surface: shape (2N, (2 n_steps + 2) T).
 
     Args:
-        latent: shape (2N, Z T), as ``flow_function`` takes it.
+        latent: shape (2N, Z T), as ``field_function`` takes it.
         levels: shape (Z,) [m].
         functions: How levels combine.
         depths: shape (n_steps + 1,) [m].
@@ -121,11 +121,11 @@ def leg_function(
         flow: Any flow on the nodes; the function takes ``stage_latent``.
         vehicle: The glider.
         n_steps: Steps under water.
-        times: As for ``flow_function``.
+        times: As for ``field_function``.
         drifts: Whether there is a drift at the surface; if not, ``drift`` is ignored.
         spline: Used instead of the latent velocities, which are then empty.
     """
-    layer, n_times = layer_function(flow.nodes, flow.kernel, times), 1 if times is None else times.size
+    layer, n_times = layer_function(flow, times), 1 if times is None else times.size
     place, time = ca.MX.sym("place", 2), ca.MX.sym("time")
     heading, angle, drift, depths = ca.MX.sym("heading"), ca.MX.sym("angle"), ca.MX.sym("drift"), ca.MX.sym("depths", n_steps + 1)
     latent: Any = ca.MX.sym("latent", len(flow.latent) if spline is None else 0, (2 * n_steps + 2) * n_times)

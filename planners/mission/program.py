@@ -65,7 +65,7 @@ class MissionModel:
         flow: Any flow on the nodes; the latent velocities are parameters.
         vehicle: The glider.
         shape: Numbers of legs, steps and goals.
-        times: As for ``flow_function``.
+        times: As for ``field_function``.
         spline: Used instead of the flow.
     """
 

@@ -2,12 +2,15 @@
 
 import numpy as np
 
-from planners.mission.attempt import Attempt, best_of, energy_of, goals_met, is_feasible
+from planners.mission.attempt import Attempt, GoalSteps, best_of, energy_of, goals_met, is_feasible
+from planners.mission.flight import Flight, Legs
+from planners.mission.program import MissionGuess
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan, MissionStatus
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
 
+Statistics = dict[str, float | int | str]
 # A mission this close to the longest one considered is limited by it.
 _NEARLY = 0.95
 
@@ -18,13 +21,19 @@ def to_plan(task: MissionTask, attempts: list[Attempt]) -> MissionPlan:
     if not finite:
         what = "no path is finite" if attempts else "the current is not a number"
         return _failed_plan(task, f"{what}; check the estimate's latent velocities")
-    best, request, projection = best_of(task, finite), task.request, task.region.grid.projection
-    flight = best.flight
+    best = best_of(task, finite)
+    status: MissionStatus = "unsafe" if best.violation else "reached" if goals_met(task, best) else "unreachable"
+    goal_times = best.flight.time[best.goals.points(best.flight)]
+    return _plan_of(task, best, status, goal_times, _outcome(task, best, goal_times), _statistics(task, attempts, finite, best))
+
+
+def _plan_of(
+    task: MissionTask, best: Attempt, status: MissionStatus, goal_times: Array, message: str, statistics: Statistics
+) -> MissionPlan:
+    flight, request, projection = best.flight, task.request, task.region.grid.projection
     track = np.column_stack([flight.place[0], flight.depth])
     begins = np.concatenate([[0], flight.ends[:-1]])
     turn = grid_bearing_of_true_north(projection, *to_geographic(projection, *track[begins, :2].T))
-    status: MissionStatus = "unsafe" if best.violation else "reached" if goals_met(task, best) else "unreachable"
-    goal_times = flight.time[best.goals.points(flight)]
     return MissionPlan(
         status=status,
         start=request.start,
@@ -45,14 +54,14 @@ def to_plan(task: MissionTask, attempts: list[Attempt]) -> MissionPlan:
         energy=energy_of(task, best),
         track_time=flight.time,
         track=track,
-        message=_outcome(task, best, goal_times),
-        statistics=_statistics(task, attempts, finite, best),
+        message=message,
+        statistics=statistics,
     )
 
 
-def _statistics(task: MissionTask, attempts: list[Attempt], finite: list[Attempt], best: Attempt) -> dict[str, float | int | str]:
+def _statistics(task: MissionTask, attempts: list[Attempt], finite: list[Attempt], best: Attempt) -> Statistics:
     feasible = [float(attempt.flight.time[-1]) / 3600.0 for attempt in finite if is_feasible(task, attempt)]
-    statistics: dict[str, float | int | str] = {
+    statistics: Statistics = {
         "attempts": len(attempts),
         "iterations": sum(attempt.iterations for attempt in attempts),
         "tried": "; ".join(_tried(attempt) for attempt in attempts),
@@ -72,31 +81,13 @@ def _tried(attempt: Attempt) -> str:
 
 
 def _failed_plan(task: MissionTask, message: str) -> MissionPlan:
-    """Return the plan of a mission that cannot be flown; it stays at its start."""
-    none, request = np.zeros(0), task.request
-    return MissionPlan(
-        status="failed",
-        start=request.start,
-        goals=request.goals,
-        start_time_ns=request.start_time_ns,
-        vehicle=task.vehicle,
-        settings=task.settings,
-        headings_deg=none,
-        glide_angles_deg=none,
-        pitches_deg=none,
-        yo_depths=(),
-        surfacings=np.zeros((0, 2)),
-        surfacing_times=none,
-        goal_legs=(0,) * len(request.goals),
-        goal_times=np.zeros(len(request.goals)),
-        closest_approach=np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1),
-        duration=0.0,
-        energy=0.0,
-        track_time=np.zeros(1),
-        track=task.start[None].copy(),
-        message=message,
-        statistics={"attempts": 0},
-    )
+    """Return the plan of a mission that cannot be flown; it stays at its start, without legs."""
+    none, zero, no_goals = np.zeros(0), np.zeros(1), (0,) * len(task.goals)
+    flight = Flight(zero, task.start[2:], task.start[None, None, :2], np.zeros(1, dtype=int), np.zeros(0, dtype=int))
+    miss = np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1)
+    guess, goals = MissionGuess(np.zeros((0, 2)), none, none), GoalSteps(no_goals, no_goals)
+    stays = Attempt(Legs(none, none, (), none), flight, goals, miss, (0.0, 0.0), None, guess, 0, "not started", 0.0)
+    return _plan_of(task, stays, "failed", np.zeros(len(task.goals)), message, {"attempts": 0})
 
 
 def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:

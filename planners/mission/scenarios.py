@@ -1,10 +1,12 @@
 """A mission that keeps clear of hazards in most samples of the estimate, not in the estimate alone.
 
-Headings that are held whatever the current cannot make the deviations of the track smaller: such a plan can only keep farther away,
-place by place by the deviations of the samples there. A pilot who corrects the mission at each surfacing makes the deviations smaller.
+Headings that are held whatever the current cannot make the deviations of the track smaller: such a plan can only keep farther away, place
+by place by the deviations of the samples there, with the one-sided tolerance factor for few samples (confidence 99 %); the margin is
+widened further until the violations among the samples pass a binomial test. A pilot who corrects the mission at each surfacing makes the
+deviations smaller.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +24,7 @@ from planners.mission.safety_margin import SafetyMargin
 from planners.mission.search import goal_legs_of, goal_steps_of, solve_attempts
 from planners.mission.solve import solve_with_margin
 from planners.mission.task import MissionTask, mission_task
-from planners.mission.values import MissionPlan, MissionRequest
+from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary
 from planners.route.hazards import Bathymetry, NoGo
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -36,25 +38,6 @@ _SIGNIFICANCE = 0.15
 _LONGER = 2
 # A margin kept this well is kept [m].
 _KEPT = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class MonteCarloSummary:
-    """A mission flown in samples of the current.
-
-    Attributes:
-        reached: Share of the samples in which every goal is met within the tolerance.
-        safe: Share without a constraint violation.
-        miss_median: Median miss distance of the last goal [m].
-        miss_90_percent: 90th percentile of the miss distance of the last goal [m].
-        violations: Share that violates a constraint, by the name of the hazard; hazards without violations are left out.
-    """
-
-    reached: float
-    safe: float
-    miss_median: float
-    miss_90_percent: float
-    violations: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

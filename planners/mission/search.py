@@ -1,4 +1,23 @@
-"""The search for the best number of legs: a route from the graph, the nonlinear program from it, fewer or more legs than it suggests."""
+"""The search for the best number of legs: a route from the graph, the nonlinear program from it, fewer or more legs than it suggests.
+
+1. Route. The quickest way through the current averaged over the dives, by Dijkstra's search over a graph with 32 neighbours a point. It
+gives the number of legs and the initial guess, and leads round land. A goal that the graph finds out of reach is approached with 24 legs
+at most.
+
+2. Legs. That number of legs is solved, then fewer as long as the goals are still met, else more, each where the glide is flattest. Least
+energy counts the pump's work of each number of dives; with a given number it is least time. A goal at the surface is met where a leg
+ends, one below it by the dive that passes its depth, on the way down or up, whichever is nearer to when the route does; the last one by a
+dive that ends there.
+
+3. Constraints. When the path crosses land, an area, shallows or the region's edge, each step's end must lie within the half-planes that
+touch the three nearest of them; they are placed anew around each path found until there is no more gain.
+
+4. Check. The path is integrated again, by Runge-Kutta with steps half as long, and checked every ten metres.
+
+Where not even a vehicle twice as fast, over land and through all areas, would arrive in the time of the most legs, each solve has 900
+iterations divided by the number of legs, or 20, and half-planes are placed once or twice, which is enough to find how close the mission
+comes. Elsewhere nothing is cut short, because missions sometimes reach goals that the graph finds out of reach.
+"""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -14,6 +33,7 @@ from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_local
+from replay_kit.core.progress import announce
 
 # Legs tried beyond those that a route suggests, besides one for each goal.
 _MORE_LEGS = 1
@@ -63,6 +83,7 @@ def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> l
     brief = not route.arrives and is_out_of_reach(task)
 
     def attempt(legs: tuple[int, ...], fewer: bool = False) -> Attempt:
+        announce(f"planning: {legs[-1]} legs")
         guess = initial_guess(task, route, graph, legs[-1])
         return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer, brief=brief)
 

@@ -1,17 +1,16 @@
 """One number of legs solved: by IPOPT from a guess, flown densely, and held to half-planes when its path violates a constraint."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
-from planners.mission.attempt import Attempt, GoalSteps, ranking_key
+from planners.mission.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
 from planners.mission.check import check
 from planners.mission.flight import Legs, fly_legs, refine_steps
 from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, MissionSolution, solve_mission
 from planners.mission.safety_margin import SafetyMargin
-from planners.mission.task import REFINED, MissionTask, YoDepths
+from planners.mission.task import REFINED, MissionTask
 from planners.route.graph import Route
 from planners.route.hazards import half_planes
 from planners.solver import HOUR, KM, MOST_ITERATIONS
@@ -41,51 +40,6 @@ _FAR_OFF = 2.0
 _MET = 5.0
 # Farther than any region is wide [m].
 _FAR = 1e6
-
-
-# Not slotted: depth profiles are made once, when they are first needed.
-@dataclass(frozen=True, eq=False)
-class LegsProblem:
-    """A mission with a given number of legs.
-
-    Attributes:
-        task: The mission.
-        n_legs: Number of legs.
-        goals: When each goal is to be met.
-        max_iterations: Of each solve.
-    """
-
-    task: MissionTask
-    n_legs: int
-    goals: GoalSteps
-    max_iterations: int = MOST_ITERATIONS
-
-    @cached_property
-    def yo_depths(self) -> tuple[YoDepths, ...]:
-        """Depths [m] at which each leg begins, turns and ends."""
-        return self.task.yo_depths(self.n_legs)
-
-    @cached_property
-    def depths(self) -> tuple[Array, ...]:
-        """Depths [m] of each leg's steps."""
-        return self.task.depths(self.yo_depths)
-
-    @property
-    def drifts(self) -> Array:
-        """Drift time [s] after each leg."""
-        return self.task.drifts(self.n_legs)
-
-    def shape(self, n_planes: int) -> MissionShape:
-        """Return the shape of the program with so many half-planes for each place."""
-        profiles = tuple(self.profiles.index(leg) for leg in self.yo_depths)
-        n_steps, has_reference = self.depths[0].size - 1, self.task.reference_path is not None
-        drifts = bool(np.any(self.drifts))
-        return MissionShape(self.n_legs, n_steps, self.goals.legs, profiles, n_planes, drifts, self.goals.steps, has_reference)
-
-    @property
-    def profiles(self) -> list[YoDepths]:
-        """The different depth profiles among the legs."""
-        return list(dict.fromkeys(self.yo_depths))
 
 
 def solve_legs(

@@ -85,8 +85,9 @@ class MissionTask:
     def yo_depths(self, n_legs: int) -> tuple[YoDepths, ...]:
         """Return the depths [m] at which each of ``n_legs`` legs begins, turns and ends."""
         yo = (0.0, *(self.settings.depth, 0.0) * self.settings.yos)
-        legs = [yo] * n_legs
-        legs[0] = (float(self.start[2]), *yo[1:])
+        if n_legs == 0:
+            return ()
+        legs = [(float(self.start[2]), *yo[1:]), *[yo] * (n_legs - 1)]
         deep = float(self.goals[-1, 2])
         if deep > 0.0:
             # the last dive ends at the goal's depth on its way down; after other dives, or from below the surface, on its way up

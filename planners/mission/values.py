@@ -220,3 +220,22 @@ class MissionPlan:
         """
         ends = np.concatenate([[0.0], self.surfacing_times])
         return int(np.sum(0.5 * (ends[1:] + ends[:-1]) < (time_ns - self.start_time_ns) / 1e9))
+
+
+@dataclass(frozen=True, slots=True)
+class MonteCarloSummary:
+    """A mission flown in samples of the current.
+
+    Attributes:
+        reached: Share of the samples in which every goal is met within the tolerance.
+        safe: Share without a constraint violation.
+        miss_median: Median miss distance of the last goal [m].
+        miss_90_percent: 90th percentile of the miss distance of the last goal [m].
+        violations: Share that violates a constraint, by the name of the hazard; hazards without violations are left out.
+    """
+
+    reached: float
+    safe: float
+    miss_median: float
+    miss_90_percent: float
+    violations: Mapping[str, float]

@@ -1,4 +1,9 @@
-"""A mission as waypoints: fewer places than surfacings, for which a glider heads on its own, and the loss against the plan."""
+"""A mission as waypoints: fewer places than surfacings, for which a glider heads on its own, and the loss against the plan.
+
+In eight random eddy fields of 0.1, 0.2 and 0.3 m/s RMS at the surface, missions of 24 to 28 h to 390 m become 5.5, 7 and 7 waypoints for
+10, 9 and 8.5 surfacings in the median, end 150, 190 and 810 m from the plan's end and last 1.5, 8 and 6 % longer; the worst 6, 31 and 130
+%, and one of the 24 misses waypoints: in strong eddies headings for each leg are clearly better.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,9 @@
 """A vehicle that moves freely, with a bounded speed through water: the quickest or most frugal path between two points.
 
 The path is a chain of pieces of equal duration, each of constant velocity through water. One that violates a constraint is solved again
-within half-planes, as missions are.
+within half-planes, as missions are; they limit the ends of steps, and where a step between two cuts a corner the margin is doubled. With
+free depths the optimum often lies on a level, where hat functions bend and no gradient vanishes: the search of depths is cut short, and
+the rest is solved at the depths found.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,7 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.path.program import Auv, AuvProblem, AuvSettings, PathSolution, solve_path
+from planners.path.program import AuvProblem, PathSolution, solve_path
+from planners.path.settings import Auv, AuvSettings
 from planners.route.graph import build_route_graph
 from planners.route.hazards import NoGo, Ring, densified, first_violation, hazard_rings
 from planners.route.region import Region, locate, region_of

@@ -15,7 +15,7 @@ from planners.route.region import Region
 from planners.solver import KM
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import to_local
+from replay_kit.core.geodesy import outline, to_local
 from replay_kit.core.grid import Projection
 
 # Offset of a half-plane that forbids nothing [m].
@@ -126,7 +126,7 @@ def hazard_rings(region: Region, depth: float, no_go: Sequence[NoGo] = (), bathy
         PlanError: An area has fewer than three corners or one that is not a number, or the arrays of the bathymetry differ in shape.
     """
     grid = region.grid
-    edge = Ring(np.column_stack([_around(grid.east), _around(grid.north)]), True, "the edge of the region that the forecast covers")
+    edge = Ring(outline(grid), True, "the edge of the region that the forecast covers")
     level = int(region.level_at(np.array([depth]))[0])
     rings = (edge, *_cells_beside(grid.east, grid.north, grid.wet[level], "land"), *(no_go_ring(grid.projection, area) for area in no_go))
     return rings if bathymetry is None else (*rings, *_shallows(region, bathymetry, depth + bathymetry.clearance))
@@ -164,10 +164,6 @@ def _cells_beside(east: Array, north: Array, free: NDArray[np.bool_], name: str)
     around = np.array([[0, 0], [0, 1], [1, 1], [1, 0]])
     cells = np.argwhere(~free & maximum_filter(free, size=3, mode="constant"))
     return tuple(Ring(corners[tuple((cell + around).T)], False, name) for cell in cells)
-
-
-def _around(values: Array) -> Array:
-    return np.concatenate([values[0, :-1], values[:-1, -1], values[-1, :0:-1], values[:0:-1, 0]])
 
 
 def _cell_corners(values: Array) -> Array:

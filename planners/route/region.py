@@ -108,7 +108,8 @@ def locate(region: Region, place: Place, role: str) -> Array:
     # Checked for finiteness as well: the projection answers infinity for places on the far side of the Earth.
     if not np.all(np.isfinite(point)) or not inside_grid(region.grid, point[0], point[1]):
         raise PlanError(
-            f"{where} is outside the forecast's region {_bounds(region.grid)}; choose a place inside it or a forecast that covers it"
+            f"{where} is outside the forecast's region {_bounds(region.grid)}; "
+            + (_swapped(region.grid, place) or "choose a place inside it or a forecast that covers it")
         )
     if not 0.0 <= place.depth <= region.deepest:
         raise PlanError(f"{where} is not between the surface and the deepest level, {region.deepest:g} m; choose a depth within them")
@@ -117,6 +118,14 @@ def locate(region: Region, place: Place, role: str) -> Array:
             f"{where} is on land in the forecast: the nearest grid point is dry there; choose a place in water {_bounds(region.grid)}"
         )
     return point
+
+
+def _swapped(grid: Grid, place: Place) -> str:
+    """Return the question whether longitude and latitude are swapped; empty where the swapped place is outside the region too."""
+    east, north = to_local(grid.projection, place.latitude, place.longitude)
+    if abs(place.longitude) > 90.0 or not np.isfinite([east, north]).all() or not inside_grid(grid, float(east), float(north)):
+        return ""
+    return f"did you mean {place.latitude:g},{place.longitude:g},{place.depth:g}? Longitude is the first number"
 
 
 def _bounds(grid: Grid) -> str:

@@ -5,8 +5,8 @@ Exit codes: 0 done; 1 the run failed inside; 2 bad option or configuration; 3 in
 """
 
 import gc
-import logging
 import os
+import shutil
 import sys
 from typing import Any
 
@@ -14,9 +14,11 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError, UnknownOptionError
 from cyclopts.token import Token
 
-from replay_kit.cli.console import wide_console
-from replay_kit.cli.options import CHOICES, check_endings
-from replay_kit.core.errors import ReplayKitError
+from replay_kit.cli import reporting
+from replay_kit.cli.ensembles import repeat_ensembles
+from replay_kit.cli.help import command_group, layout, option_groups
+from replay_kit.cli.options import CHOICES, before_conversion
+from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.version import __version__
 
 # Loading modules and laying out help make many small objects that stay; looking for garbage among them takes a sixth of the help's time.
@@ -25,10 +27,10 @@ gc.set_threshold(50_000, 20, 20)
 # What each command needs, and what it does.
 _COMMANDS = {
     "replay": (
-        "LOG... --ensemble FILE -o OUT.mcap",
+        "LOG... --ensemble FILE... -o OUT.mcap",
         "Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP.",
     ),
-    "info": ("LOG...", "Report what is in a log and what it can be used for."),
+    "info": ("LOG... | --ensemble FILE...", "Report what is in a log or a forecast and what it can be used for."),
     "qc": ("LOG...", "Show the outcome of each quality test of the ADCP's bins, and the dives of the track."),
     "convert": (
         "LOG... -o OUT.mcap|OUT.tlog",
@@ -71,23 +73,27 @@ _STUDIES = {
         "Plan on estimates, fly in the truth: glides, missions, scenarios, random islands, problems without a solution.",
     ),
 }
+_HELP = ("--help", "-h")
+_ANYWHERE = {*_HELP, "--version", "-q", "--quiet", "-v", "--verbose", "--log"}
+_ROOT_OPTIONS = [
+    ("-h, --help", "Show this help, or that of a command."),
+    ("--version", "Show the version."),
+    ("--install-completion", "Install the completion of commands and options in the shell."),
+]
+# stands for a console where cyclopts is not to make one, which would load rich
+_NO_CONSOLE: Any = object()
 
 
 def _group(name: str, help: str, **more: Any) -> App:
-    # plain text, or units in brackets such as [m/s] would be taken for styles and vanish from the help
     defaults = Parameter(negative="", show_env_var=False)
     version = f"replay-kit {__version__}"
-    return App(name=name, help=help, help_format="plaintext", version=version, default_parameter=defaults, group_parameters=CHOICES, **more)
-
-
-def _usage_of(command: str, required: str) -> str:
-    return f"Usage: replay-kit {command} {required} [OPTIONS]"
+    return App(name=name, help=help, version=version, default_parameter=defaults, group_parameters=CHOICES, **more)
 
 
 app = _group(
     "replay-kit",
     "Estimate the ocean current from a vehicle's logs and an ensemble forecast, and plan a glide over it.",
-    config=check_endings,
+    config=before_conversion,
     result_action="return_value",
     exit_on_error=False,
     suppress_keyboard_interrupt=False,
@@ -95,18 +101,16 @@ app = _group(
 )
 experiment = _group("experiment", "Studies: the accuracy of the estimator and of the plans made on it.")
 # by their import paths, so that the modules of a command are loaded when it is called
-for _name, (_usage, _help) in _COMMANDS.items():
-    app.command(f"replay_kit.cli.commands.{_name}:{_name}", name=_name, help=_help, usage=_usage_of(_name, _usage))
-for _name, (_usage, _help) in _STUDIES.items():
-    _path = f"replay_kit.cli.commands.experiment.{_name}:{_name}"
-    experiment.command(_path, name=_name, help=_help, usage=_usage_of(f"experiment {_name}", _usage))
+for _name, (_, _help) in _COMMANDS.items():
+    app.command(f"replay_kit.cli.commands.{_name}:{_name}", name=_name, help=_help)
+for _name, (_, _help) in _STUDIES.items():
+    experiment.command(f"replay_kit.cli.commands.experiment.{_name}:{_name}", name=_name, help=_help)
 app.command(experiment)
 app.register_install_completion_command(help="Install the completion of commands and options in the shell.")
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
         code = run(sys.argv[1:])
         sys.stdout.flush()
@@ -129,13 +133,59 @@ def run(arguments: list[str]) -> int:
         CycloptsError: The arguments cannot be parsed.
         ReplayKitError: The command ended with an error of its own.
     """
-    code = app(arguments, console=wide_console())
+    reporting.begin(reporting.Reporting())
+    arguments = repeat_ensembles(_command_first(arguments))
+    words = [word for word in arguments if word not in _HELP]
+    if words == arguments and words not in ([], ["experiment"]):
+        # a console is made by cyclopts only to print what is printed here
+        return app(arguments, error_console=_NO_CONSOLE) or 0
+    chain, apps, unused = app.parse_commands(words)
+    if apps[-1].default_command is None and unused:
+        # a misspelt command
+        return app(words, error_console=_NO_CONSOLE) or 0
+    # the defaults of options are those of the program
+    with app.app_stack(apps):
+        sys.stdout.write(_help_text(chain, apps[-1]))
     # without a command the help is shown, but nothing was done
-    return 2 if arguments in ([], ["experiment"]) else code or 0
+    return 0 if words != arguments else 2
+
+
+def _command_first(arguments: list[str]) -> list[str]:
+    """Return the arguments with options that every command has after the command.
+
+    Raises:
+        ConfigError: Another option stands before the command.
+    """
+    before: list[str] = []
+    for k, word in enumerate(arguments):
+        if word in _COMMANDS or word == "experiment":
+            command = " ".join(arguments[k : k + 1 + (word == "experiment")])
+            foreign = next((option for option in before if option.startswith("-") and option.partition("=")[0] not in _ANYWHERE), None)
+            if foreign is not None:
+                raise ConfigError(f"{foreign}: stands before the command; write replay-kit {command} {foreign} ...")
+            return arguments[k:] + before
+        if not (word.startswith("-") or (before and before[-1].startswith("-"))):
+            break
+        before.append(word)
+    return arguments
+
+
+def _help_text(chain: tuple[str, ...], command: App) -> str:
+    width = shutil.get_terminal_size((reporting.PIPE_WIDTH, 24)).columns
+    usage, about = {**_COMMANDS, **{f"experiment {name}": words for name, words in _STUDIES.items()}}.get(
+        " ".join(chain), ("COMMAND", command.help)
+    )
+    if command.default_command is None:
+        known = {name: words for name, (_, words) in (_STUDIES if chain else _COMMANDS).items()}
+        groups = [command_group(known if chain else {**known, "experiment": str(experiment.help)}), ("Options", _ROOT_OPTIONS)]
+    else:
+        groups = option_groups(command.assemble_argument_collection())
+    form = " ".join(("Usage: replay-kit", *chain, usage, "[OPTIONS]"))
+    return layout(form, about or "", groups, width)
 
 
 def report(error: CycloptsError | ReplayKitError | OSError | KeyboardInterrupt) -> int:
-    """Print an error that ends a command on standard error; return its exit code."""
+    """Print an error that ends a command on standard error, and keep it in the file of ``--log``; return its exit code."""
     message, code = str(error), 1
     if isinstance(error, CycloptsError):
         message, code = _explained(error), 2
@@ -144,6 +194,7 @@ def report(error: CycloptsError | ReplayKitError | OSError | KeyboardInterrupt) 
     elif isinstance(error, KeyboardInterrupt):
         message, code = "interrupted", 130
     print(f"replay-kit: {message}", file=sys.stderr)
+    reporting.keep(f"ERROR: {message}")
     return code
 
 

@@ -1,22 +1,32 @@
 """Where answers and progress go: terminal, pipe, file."""
 
+import io
 import json
 import os
+import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TextIO
 
-from rich.console import Console
-
+from replay_kit.cli import reporting
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.paths import is_stream
+from replay_kit.core.progress import Progress, shown_by, silent
 
-# Columns of a pipe, which has no width of its own; COLUMNS in the environment is honoured before it.
-_PIPE_WIDTH = 160
+if TYPE_CHECKING:
+    from rich.console import Console
+
+#: Of the answers of ``--json``; it grows when a key changes its name or its meaning.
+FORMAT_VERSION = 2
+
+# Seconds between two looks of a progress line.
+_LOOK = 0.1
+# How a terminal is told colours.
+_STYLE = re.compile(r"\x1b\[[0-9;]*m")
 
 
 class InterruptedRunError(ReplayKitError):
@@ -45,58 +55,99 @@ def _stamp(path: Path) -> tuple[int, int] | None:
     return status.st_ino, status.st_mtime_ns
 
 
-def wide_console(to_stderr: bool = False) -> Console:
-    """Return a console on standard output or standard error, wide in a pipe so that lines stay whole."""
-    stream = sys.stderr if to_stderr else sys.stdout
+class _Kept(io.StringIO):
+    """A stream that prints, unless the command is quiet, and keeps what it is given in the file of ``--log``."""
+
+    def __init__(self, stream: TextIO) -> None:
+        super().__init__()
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Print and keep a text."""
+        reporting.keep(_STYLE.sub("", text))
+        return len(text) if reporting.current().quiet else self._stream.write(text)
+
+    def flush(self) -> None:
+        """Flush what was printed."""
+        self._stream.flush()
+
+    def isatty(self) -> bool:
+        """Return whether a person reads it."""
+        return self._stream.isatty()
+
+
+def console_beside(*answers: Path | None) -> "Console":
+    """Return where tables and messages go: standard output, or standard error when an answer takes that; wide in a pipe."""
+    from rich.console import Console
+
+    stream = sys.stderr if any(path is not None and str(path) == "-" for path in answers) else sys.stdout
+    width = None if stream.isatty() or "COLUMNS" in os.environ else reporting.PIPE_WIDTH
     # no markup: a unit in brackets is not a style
-    width = None if stream.isatty() or "COLUMNS" in os.environ else _PIPE_WIDTH
-    return Console(file=stream, highlight=False, markup=False, width=width)
-
-
-def console_beside(*answers: Path | None) -> Console:
-    """Return where tables and messages go: standard error when an answer takes standard output."""
-    return wide_console(to_stderr=any(path is not None and str(path) == "-" for path in answers))
+    return Console(file=_Kept(stream), highlight=False, markup=False, width=width)
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int], None] | None]:
-    """Show the messages done and their time on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+def progress(threads: int | None = None) -> Iterator[Progress]:
+    """Show on a terminal what is done, how far it is and how long it still takes; nothing in a pipe. The file of ``--log`` has each stage.
 
-    columns = SpinnerColumn(), TextColumn("{task.description}"), TextColumn("{task.completed} messages"), TimeElapsedColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
-        task = shown.add_task(what, total=None)
-
-        def advance(time_ns: int) -> None:
-            moment = datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat(timespec="seconds")
-            shown.update(task, advance=1, description=f"{what} {moment}")
-
-        yield advance
-
-
-@contextmanager
-def working(threads: int) -> Iterator[Callable[[int, int, str], None] | None]:
-    """Hold BLAS to a number of threads, and show a bar of the work done on a terminal, nothing in a pipe."""
+    Args:
+        threads: To hold BLAS to; None leaves that to the work.
+    """
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=threads):
-        if not sys.stderr.isatty():
-            yield None
+        if reporting.current().quiet or not sys.stderr.isatty():
+            with shown_by(advance := _stages(silent)):
+                yield advance
             return
-        from rich.progress import Progress
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bars
 
-        with Progress(console=Console(stderr=True), transient=True) as shown:
-            task = shown.add_task("", total=None)
-            yield lambda done, total, what: shown.update(task, completed=done, total=total, description=what)
+        left = (TextColumn("for"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        columns = (TextColumn("{task.description}"), BarColumn(20), TextColumn("{task.fields[share]}"), *left)
+        with Bars(*columns, console=Console(stderr=True), transient=True) as shown:
+            task = shown.add_task("", total=None, share="")
+
+            def show(done: float, total: float, what: str) -> None:
+                nonlocal task
+                if what.partition(":")[0] != shown.tasks[0].description.partition(":")[0]:
+                    # a task that is reset keeps its length
+                    shown.remove_task(task)
+                    task = shown.add_task(what, total=total or None, share="")
+                share = f"{100.0 * done / total:.0f} %" if total else ""
+                shown.update(task, completed=done, description=what, share=share)
+
+            with shown_by(advance := _stages(show)):
+                yield advance
+
+
+def _stages(show: Progress) -> Progress:
+    """Return a function that shows steps, each stage's first and last and others now and then, and keeps the stages in the log's file.
+
+    A stage of unknown length within one whose end is known is a detail of that.
+    """
+    stage, due, share = "", 0.0, (0.0, 0.0)
+
+    def advance(done: float, total: float, what: str) -> None:
+        nonlocal stage, due, share
+        if total == 0 and share[0] < share[1]:
+            (done, total), what = share, f"{stage}: {what}"
+        share = done, total
+        if what.partition(":")[0] != stage:
+            stage, due = what.partition(":")[0], 0.0
+            reporting.keep(stage)
+        if (now := time.monotonic()) >= due or done == total:
+            due = now + _LOOK
+            show(done, total, what)
+
+    return advance
 
 
 def write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
-    """Write an answer as JSON, as ``write_text`` does."""
+    """Write an answer as JSON with the version of its format, as ``write_text`` does."""
     if path is not None:
-        write_text(path, json.dumps(answer, indent=1, allow_nan=False) + "\n")
+        write_text(path, json.dumps({"format_version": FORMAT_VERSION, **answer}, indent=1, allow_nan=False) + "\n")
 
 
 def keep_json(path: Path | None, answer: Mapping[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """What the commands share: option groups, the endings of outputs, and the reading of values with several parts."""
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.validators import Number
 
+from replay_kit.cli.reporting import Reporting, begin
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import is_stream
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 INPUTS = Group("Inputs", sort_key=1)
 OUTPUTS = Group("Outputs", sort_key=2)
 CHOICES = Group("Options", sort_key=3)
+REPORTING = Group("Reporting", sort_key=9)
 
 # Endings of file names, which the name of a folder does not have.
 _FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml")
@@ -46,9 +49,10 @@ def argument(name: str, help: str) -> Parameter:
     return Parameter(name=name, help=help, group=INPUTS, required=True)
 
 
-def flag(name: str, help: str) -> Parameter:
+def flag(names: str, help: str, group: Group | None = None) -> Parameter:
     """Return an option without a value; it may be repeated."""
-    return Parameter(name=name, help=help, show_default=False, allow_repeating=True)
+    made = Parameter(name=names.split(), help=help, show_default=False, allow_repeating=True)
+    return made if group is None else Parameter.combine(made, Parameter(group=group))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +68,7 @@ class Ending:
     endings: tuple[str, ...] = ()
     stream: bool = False
 
-    def check(self, name: str, path: Path) -> None:
+    def check(self, name: str, text: str) -> None:
         """Refuse a name whose ending does not fit.
 
         A name without an ending fits where there is one format; where the ending chooses the format, it must be there. Upper case is the
@@ -72,11 +76,12 @@ class Ending:
 
         Args:
             name: Of the option.
-            path: Its value.
+            text: Its value.
 
         Raises:
             ConfigError: The ending does not fit, or the output cannot be written to a stream.
         """
+        path = Path(text)
         ending, streamed = path.suffix.lower(), str(path) == "-" or is_stream(path)
         if not self.endings:
             if ending in _FILE_ENDINGS:
@@ -93,31 +98,59 @@ class Ending:
             raise ConfigError(f"{name}: expected {kind}, got '{path}' with {got}; choose another name")
 
 
-def check_endings(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Refuse outputs whose names end in a wrong way, before values are converted and missing options are named.
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """Mark of an option's annotation: the names of its numbers, which commas divide, such as ``LON,LAT,DEPTH``."""
+
+    form: str
+
+    def check(self, name: str, text: str) -> None:
+        """Raise ConfigError when a value does not hold these numbers, or no place on the Earth."""
+        values = numbers(text, name, self.form)
+        if self.form.startswith("LON,LAT,") and abs(values[1]) > 90.0:
+            swapped = ",".join(f"{value:g}" for value in (values[1], values[0], *values[2:]))
+            meant = f"did you mean {name}={swapped}?" if abs(values[0]) <= 90.0 else "give a place on the Earth"
+            raise ConfigError(f"{name}: expected {self.form}, got '{text}': the latitude {values[1]:g} is outside -90..90; {meant}")
+
+
+def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Refuse names of outputs and numbers that do not fit, before missing options are named and values converted; then begin to report.
 
     The arguments are those of the hooks that cyclopts calls between splitting and converting a command line.
 
     Raises:
-        ConfigError: An ending does not fit.
+        ConfigError: An ending or a number does not fit, or the file of ``--log`` is another of the command's files, or cannot be written.
     """
+    given = {argument.name: [token.value for token in argument.tokens] for argument in arguments if argument.tokens}
     for argument in arguments:
         for mark in get_args(argument.field_info.annotation)[1:]:
-            if isinstance(mark, Ending):
-                for token in argument.tokens:
-                    mark.check(argument.name, Path(token.value))
+            if isinstance(mark, Ending | Numbers):
+                for value in given.get(argument.name, []):
+                    mark.check(argument.name, value)
+    log = next((Path(value) for value in given.get("--log", [])), None)
+    if log is not None and any(_is(log, value) for name, values in given.items() if name != "--log" for value in values):
+        raise ConfigError(f"--log: '{log}' is another file of this command; choose another name")
+    begin(Reporting("--quiet" in given, "--verbose" in given, log))
+
+
+def _is(path: Path, value: str) -> bool:
+    """Return whether a value of the command line is a path."""
+    return path.resolve() == Path(value).resolve()
 
 
 # Settings of the forecast that do not need a log.
-PART_OF_FORECAST = tuple(f"forecast.{key}" for key in ("region", "levels", "level_step", "lead", "time", "reference_time"))
-Log = Annotated[
-    Path,
-    argument("LOG", "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP); merged by time."),
-]
+_OF_FORECAST = ("members", "axes", "region", "levels", "level_step", "lead", "time", "reference_time")
+PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
+_LOGS = (
+    "Logs of one mission: MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP), other gliders' NetCDF, "
+    "SeaExplorer's raw files, or folders of these; merged by time."
+)
+Log = Annotated[Path, argument("LOG", _LOGS)]
+LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, required=False)]
+PLACE = Numbers("LON,LAT,DEPTH")
 MCAP, NETCDF = Ending((".mcap",)), Ending((".nc",))
-Ensemble = Annotated[
-    Path, option("--ensemble", "Ensemble forecast: CF NetCDF or Zarr with a member dimension.", metavar="FILE", group=INPUTS)
-]
+ENSEMBLE_HELP = "NetCDF files, Zarr stores, folders or patterns; may be repeated. --members says what a member is."
+Ensemble = Annotated[tuple[Path, ...], option("--ensemble", f"Ensemble forecast: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS)]
 Truth = Annotated[str | None, option("--truth", "Known truth to score against.", metavar="T.nc[#member]")]
 Noise = Annotated[float, option("--noise", "Standard deviation of each velocity component of a bin [m/s].", least=0.0)]
 ConfigFile = Annotated[Path | None, option("--config", "Settings of the run; options given here win.", metavar="TOML", group=INPUTS)]
@@ -125,9 +158,16 @@ ConfigFile = Annotated[Path | None, option("--config", "Settings of the run; opt
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replacing:
-    """Whether outputs that exist are replaced."""
+    """Whether outputs that exist are replaced, and how much is printed."""
 
     overwrite: Annotated[bool, flag("--overwrite", "Replace outputs that exist. An input is never replaced.")] = False
+    quiet: Annotated[bool, flag("--quiet -q", "Print nothing but errors.", REPORTING)] = False
+    verbose: Annotated[bool, flag("--verbose -v", "Print whole tables, row by row.", REPORTING)] = False
+    log: Annotated[
+        Path | None,
+        option("--log", "Add everything that is printed to a file, with the time.", metavar="FILE.log", group=REPORTING),
+        Ending((".log", ".txt")),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,9 +175,7 @@ class Answer(Replacing):
     """Where a command's answer goes beside the terminal."""
 
     json_file: Annotated[
-        Path | None,
-        option("--json", "Write the answer as JSON; - is standard output.", metavar="FILE"),
-        Ending((".json",), stream=True),
+        Path | None, option("--json", "Write the answer as JSON; - is standard output.", metavar="FILE"), Ending((".json",), stream=True)
     ] = None
 
 
@@ -152,20 +190,33 @@ def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
     Raises:
         ConfigError: They are not numbers, or not as many as are expected.
     """
+    parts, labels = text.split(","), [] if form is None else form.split(",")
+    expected = f"{name}: expected {form or 'numbers with commas between them'}, got '{text}'"
+    if labels and len(parts) < len(labels):
+        missing = labels[len(parts) :]
+        raise ConfigError(f"{expected}: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
+    if labels and len(parts) > len(labels):
+        raise ConfigError(f"{expected}: {len(parts)} numbers instead of {len(labels)}")
+    return tuple(_number(part.strip(), expected) for part in parts)
+
+
+def _number(part: str, expected: str) -> float:
+    """Return a finite number; ``expected`` begins the error where it is none."""
+    if hemisphere := re.fullmatch(r"([\d.]+)\s*°?\s*([NSEWnsew])", part):
+        sign = "-" if hemisphere[2] in "SWsw" else ""
+        raise ConfigError(f"{expected}: write {sign}{hemisphere[1]} for {part}; west and south are negative")
     try:
-        values = tuple(float(part) for part in text.split(","))
+        value = float(part)
     except ValueError:
-        values = ()
-    count = None if form is None else len(form.split(","))
-    if not values or not all(map(math.isfinite, values)) or (count is not None and len(values) != count):
-        raise ConfigError(f"{name}: expected {form or 'numbers'}, {count or 'some'} numbers with commas between them, got '{text}'")
-    return values
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(f"{expected}: '{part}' is no finite number")
+    return value
 
 
 def place(text: str, name: str) -> "Place":
     """Return the place of an option ``LON,LAT,DEPTH``."""
-    # loads numpy, which the help does not need
+    # loads numpy, after what is quickly refused
     from replay_kit.core.plan import Place
 
-    longitude, latitude, depth = numbers(text, name, "LON,LAT,DEPTH")
-    return Place(longitude, latitude, depth)
+    return Place(*numbers(text, name, PLACE.form))

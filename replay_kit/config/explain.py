@@ -1,26 +1,58 @@
 """What is wrong with a configuration, in words."""
 
+import re
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
+def explain(error: ValidationError, model: type[BaseModel], path: Path | None, options: Mapping[str, Any]) -> str:
     """Return what is wrong with a configuration: each key with its value, and the known keys where one is unknown.
 
     Args:
         error: Of the validation.
         model: What was validated.
+        path: The file; None without one.
+        options: Tables of the values that options gave, which are laid over the file's; None is not given.
     """
-    lines = []
+    found: dict[str, list[str]] = defaultdict(list)
     for item in error.errors():
         key = ".".join(str(part) for part in item["loc"])
         if item["type"] == "extra_forbidden":
             known = sorted(_known_keys(model, item["loc"][:-1]))
-            lines.append(f"unknown key '{key}'; known here: {', '.join(known)}")
+            line = f"unknown key '{key}'; known here: {', '.join(known)}"
         else:
-            lines.append(f"'{key}': {item['msg'].removeprefix('Value error, ')}, got {item['input']!r}")
-    return "; ".join(lines)
+            said, got = item["msg"].removeprefix("Value error, "), repr(item["input"])
+            line = f"'{key}': {said}" if said.startswith(got) else f"'{key}': {said}, got {got}"
+        found["options" if path is None or _is_given(options, item["loc"]) else str(path)].append(line)
+    return "; ".join(f"{origin}: {'; '.join(lines)}" for origin, lines in found.items())
+
+
+def explain_syntax(error: ValueError, path: Path) -> str:
+    """Return why a file is not TOML; of a key or a table that stands twice its name and line.
+
+    Args:
+        error: Of the reader.
+        path: The file.
+    """
+    if place := re.fullmatch(r"Cannot (?:overwrite a value|declare .* twice) \(at line (\d+), column \d+\)", str(error)):
+        line = path.read_text(encoding="utf-8").splitlines()[int(place[1]) - 1].strip()
+        what = f"the table {line}" if line.startswith("[") else f"the key '{line.partition('=')[0].strip()}'"
+        return f"line {place[1]}: {what} stands twice; keep one"
+    return f"not TOML: {error}"
+
+
+def _is_given(options: Mapping[str, Any], location: tuple[int | str, ...]) -> bool:
+    """Return whether the value at a place, or a value below it, was given as an option."""
+    value: Any = options
+    for part in location:
+        if not isinstance(value, Mapping):
+            break
+        value = value.get(str(part))
+    return any(part is not None for part in value.values()) if isinstance(value, Mapping) else value is not None
 
 
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:

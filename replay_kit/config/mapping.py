@@ -20,6 +20,9 @@ class _Map(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     topic: str = Field(min_length=1, description="Topic whose messages are read in this way, whatever their schema.")
+    name: str | None = Field(
+        default=None, description="Read only messages whose field 'name' is this one, on topics that carry several things under names."
+    )
     depth: Path | None = Field(default=None, description="Path of the vehicle's depth, height or pressure.")
     depth_unit: DepthUnit = Field(default="m", description="Unit of depth; a unit of pressure makes it a pressure.")
     depth_positive: Literal["down", "up"] = Field(
@@ -54,7 +57,9 @@ class ProfileMap(_PlaceMap):
     """A topic with profiles of the current, and with the vehicle's position if the same message holds it; ``depth`` is the instrument's."""
 
     kind: Literal["profile"]
-    reference: Literal["earth", "platform"] = Field(description="What the velocities are relative to; there is no default.")
+    reference: Literal["earth", "platform", "unknown"] = Field(
+        description="What the velocities are relative to; there is no default, and with unknown they are not used."
+    )
     frame: Literal["enu", "ned", "ship", "instrument", "beam"] = Field(description="Frame of the velocity components, in this order.")
     velocity: Path | None = Field(default=None, description="Path of the components, cell after cell, as lists of lists or flat.")
     components: int | None = Field(default=None, ge=2, description="Number of components per cell, when velocity is flat.")
@@ -103,7 +108,9 @@ class VelocityMap(_PlaceMap):
     """
 
     kind: Literal["velocity"]
-    reference: Literal["earth", "platform"] = Field(description="What the velocity is relative to; there is no default.")
+    reference: Literal["earth", "platform", "unknown"] = Field(
+        description="What the velocity is relative to; there is no default, and with unknown it is not used."
+    )
     east: Path
     north: Path
     speed_unit: SpeedUnit = "m/s"
@@ -112,6 +119,10 @@ class VelocityMap(_PlaceMap):
     at_depth: Annotated[float, Field(ge=0.0)] | None = Field(
         default=None, description="Depth of the measurement, where the message does not state it [m]."
     )
+    distance: Annotated[float, Field(ge=0.0)] | None = Field(
+        default=None, description="Distance of the measurement from the vehicle, as of one cell of its ADCP [m]."
+    )
+    orientation: Literal["down", "up"] = Field(default="down", description="Direction of distance.")
     place: tuple[float, float] | None = Field(
         default=None, description="Longitude and latitude of an instrument that does not move [degrees]."
     )
@@ -122,6 +133,8 @@ class VelocityMap(_PlaceMap):
             raise ValueError("give longitude and latitude, or place, or neither")
         if self.depth is not None and self.at_depth is not None:
             raise ValueError("give depth or at_depth, not both")
+        if self.distance is not None and (self.elsewhere or self.depth is not None or self.at_depth is not None):
+            raise ValueError("distance is counted from the vehicle; leave out depth, at_depth and the place")
         if self.elsewhere and (self.depth is None) == (self.at_depth is None):
             raise ValueError("a velocity with a place of its own needs depth or at_depth")
         if self.place is not None and not (-180.0 <= self.place[0] <= 360.0 and abs(self.place[1]) <= 90.0):

@@ -3,16 +3,18 @@
 One TOML file holds it; each table is one class below. Command-line options override the file.
 """
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
-from replay_kit.config.explain import explain
+from replay_kit.config.explain import explain, explain_syntax
 from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
 from replay_kit.config.mapping import TopicMap
+from replay_kit.config.moment import Moment
 from replay_kit.config.option import Option
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
@@ -20,17 +22,6 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time
 
-
-def _checked_time(text: str) -> str:
-    try:
-        parse_time(text)
-    except ConfigError as error:
-        # the kind of error that pydantic gathers and names the key of
-        raise ValueError(str(error)) from error
-    return text
-
-
-_Time = Annotated[str, AfterValidator(_checked_time)]
 _Depth = Annotated[float, Field(ge=0.0)]
 
 
@@ -48,8 +39,8 @@ class LogConfig(_Section):
     system: int | None = Field(
         default=None, ge=0, le=255, description="MAVLink system to read; required for a log with positions of several systems."
     )
-    start: Annotated[_Time | None, Option("--start", "TIME")] = Field(default=None, description="First time used, ISO 8601 UTC.")
-    end: Annotated[_Time | None, Option("--end", "TIME")] = Field(default=None, description="Last time used, ISO 8601 UTC.")
+    start: Annotated[Moment | None, Option("--start", "TIME")] = Field(default=None, description="First time used, ISO 8601 UTC.")
+    end: Annotated[Moment | None, Option("--end", "TIME")] = Field(default=None, description="Last time used, ISO 8601 UTC.")
     reorder_window: float = Field(
         default=1.0, ge=0.0, description="Largest delay at which a message is still sorted in [s]; later ones are counted and left out."
     )
@@ -78,7 +69,10 @@ class MeasurementConfig(_Section):
     """``[measurements]``: how messages become observations."""
 
     position_max_age: float = Field(
-        default=600.0, gt=0.0, description="Longest time from a ping to the nearest fix [s]; a ping farther from any fix is not used."
+        default=600.0, gt=0.0, description="Longest time from a ping to the nearest fix [s]; a farther ping is used in a dive only."
+    )
+    position_max_gap: float = Field(
+        default=86400.0, gt=0.0, description="Longest time between the positions about a dive, from which its pings are placed [s]."
     )
     surface_depth: float = Field(default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m].")
     velocity_std: float = Field(
@@ -91,8 +85,7 @@ class MeasurementConfig(_Section):
     use_relative: bool = Field(default=True, description="Use profiles relative to a platform of unknown velocity, for their shear.")
     use_dac: bool = Field(default=True, description="Use the depth-averaged currents of dives.")
     use_inverted: bool = Field(
-        default=True,
-        description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these.",
+        default=True, description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these."
     )
     dead_reckoning: Literal["corrected", "through_water"] = Field(
         default="corrected",
@@ -100,9 +93,7 @@ class MeasurementConfig(_Section):
         "dives whose log states none.",
     )
     dac_std: float = Field(
-        default=0.02,
-        gt=0.0,
-        description="Standard error of a depth-averaged current that states none [m/s], in addition to that of its fixes.",
+        default=0.02, gt=0.0, description="Standard error of a depth-averaged current that states none [m/s], beside that of its fixes."
     )
     use_drift: bool = Field(
         default=False, description="Use the drift between fixes at the surface as a current; not for vehicles under power."
@@ -131,8 +122,18 @@ class MeasurementConfig(_Section):
 
 
 class ForecastConfig(_Section):
-    """``[forecast]``: which part of the ensemble is used."""
+    """``[forecast]``: what the members of the ensemble are, and which part of it is used."""
 
+    members: Annotated[str | None, Option("--members", "RULE")] = Field(
+        default=None,
+        description="What a member is. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; suffix: "
+        "variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so many "
+        "days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
+        "dimension, else labels such as mem001 in the names of files.",
+    )
+    axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(
+        default="auto", description="Whether velocities lie along the grid's axes or along true east and north; auto: as the file says."
+    )
     region: Annotated[tuple[float, float, float, float] | None, Option("--region", "W,S,E,N")] = Field(
         default=None, description="West, south, east and north bound of the part used [degrees]. Default: all."
     )
@@ -145,17 +146,24 @@ class ForecastConfig(_Section):
         description="Forecast period in the file's unit; the nearest is taken. Default: all dated leads where the estimate changes in "
         "time, else the dated lead nearest to the log's first message; the last lead without a log, or where leads have no date.",
     )
-    time: _Time | None = Field(
+    time: Moment | None = Field(
         default=None,
         description="Time of the forecast, ISO 8601 UTC; the nearest is taken. Default: all times where the estimate changes in time, else "
         "the time nearest to the log's first message; the first time without a log.",
     )
-    reference_time: Annotated[_Time | None, Option("--reference-time", "TIME")] = Field(
+    reference_time: Annotated[Moment | None, Option("--reference-time", "TIME")] = Field(
         default=None, description="Start of the forecast, ISO 8601 UTC, for a file of leads that states none."
     )
     place: Annotated[bool, Option("--place-ensemble")] = Field(
         default=False, description="Move the ensemble's centre to the mean fix of the log."
     )
+
+    @field_validator("members")
+    @classmethod
+    def _is_a_rule(cls, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(r"dim(:.+)?|files(:.+)?|suffix|lags|times:\d+(\.\d+)?d?|models", value):
+            raise ValueError("expected dim[:NAME], files[:REGEX], suffix, lags, times:15d or models")
+        return value
 
 
 class EstimatorConfig(_Section):
@@ -252,14 +260,14 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
         except OSError as error:
             raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path}: not TOML: {error}") from error
+            raise ConfigError(f"{path}: {explain_syntax(error, path)}") from error
     if "trust" in tables:
         keys = ", ".join(f"{old} is {new}" for old, new in RENAMED_KEYS.items())
         raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")
     try:
         return RunConfig.model_validate(_laid_over(tables, overrides or {}))
     except ValidationError as error:
-        raise ConfigError(f"{path or 'options'}: {explain(error, RunConfig)}") from error
+        raise ConfigError(explain(error, RunConfig, path, overrides or {})) from error
 
 
 def _laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:

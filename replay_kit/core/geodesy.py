@@ -87,7 +87,7 @@ def unwrap_longitude(longitude: ArrayLike, near: float) -> Array:
 
 def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> NDArray[np.bool_]:
     """Return whether local points [m] lie inside the grid's outline, its edge included to a millimetre; the shape is kept."""
-    ring = np.concatenate([_ring(grid.east)[:, None], _ring(grid.north)[:, None]], axis=1)
+    ring = outline(grid)
     start, edge = ring, np.roll(ring, -1, axis=0) - ring
     east, north = np.broadcast_arrays(np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64))
     dx, dy = east[..., None] - start[:, 0], north[..., None] - start[:, 1]
@@ -107,5 +107,7 @@ def wet_column(grid: Grid, east: float, north: float) -> NDArray[np.bool_]:
     return np.asarray(grid.wet.reshape(grid.levels.size, -1)[:, nearest])
 
 
-def _ring(values: Array) -> Array:
-    return np.concatenate([values[0, :-1], values[:-1, -1], values[-1, :0:-1], values[:0:-1, 0]])
+def outline(grid: Grid) -> Array:
+    """Return the grid points around the grid, shape (n, 2) [m], local east and north, the first not repeated."""
+    points = np.stack([grid.east, grid.north], axis=-1)
+    return np.concatenate([points[0, :-1], points[:-1, -1], points[-1, :0:-1], points[:0:-1, 0]])

@@ -67,6 +67,8 @@ class Ensemble:
         time_ns: Time of the forecast [ns, UTC]; None when the file gives none.
         source: Path of the file, with ``#member`` when one was chosen.
         notes: What a user should know of how the file was read.
+        members: Where each member comes from; empty for what was not read from files.
+        representation_error_std: What the files' own doubtful labels add to the error of each component [m/s].
     """
 
     grid: Grid
@@ -74,6 +76,8 @@ class Ensemble:
     time_ns: int | None
     source: str
     notes: tuple[str, ...] = ()
+    members: tuple[str, ...] = ()
+    representation_error_std: float = 0.0
 
     def __repr__(self) -> str:
         """Return its source, size and time, and its grid."""

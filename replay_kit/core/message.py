@@ -60,13 +60,13 @@ class LogReport:
 
     Attributes:
         path: The log.
-        format: ``mcap``, ``tlog``, ``dataflash``, ``seaglider``, ``pd0`` or ``ad2cp``.
+        format: ``mcap``, ``tlog``, ``dataflash``, ``pd0``, ``ad2cp``, or the name of a glider's dialect, such as ``seaglider``.
         read: Messages found, by topic, decoded or not.
         undecodable: Topic to (count, reason) for what no decoder could read.
         losses: Damage found; empty for a sound file.
         without_stamp: Messages ordered by their log time although the clock is ``header``, because they carry no stamp.
         unchecked: What no checksum covers, so that damage to it cannot be detected: kind to count.
-        notes: What a user should know about its clocks.
+        notes: What a user should know about its clocks, and what was assumed of its units, signs and names.
     """
 
     path: str

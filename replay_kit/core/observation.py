@@ -128,6 +128,7 @@ class Observation:
         platform_velocity: True east and north [m/s], what was added to the velocity measured relative to the platform; None when
             it is not known, or when the instrument's log does not say.
         raw: Of the velocities as the instrument gave them.
+        position_std: Standard error of its place [m], interpolated between positions far apart in time; 0 for a place that is near one.
     """
 
     time_ns: int
@@ -145,6 +146,7 @@ class Observation:
     correlation_depth: float = 0.0
     platform_velocity: tuple[float, float] | None = None
     raw: RawValues = RawValues()
+    position_std: float = 0.0
 
     def __repr__(self) -> str:
         """Return where and when it was made, and what it holds."""

@@ -1,9 +1,12 @@
 """Names of input and output files: whether each output may be written, checked before any work begins."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from replay_kit.core.errors import ConfigError
+
+#: One path, or several.
+Paths = str | Path | Sequence[str | Path]
 
 
 def check_paths(
@@ -48,6 +51,27 @@ def as_path(value: object, what: str) -> Path:
     if isinstance(value, str | Path):
         return Path(value)
     raise ConfigError(f"{what}: expected a path (str or Path), got {type(value).__name__}; give the name of the file")
+
+
+def as_paths(value: object, what: str) -> tuple[Path, ...]:
+    """Return the paths of one or of several given as in ``as_path``.
+
+    Raises:
+        ConfigError: As in ``as_path``, or there is none.
+    """
+    if isinstance(value, list | tuple):
+        if not value:
+            raise ConfigError(f"{what}: expected at least one path, got none")
+        return tuple(as_path(each, what) for each in value)
+    return (as_path(value, what),)
+
+
+def check_folder(out: Path) -> None:
+    """Raise ConfigError when a folder for results cannot be made."""
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"{out}: is a file; give the name of a folder")
+    if not out.parent.is_dir():
+        raise ConfigError(f"{out}: there is no folder {out.parent}; make it, or choose another place")
 
 
 def is_stream(path: Path) -> bool:

@@ -30,6 +30,11 @@ class Estimator(Protocol[State]):
         """Number of unknowns in a state."""
         ...
 
+    @property
+    def common_part(self) -> object | None:
+        """The part that all states share, which ensemble and configuration give again: a checkpoint leaves it out. None without one."""
+        return None
+
     def initial(self) -> State:
         """Return the state before any observation."""
         ...

@@ -1,7 +1,9 @@
-"""Ensemble files to ``Ensemble`` values: NetCDF and Zarr through xarray."""
+"""Files of forecasts to ``Ensemble`` values: NetCDF and Zarr through xarray."""
 
 from replay_kit.forecast.changing import read_changing_truth
+from replay_kit.forecast.describe import describe_ensemble
 from replay_kit.forecast.reader import read_ensemble, read_truth
 from replay_kit.forecast.series import read_series
+from replay_kit.forecast.sources import ensemble_files
 
-__all__ = ["read_changing_truth", "read_ensemble", "read_series", "read_truth"]
+__all__ = ["describe_ensemble", "ensemble_files", "read_changing_truth", "read_ensemble", "read_series", "read_truth"]

@@ -7,8 +7,10 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.forecast.names import find_lead, find_time, find_velocity
-from replay_kit.forecast.reader import open_forecast, read_truth
+from replay_kit.forecast.blocks import open_collection
+from replay_kit.forecast.layout import U
+from replay_kit.forecast.names import find_lead, find_time
+from replay_kit.forecast.reader import read_truth
 
 
 def read_changing_truth(spec: str, config: ForecastConfig, reference_time: str) -> tuple[Ensemble, ...]:
@@ -23,9 +25,9 @@ def read_changing_truth(spec: str, config: ForecastConfig, reference_time: str) 
         ForecastError: As in ``read_truth``; or the file has one time only, or leads without a unit of time.
     """
     name = spec.partition("#")[0]
-    with open_forecast(Path(name)) as ds:
-        u, _, _ = find_velocity(ds, name)
-        lead, time = find_lead(ds, u.dims), find_time(ds, u.dims)
+    with open_collection(Path(name), None) as found:
+        ds = found.blocks[0].parts[0].ds
+        lead, time = find_lead(ds, ds[U].dims), find_time(ds, ds[U].dims)
         if lead is not None:
             steps = [{"lead": float(value)} for value in ds[lead].values]
         elif time is not None:

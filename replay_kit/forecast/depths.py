@@ -1,9 +1,11 @@
-"""The values of a forecast's depth axis in metres, by the unit that the file states."""
+"""The levels of a forecast in metres: values of its depth axis by the unit that the file states, and which of them are used."""
 
 import gsw
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 
@@ -65,3 +67,58 @@ def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, t
     if unit:
         raise ForecastError(f"{where}: coordinate {axis.name} is in '{unit}'; {_WANTED}: {_CONVERT}")
     return values, (f"coordinate {axis.name} states no unit and was taken to be in metres",)
+
+
+def choose_levels(
+    ds: xr.Dataset, dims: tuple[str | None, ...], config: ForecastConfig, latitude: float, where: str
+) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
+    """Return the levels used [m, increasing], their positions in the file, and notes; one level at 0 m without a depth dimension.
+
+    Args:
+        ds: The file.
+        dims: Depth dimensions of u and v; None where they have none.
+        config: The levels asked for, of which the nearest are taken.
+        latitude: Of the region's middle [degrees north], for pressures.
+        where: The file, for messages.
+
+    Raises:
+        ForecastError: The file states no depths, other ones for u and v, or depths that are not distinct.
+    """
+    if dims[0] is None:
+        return np.zeros(1), np.zeros(1, dtype=np.int64), ()
+    values, notes = _depths(ds, dims[0], latitude, where)
+    if dims[1] is not None and dims[1] != dims[0] and not np.allclose(_depths(ds, dims[1], latitude, where)[0], values, rtol=1e-3):
+        raise ForecastError(f"{where}: the depths of u ({dims[0]}) and v ({dims[1]}) differ; interpolate them to the same levels")
+    order = np.argsort(values, kind="stable")
+    if config.levels is not None:
+        nearest = [int(np.argmin(np.abs(values[order] - wanted))) for wanted in config.levels]
+        order = order[np.unique(nearest)]
+    order = order[:: config.level_step]
+    levels = values[order]
+    if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
+        raise ForecastError(f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}")
+    return levels, order, notes
+
+
+_DEPTH_VARIABLES = ("depth", "Z", "zt", "z", "deptht", "lev", "RC", "z_t", "st_ocean")
+
+
+def _depths(ds: xr.Dataset, dim: str, latitude: float, where: str) -> tuple[Array, tuple[str, ...]]:
+    """Return the depths of a dimension [m], positive down, from its coordinate or from a variable of depths along it."""
+    name = dim if dim in ds.coords else next((name for name in _DEPTH_VARIABLES if name in ds.variables and ds[name].dims == (dim,)), None)
+    if name is None and (edges := next((name for name in ds.variables if _bounds(ds[name], ds.sizes[dim])), None)) is not None:
+        values, notes = in_metres(ds[edges].astype(np.float64), latitude, where)
+        return np.abs(values[:-1] + values[1:]) / 2.0, (*notes, f"levels of {dim} were taken midway between the interfaces {edges}")
+    if name is None:
+        raise ForecastError(
+            f"{where}: dimension {dim} has no coordinate values; add a depth coordinate in metres, or give the file of the grid"
+        )
+    values, notes = in_metres(ds[name], latitude, where)
+    if ds[name].attrs.get("positive", "").lower() == "up" or np.all(values <= 0.0):
+        values = -values
+    return values, notes
+
+
+def _bounds(variable: xr.DataArray, levels: int) -> bool:
+    """Return whether a variable holds the depths of the interfaces between so many levels."""
+    return variable.ndim == 1 and variable.size == levels + 1 and "dep" in str(variable.name).lower() and variable.dtype.kind in "iuf"

@@ -16,32 +16,42 @@ def centre_longitude(longitude: Array) -> float:
     return float(unwrap_longitude(0.5 * (unwrapped.min() + unwrapped.max()), 0.0))
 
 
-def region_slices(longitude: Array, latitude: Array, region: tuple[float, float, float, float]) -> tuple[slice, slice] | None:
-    """Return index slices (J, I) of the smallest block that holds every grid point inside the region; None when none is.
+Block = tuple[slice, tuple[slice, ...]]
+
+
+def region_block(longitude: Array, latitude: Array, region: tuple[float, float, float, float]) -> Block | None:
+    """Return index slices (J, (I, ...)) of the smallest block that holds every grid point inside the region; None when none is.
+
+    Columns are two slices, in their order in space, where the region crosses the seam of a grid that goes round the globe.
 
     Args:
-        longitude: shape (J, I) [degrees].
-        latitude: shape (J, I) [degrees].
+        longitude: shape (J, I), or (I,) of a separable grid [degrees].
+        latitude: shape (J, I), or (J,) [degrees].
         region: west, south, east, north [degrees]; west > east crosses the antimeridian.
     """
     west, south, east, north = region
     width = (east - west) % 360.0 or 360.0
     # a tolerance of some 10 m, because file coordinates are often float32
-    inside = (np.mod(longitude - west + 1e-4, 360.0) <= width + 2e-4) & (latitude >= south - 1e-4) & (latitude <= north + 1e-4)
+    inside_x = np.mod(longitude - west + 1e-4, 360.0) <= width + 2e-4
+    inside_y = (latitude >= south - 1e-4) & (latitude <= north + 1e-4)
+    inside = inside_y[:, None] & inside_x if longitude.ndim == 1 else inside_x & inside_y
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     if rows.size == 0:
         return None
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+    first, last, count = int(columns[0]), int(columns[-1]) + 1, longitude.shape[-1]
+    block: tuple[slice, ...] = (slice(first, last),)
+    gaps = np.diff(columns)
+    if gaps.size and gaps.max() > count - (last - first) + 1 and _goes_round(longitude):
+        split = int(np.argmax(gaps))
+        block = (slice(int(columns[split + 1]), count), slice(0, int(columns[split]) + 1))
+    return slice(int(rows[0]), int(rows[-1]) + 1), block
 
 
-def wet_mask(velocity: Array) -> tuple[NDArray[np.bool_], int]:
-    """Return where any member has a current, shape (Z, J, I), and how many columns were taken for land because all is zero.
-
-    Args:
-        velocity: shape (E, 2, Z, J, I), NaN where dry.
-    """
-    zero_columns = np.all(velocity == 0.0, axis=(0, 1, 2))
-    return np.isfinite(velocity).all(axis=1).any(axis=0) & ~zero_columns, int(zero_columns.sum())
+def _goes_round(longitude: Array) -> bool:
+    """Return whether the last column's neighbour is the first."""
+    row = longitude if longitude.ndim == 1 else longitude[longitude.shape[0] // 2]
+    steps = (np.diff(np.append(row, row[0])) + 180.0) % 360.0 - 180.0
+    return bool(0.0 < abs(steps[-1]) < 2.0 * abs(np.median(steps)))
 
 
 def local_grid(longitude: Array, latitude: Array, levels: Array, wet: NDArray[np.bool_], place_at: tuple[float, float] | None) -> Grid:

@@ -1,6 +1,7 @@
-"""Which variable or dimension of a dataset is which: CF standard names first, then the usual short names."""
+"""The tables: which variable, dimension or coordinate is which, by CF standard names first, then by the names that producers use."""
 
 from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
 from typing import Literal
 
 import xarray as xr
@@ -9,58 +10,176 @@ from replay_kit.core.errors import ForecastError
 
 Axes = Literal["true", "grid"]
 
-MEMBER_NAMES = ("member", "ensemble", "ens", "number", "realization", "ensemble_member")
+MEMBER_NAMES = ("member", "ensemble", "ens", "number", "realization", "ensemble_member", "member_id", "record")
 _LEAD_NAMES = ("lead", "lead_time", "leadtime", "step", "forecast_period")
-_TIME_NAMES = ("time", "valid_time", "time_counter", "ocean_time")
-_DEPTH_NAMES = ("depth", "lev", "level", "deptht", "depthu", "z", "z_l", "st_ocean")
-_LONGITUDE_NAMES = ("longitude", "lon", "nav_lon", "glamt")
-_LATITUDE_NAMES = ("latitude", "lat", "nav_lat", "gphit")
+_TIME_NAMES = ("time", "valid_time", "time_counter", "ocean_time", "scrum_time", "mt", "t")
+_DEPTH_NAMES = (
+    *("depth", "lev", "level", "deptht", "depthu", "depthv", "z", "z_l", "st_ocean", "elevation", "zt", "zc", "z_t", "k", "zl"),
+    *("s_rho", "sc_r", "nav_lev", "olevel"),
+)
 _VELOCITY_STANDARD_NAMES: tuple[tuple[str, str, Axes], ...] = (
     ("eastward_sea_water_velocity", "northward_sea_water_velocity", "true"),
     ("sea_water_x_velocity", "sea_water_y_velocity", "grid"),
+    ("sea_water_x_velocity_at_u_location", "sea_water_y_velocity_at_v_location", "grid"),
 )
-_VELOCITY_SHORT_NAMES = (("uo", "vo"), ("u", "v"), ("water_u", "water_v"), ("ucur", "vcur"))
+# Where a name alone says nothing of the axes, they follow from the grid.
+_VELOCITY_SHORT_NAMES: tuple[tuple[str, str, Axes | None], ...] = (
+    ("u_eastward", "v_northward", "true"),
+    ("water_u", "water_v", "true"),
+    ("eastward_eulerian_current_velocity", "northward_eulerian_current_velocity", "true"),
+    ("ucur", "vcur", "true"),
+    ("vozocrtx", "vomecrty", "grid"),
+    ("vxo", "vyo", "grid"),
+    ("UVEL", "VVEL", "grid"),
+    ("uo", "vo", None),
+    ("u", "v", None),
+    ("U", "V", None),
+)
+# Statistics of several members in a file of members by suffix.
+_NO_MEMBERS = ("mean", "std", "stdev", "spread", "var", "min", "max", "anom")
 
 
-def _by_standard_name(ds: xr.Dataset, standard_name: str) -> list[Hashable]:
-    return [name for name, variable in ds.variables.items() if variable.attrs.get("standard_name") == standard_name]
+@dataclass(frozen=True, slots=True)
+class Coordinates:
+    """Names of the longitude and latitude of one kind of grid, and of what else it keeps there.
+
+    Attributes:
+        dialect: Name of the kind of file.
+        longitude: Of the points where the current is wanted: cell centres, or the corners of a B-grid.
+        latitude: Of the same points.
+        mask: Variables that are above 0 in water at cell centres.
+        mask_u: The same at faces of u.
+        mask_v: The same at faces of v.
+        face: Where u[i] lies on a C-grid: +1 east of the centre i, -1 west of it.
+    """
+
+    dialect: str
+    longitude: tuple[str, ...]
+    latitude: tuple[str, ...]
+    mask: tuple[str, ...] = ()
+    mask_u: tuple[str, ...] = ()
+    mask_v: tuple[str, ...] = ()
+    face: Literal[1, -1] = 1
 
 
-def find_velocity(ds: xr.Dataset, where: str) -> tuple[xr.DataArray, xr.DataArray, Axes]:
-    """Return the two velocity components and whether they lie along true east and north or along the grid's axes.
+# The first whose longitude and latitude are in the file is taken; more particular ones first.
+COORDINATES = (
+    Coordinates("ROMS or CROCO", ("lon_rho",), ("lat_rho",), ("mask_rho",), ("mask_u",), ("mask_v",)),
+    Coordinates("NEMO", ("glamt",), ("gphit",), ("tmask", "tmaskutil"), ("umask", "umaskutil"), ("vmask", "vmaskutil")),
+    Coordinates("MITgcm", ("XC",), ("YC",), ("hFacC", "maskC"), ("hFacW", "maskW"), ("hFacS", "maskS"), -1),
+    Coordinates("MOM6", ("geolon", "xh"), ("geolat", "yh"), ("wet",), ("wet_u",), ("wet_v",)),
+    Coordinates("MOM5 (B-grid)", ("geolon_c", "xu_ocean"), ("geolat_c", "yu_ocean")),
+    Coordinates("POP (B-grid)", ("ULON", "ULONG"), ("ULAT",), ("KMU",)),
+    Coordinates("NEMO", ("nav_lon",), ("nav_lat",), ("tmask", "tmaskutil"), ("umask", "umaskutil"), ("vmask", "vmaskutil")),
+    Coordinates("CF", ("longitude", "lon"), ("latitude", "lat"), ("mask", "land_sea_mask", "sea_binary_mask")),
+)
+#: Number of wet levels of each column, from the surface.
+LEVEL_COUNTS = ("num_levels", "mbathy", "kmt", "KMT", "kmu", "KMU")
+SEA_LEVEL = ("zeta", "zos", "ssh", "surf_el", "sossheig", "zeta_detided", "eta_t", "Eta", "ETAN", "adt", "sla", "SSH")
+ANGLES = ("angle", "CS", "AngleCS", "ANGLE", "cos_rot", "COSROT")
+
+
+def _by_standard_name(ds: xr.Dataset, standard_name: str) -> list[str]:
+    return [str(name) for name, variable in ds.variables.items() if variable.attrs.get("standard_name") == standard_name]
+
+
+@dataclass(frozen=True, slots=True)
+class Current:
+    """The velocity components of a file.
+
+    Attributes:
+        u: Name of the first; None where the file holds the second alone.
+        v: Name of the second.
+        axes: Along which axes they lie; None where no name says it.
+        why: What says it.
+    """
+
+    u: str | None
+    v: str | None
+    axes: Axes | None
+    why: str
+
+
+def find_current(ds: xr.Dataset, where: str) -> Current | None:
+    """Return the velocity components of a file; None where it holds none.
 
     Raises:
-        ForecastError: No pair is found, or several variables have the same standard name.
+        ForecastError: Several variables have the same standard name, and no usual short name chooses one.
     """
+    pairs: list[Current] = []
+    short = {name for u, v, _ in _VELOCITY_SHORT_NAMES for name in (u, v)}
     for east, north, axes in _VELOCITY_STANDARD_NAMES:
-        found = _by_standard_name(ds, east), _by_standard_name(ds, north)
-        if all(len(names) == 1 for names in found):
-            return ds[found[0][0]], ds[found[1][0]], axes
-        if any(len(names) > 1 for names in found):
-            raise ForecastError(
-                f"{where}: several variables have the standard name {east} or {north}: {found[0] + found[1]}; leave one of each"
-            )
-    for u, v in _VELOCITY_SHORT_NAMES:
-        if u in ds and v in ds:
-            return ds[u], ds[v], "true"
-    raise ForecastError(
-        f"{where}: no current found; expected variables with standard names eastward_/northward_sea_water_velocity, "
-        f"or named uo/vo, u/v, water_u/water_v or ucur/vcur; got {sorted(map(str, ds.data_vars))}"
+        found = []
+        for standard_name in (east, north):
+            names = _by_standard_name(ds, standard_name)
+            if len(names) > 1:
+                usual = [name for name in names if name in short]
+                if len(usual) != 1:
+                    raise ForecastError(
+                        f"{where}: several variables have the standard name {east} or {north}: {names}; leave one of each, or give "
+                        "--members suffix where their suffixes are members"
+                    )
+                names = usual
+            found.append(names[0] if names else None)
+        pairs.append(Current(found[0], found[1], axes, f"standard name {east}"))
+    for east, north, of_name in _VELOCITY_SHORT_NAMES:
+        u, v = (name if name in ds.variables else None for name in (east, north))
+        pairs.append(Current(u, v, of_name, f"name {east}"))
+    present = [pair for pair in pairs if pair.u or pair.v]
+    return next((pair for pair in present if pair.u and pair.v), present[0] if present else None)
+
+
+def suffixes(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
+    """Return the components of members that differ by the suffix of their names, by suffix; statistics are left out."""
+    found: dict[str, tuple[str, str]] = {}
+    for u, v, _ in _VELOCITY_SHORT_NAMES:
+        for name in map(str, ds.data_vars):
+            ending = name.removeprefix(f"{u}_")
+            if ending != name and f"{v}_{ending}" in ds.variables and ending.lower() not in _NO_MEMBERS:
+                found.setdefault(ending, (name, f"{v}_{ending}"))
+    return found
+
+
+def no_current(ds: xr.Dataset, where: str) -> ForecastError:
+    """Return the error for a file without velocities: what was expected, and what is there."""
+    unstructured = " (an unstructured grid, which is not read)" if "nele" in ds.dims else ""
+    return ForecastError(
+        f"{where}: no current found{unstructured}; expected variables with standard names eastward_/northward_sea_water_velocity or "
+        f"sea_water_x_/y_velocity, or named {', '.join(f'{u}/{v}' for u, v, _ in _VELOCITY_SHORT_NAMES)}; got "
+        f"{sorted(map(str, ds.data_vars))}"
     )
 
 
-def find_coordinate(ds: xr.Dataset, standard_name: Literal["longitude", "latitude"], where: str) -> xr.DataArray:
-    """Return the longitude or latitude variable, in one or two dimensions.
+def find_coordinates(ds: xr.Dataset, dims: Iterable[Hashable], where: str) -> tuple[str, str, Coordinates]:
+    """Return the names of longitude and latitude in one or two dimensions, and the kind of grid.
+
+    Args:
+        ds: A file, with what grid files add to it.
+        dims: Of both velocity components; coordinates of one alone, as those of u on a C-grid, are not those of the centres.
+        where: The file, for messages.
 
     Raises:
-        ForecastError: There is none.
+        ForecastError: There are none.
     """
-    short = _LONGITUDE_NAMES if standard_name == "longitude" else _LATITUDE_NAMES
-    candidates = _by_standard_name(ds, standard_name) + [name for name in short if name in ds.variables]
-    for name in candidates:
-        if ds[name].ndim in (1, 2):
-            return ds[name]
-    raise ForecastError(f"{where}: no {standard_name} found; expected standard name {standard_name} or one of {', '.join(short)}")
+    cf = COORDINATES[-1]
+    for longitude in _by_standard_name(ds, "longitude"):
+        for latitude in _by_standard_name(ds, "latitude"):
+            usual = longitude in {name for kind in COORDINATES[:-1] for name in kind.longitude}
+            if not usual and ds[longitude].ndim in (1, 2) and set(ds[longitude].dims) | set(ds[latitude].dims) <= set(dims):
+                return longitude, latitude, cf
+    for kind in COORDINATES:
+        for longitude, latitude in zip(kind.longitude, kind.latitude, strict=False):
+            if longitude in ds.variables and latitude in ds.variables and ds[longitude].ndim in (1, 2, 3):
+                return longitude, latitude, kind
+    for longitude in _by_standard_name(ds, "longitude"):
+        for latitude in _by_standard_name(ds, "latitude"):
+            return longitude, latitude, cf
+    there = [name for name in ("longitude", "latitude") if not _by_standard_name(ds, name)]
+    raise ForecastError(
+        f"{where}: no {there[0] if there else 'longitude'} found; expected standard names longitude and latitude, or one of "
+        f"{', '.join('/'.join(pair) for kind in COORDINATES for pair in zip(kind.longitude, kind.latitude, strict=False))}; "
+        "give the file of the grid with --ensemble too"
+    )
 
 
 def find_dimension(ds: xr.Dataset, dims: Iterable[Hashable], standard_names: tuple[str, ...], names: tuple[str, ...]) -> str | None:
@@ -75,7 +194,8 @@ def find_dimension(ds: xr.Dataset, dims: Iterable[Hashable], standard_names: tup
 
 def find_member(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
     """Return the ensemble dimension, or None."""
-    return find_dimension(ds, dims, ("realization",), MEMBER_NAMES)
+    axis = next((str(dim) for dim in dims if dim in ds.variables and ds[dim].attrs.get("axis") == "E"), None)
+    return axis or find_dimension(ds, dims, ("realization",), MEMBER_NAMES)
 
 
 def find_depth(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:

@@ -1,49 +1,84 @@
-"""Ensemble and truth files (CF NetCDF-3, NetCDF-4, Zarr) to ``Ensemble`` values."""
+"""Ensemble and truth files (CF and native NetCDF, Zarr) to ``Ensemble`` values."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.paths import as_path
-from replay_kit.forecast.depths import in_metres
-from replay_kit.forecast.grid import grid_to_local, local_grid, region_slices, true_to_local, wet_mask
-from replay_kit.forecast.names import MEMBER_NAMES, find_coordinate, find_depth, find_member, find_velocity
-from replay_kit.forecast.times import choose_time
+from replay_kit.core.geodesy import to_local, unwrap_longitude
+from replay_kit.core.grid import Ensemble, Projection
+from replay_kit.core.paths import Paths
+from replay_kit.forecast.agreement import common_water, unusual_members
+from replay_kit.forecast.axes import AxesCheck, check_axes
+from replay_kit.forecast.blocks import Block, Collection, open_collection
+from replay_kit.forecast.grid import centre_longitude, grid_to_local, local_grid, true_to_local
+from replay_kit.forecast.layout import Layout, lay_out
+from replay_kit.forecast.members import MemberRule, parse_rule
+from replay_kit.forecast.names import MEMBER_NAMES
+from replay_kit.forecast.pairs import Part
+from replay_kit.forecast.regrid import bilinear, find_cells, to_levels
+from replay_kit.forecast.selection import Selected, Selection, select
+from replay_kit.forecast.window import Window, read_window
 
-_SPEED_UNITS = {"m s-1": 1.0, "m/s": 1.0, "meter second-1": 1.0, "m.s-1": 1.0, "meters/second": 1.0, "cm s-1": 0.01, "cm/s": 0.01}
-_HINT = "give the path of a NetCDF file or a Zarr store"
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """An ensemble, and how its files were understood.
+
+    Attributes:
+        ensemble: The members.
+        layout: Arrangement of the first file.
+        check: Of the axes.
+        part: The first file.
+    """
+
+    ensemble: Ensemble
+    layout: Layout
+    check: AxesCheck
+    part: Part
 
 
 def read_ensemble(
-    path: str | Path, config: ForecastConfig, *, near_ns: int | None = None, place_at: tuple[float, float] | None = None
+    path: Paths,
+    config: ForecastConfig,
+    *,
+    near_ns: int | None = None,
+    place_at: tuple[float, float] | None = None,
 ) -> Ensemble:
     """Return the chosen part of an ensemble forecast in its local frame.
 
     Args:
-        path: NetCDF file or Zarr store.
-        config: Region, levels, lead and time.
+        path: NetCDF files, Zarr stores, folders or patterns.
+        config: What a member is, region, levels, lead, time and axes.
         near_ns: The log's middle time [ns, UTC]: among several times or dated leads the nearest is taken unless the
             configuration names one.
         place_at: (longitude, latitude) to move the ensemble's centre to.
 
     Raises:
-        ForecastError: The file is missing or unreadable, or has no member dimension, current or coordinates, or nothing is
-            inside the region.
+        ForecastError: A file is missing or unreadable, nothing says what the members are, there is no current, there are no coordinates,
+            or nothing is inside the region.
     """
-    with open_forecast(path) as ds:
-        u, _, _ = find_velocity(ds, str(path))
-        member = find_member(ds, u.dims)
-        if member is None:
-            raise ForecastError(f"{path}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {_sizes(u)}")
-        if u.sizes[member] < 2:
-            raise ForecastError(f"{path}: an ensemble needs at least 2 members, got {u.sizes[member]}")
-        return _read(ds, member, config, near_ns, place_at, str(path))
+    with open_collection(path, parse_rule(config.members)) as found:
+        return read_members(found, config, near_ns, place_at).ensemble
+
+
+def read_members(found: Collection, config: ForecastConfig, near_ns: int | None, place_at: tuple[float, float] | None) -> Reading:
+    """Return the chosen part of an opened ensemble, and how it was understood; see ``read_ensemble``.
+
+    Raises:
+        ForecastError: As in ``read_ensemble``.
+    """
+    if found.rule is None:
+        raise _nothing_says(found)
+    selection = select(found, config, near_ns)
+    count = sum(len(field.labels) for field in selection.fields if not field.extra)
+    if count < 2:
+        raise ForecastError(f"{found.source}: an ensemble needs at least 2 members, got {count}{ways(found)}")
+    return read_selection(selection, config, place_at, found.source, found.notes)
 
 
 def read_truth(spec: str, config: ForecastConfig, *, near_ns: int | None = None, place_at: tuple[float, float] | None = None) -> Ensemble:
@@ -59,165 +94,165 @@ def read_truth(spec: str, config: ForecastConfig, *, near_ns: int | None = None,
         ForecastError: As in ``read_ensemble``, or the member is not there, or is needed and not named.
     """
     name, _, label = spec.partition("#")
-    with open_forecast(Path(name)) as ds:
-        u, v, _ = find_velocity(ds, name)
-        member = find_member(ds, u.dims)
-        if member is None:
-            if label:
-                raise ForecastError(f"{name}: member '{label}' asked for, but the file has no member dimension; leave out '#{label}'")
-            member = "replay_kit_member"
-            field = ds.assign({part.name: part.expand_dims(member) for part in (u, v)})
-        elif label:
-            field = ds.isel({member: [_member_position(ds, member, label, name)]})
-        elif u.sizes[member] > 1:
-            raise ForecastError(f"{name}: {u.sizes[member]} members; name the one that is the truth as '{name}#MEMBER'")
-        else:
-            field = ds
-        return _read(field, member, config, near_ns, place_at, spec)
+    with open_collection(Path(name), None) as found:
+        block = found.blocks[0]
+        if block.member is None and label:
+            raise ForecastError(f"{name}: member '{label}' asked for, but the file has no member dimension; leave out '#{label}'")
+        if block.member is not None and not label and block.count > 1:
+            raise ForecastError(f"{name}: {block.count} members; name the one that is the truth as '{name}#MEMBER'")
+        if block.member is not None and label:
+            block = _one_member(block, label, name)
+        one = replace(found, blocks=(block,), rule=found.rule or MemberRule("dim"), background=None)
+        return read_selection(select(one, config, near_ns), config, place_at, spec, found.notes).ensemble
 
 
-def open_forecast(path: str | Path) -> xr.Dataset:
-    """Return a forecast's file, opened.
-
-    Raises:
-        ForecastError: It is missing, or neither NetCDF nor Zarr.
-    """
-    path = as_path(path, "ensemble")
-    if not path.exists():
-        raise ForecastError(f"{path}: no such file; {_HINT}")
-    if path.is_dir():
-        engine = "zarr"
-    else:
-        with path.open("rb") as stream:
-            head = stream.read(8)
-        engine = "scipy" if head[:3] == b"CDF" else "h5netcdf" if head[1:4] == b"HDF" else ""
-    if not engine:
-        raise ForecastError(f"{path}: neither NetCDF nor Zarr; it begins with {head.hex(' ') or 'nothing'}; {_HINT}")
-    try:
-        options = {"consolidated": None} if engine == "zarr" else {}
-        return xr.open_dataset(path, engine=engine, decode_timedelta=False, **options)  # type: ignore[arg-type]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
+def _nothing_says(found: Collection) -> ForecastError:
+    part = found.blocks[0].parts[0]
+    sizes = ", ".join(f"{dim} = {size}" for dim, size in part.ds["replay_kit_u"].sizes.items())
+    return ForecastError(
+        f"{part.paths[0]}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes}{ways(found)}"
+    )
 
 
-def _sizes(variable: xr.DataArray) -> str:
-    return ", ".join(f"{dim} = {size}" for dim, size in variable.sizes.items())
+def ways(found: Collection) -> str:
+    """Return the values of --members that could make members of the files."""
+    parts = [part for block in found.blocks for part in block.parts]
+    times = sum(part.times.size for part in parts)
+    ways = [f"--members files: {len(parts)} files, each a member"] if len(parts) > 1 else []
+    if times > 1:
+        ways.append(f"--members times:15d: the {times} fields of other times, about the forecast")
+    if times > 1 and len(parts) > 1:
+        ways.append("--members lags: forecasts of several starts, valid at one time")
+    ways += ["--members models: files of several products"] if len(parts) > 1 else []
+    if ways:
+        return f"; these can make members: {'; '.join(ways)}"
+    return "; give several files, of other times, starts or members, with --ensemble"
 
 
-def _member_position(ds: xr.Dataset, member: str, label: str, where: str) -> int:
-    labels = [str(value) for value in ds[member].values] if member in ds.coords else [str(i) for i in range(ds.sizes[member])]
+def _one_member(block: Block, label: str, where: str) -> Block:
+    """Return a block of one of its members."""
+    ds, dim = block.parts[0].ds, block.member
+    labels = [str(value) for value in ds[dim].values] if dim in ds.coords else [str(i) for i in range(block.count)]
     if label not in labels:
         raise ForecastError(f"{where}: no member '{label}'; the file has {labels[0]} to {labels[-1]} ({len(labels)} members)")
-    return labels.index(label)
+    chosen = {dim: [labels.index(label)]}
+    return replace(block, parts=tuple(replace(part, ds=part.ds.isel(chosen)) for part in block.parts))
 
 
-def _read(
-    ds: xr.Dataset, member: str, config: ForecastConfig, near_ns: int | None, place_at: tuple[float, float] | None, source: str
-) -> Ensemble:
-    ds, time_ns, of_time = choose_time(ds, config, near_ns, source)
-    longitude, latitude, horizontal = _horizontal(ds, source)
-    if config.region is not None:
-        block = region_slices(longitude, latitude, config.region)
-        if block is None:
-            raise ForecastError(
-                f"{source}: no grid point inside the region {config.region} (west, south, east, north); the file covers "
-                f"{longitude.min():.3f}..{longitude.max():.3f} E, {latitude.min():.3f}..{latitude.max():.3f} N"
-            )
-        ds = ds.isel(dict(zip(horizontal, block, strict=True)))
-        longitude, latitude = longitude[block], latitude[block]
-    if min(longitude.shape) < 2:
-        raise ForecastError(f"{source}: the region holds a grid of {longitude.shape}; at least 2 x 2 points are needed: widen --region")
-    u, v, axes = find_velocity(ds, source)
-    middle = 0.5 * float(latitude.min() + latitude.max())
-    levels, order, depth, of_depth = _levels(ds, u, config, middle, source)
-    velocity = np.stack([_array(part, member, depth, horizontal, order, source) for part in (u, v)], axis=1)
-    wet, zero_columns = wet_mask(velocity)
-    if not wet[0].any():
-        raise ForecastError(f"{source}: every point of the first level is land; check the region and the variables' missing values")
-    _refuse_holes(velocity, wet, source)
-    velocity = np.where(wet, velocity, np.nan)
-    if axes == "grid":
-        unplaced = local_grid(longitude, latitude, levels, wet, None)
-        velocity = grid_to_local(unplaced.east, unplaced.north, velocity)
-    else:
-        projection = local_grid(longitude, latitude, levels, wet, None).projection
-        velocity = true_to_local(projection, longitude, latitude, velocity)
-    grid = local_grid(longitude, latitude, levels, wet, place_at)
-    return Ensemble(grid, velocity, time_ns, source, (*of_time, *_notes(grid, zero_columns, place_at), *of_depth))
+def read_selection(
+    selection: Selection, config: ForecastConfig, place_at: tuple[float, float] | None, source: str, told: tuple[str, ...]
+) -> Reading:
+    """Return the fields of a selection as members on the grid of the first.
+
+    Raises:
+        ForecastError: As in ``read_ensemble``.
+    """
+    first = selection.fields[0]
+    layout = _layout(first.part, first.ds, config)
+    window, notes = _read(first, layout, config), list(selection.notes)
+    projection = local_grid(window.longitude, window.latitude, window.levels, np.ones(0, bool), None).projection
+    fields, alike, moved = [window.velocity], [0], 0
+    around = config.model_copy(update={"region": _around(window)})
+    for field in selection.fields[1:]:
+        last = layout if _same_grid(field.part, first.part) else _layout(field.part, field.ds, config)
+        other = _read(field, last, config if last is layout else around)
+        values = other.velocity
+        if _alike(other, window):
+            alike.append(len(fields))
+        else:
+            values, moved = _moved(other, _local(other, projection), window, projection), moved + values.shape[0]
+        fields.append(values.mean(axis=0, keepdims=True) if field.extra else values)
+        notes += [note for note in other.notes if last is not layout or note not in window.notes]
+    # at once, as the turn of the frame's axes is the same for all
+    turned = _local(replace(window, velocity=np.concatenate([fields[k] for k in alike])), projection)
+    ends = np.cumsum([len(fields[k]) for k in alike])[:-1]
+    for k, values in zip(alike, np.split(turned, ends), strict=True):
+        fields[k] = values
+    if moved:
+        notes.append(f"{moved} members were interpolated to the grid of the first (bilinear; linear in depth)")
+    velocity = np.concatenate(fields) if moved else turned
+    if selection.change is not None:
+        velocity, changed = selection.change(velocity)
+        notes += changed
+    labels = tuple(label for field in selection.fields if not field.extra for label in field.labels)
+    velocity, wet, holes = common_water(velocity, labels, source)
+    check = check_axes(window, layout, velocity, wet, projection)
+    # who states the axes has been told
+    doubts = check.notes if config.axes == "auto" else ()
+    grid = local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
+    in_order = (*notes, *_placed(place_at), *window.notes, *holes, *unusual_members(velocity, labels, source), *doubts, *told)
+    notes = list(dict.fromkeys(in_order))
+    error_std = check.residual_std if doubts else 0.0
+    ensemble = Ensemble(grid, velocity, selection.time_ns, source, tuple(notes), labels, error_std)
+    return Reading(ensemble, layout, check, first.part)
 
 
-def _refuse_holes(velocity: Array, wet: NDArray[np.bool_], source: str) -> None:
-    """Raise ForecastError when a member misses water that another has: its land would otherwise become everyone's."""
-    missing = (~np.isfinite(velocity).all(axis=1) & wet).sum(axis=(1, 2, 3))
-    if missing.any():
-        worst = int(np.argmax(missing))
-        raise ForecastError(
-            f"{source}: {int(np.count_nonzero(missing))} members miss values where others have them, member at position {worst} most "
-            f"({int(missing[worst])} of {int(wet.sum())} points); leave such members out of the file"
-        )
+def _layout(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
+    layout = lay_out(ds, part.current, str(part.paths[0]))
+    if config.axes == "auto":
+        return layout
+    return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
 
 
-def _notes(grid: Grid, zero_columns: int, place_at: tuple[float, float] | None) -> tuple[str, ...]:
-    notes = []
-    if zero_columns:
-        notes.append(f"{zero_columns} columns whose current is exactly zero in every member were taken for land")
-    if place_at is not None:
-        notes.append(
-            f"the ensemble was moved so that its centre lies at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
-            "what it says of this place is no forecast"
-        )
-    return tuple(notes)
+def _read(field: Selected, layout: Layout, config: ForecastConfig) -> Window:
+    return read_window(field.ds, field.part.current, layout, field.member, config, str(field.part.paths[0]))
 
 
-def _horizontal(ds: xr.Dataset, where: str) -> tuple[Array, Array, tuple[str, str]]:
-    """Return longitude and latitude, both (J, I), and the names of the two dimensions."""
-    longitude, latitude = find_coordinate(ds, "longitude", where), find_coordinate(ds, "latitude", where)
-    if longitude.ndim != latitude.ndim:
-        raise ForecastError(f"{where}: longitude has {longitude.ndim} dimensions and latitude {latitude.ndim}; both must have 1 or both 2")
-    if longitude.ndim == 1:
-        dims = (str(latitude.dims[0]), str(longitude.dims[0]))
-        x, y = np.meshgrid(longitude.values.astype(np.float64), latitude.values.astype(np.float64))
-    else:
-        dims = (str(longitude.dims[0]), str(longitude.dims[1]))
-        x, y = longitude.values.astype(np.float64), latitude.transpose(*dims).values.astype(np.float64)
-    if not (np.isfinite(x).all() and np.isfinite(y).all() and (np.abs(y) <= 90.0).all()):
-        raise ForecastError(
-            f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
-        )
-    return x, y, dims
+def _same_grid(one: Part, other: Part) -> bool:
+    """Return whether two files have the same horizontal grid, by its size and the ends of its coordinates."""
+    if one.ds is other.ds or one.paths == other.paths:
+        return True
+    for name, variable in other.ds.variables.items():
+        if any(mark in str(name).lower() for mark in ("lon", "lat", "glam", "gphi", "xc", "yc", "xh", "yh", "xu_", "yu_", "geo")):
+            if name not in one.ds.variables or one.ds[name].shape != variable.shape:
+                return False
+            ends = [np.asarray(v.isel(dict.fromkeys(v.dims, k)).values) for v in (one.ds[name].variable, variable) for k in (0, -1)]
+            if not (np.array_equal(ends[0], ends[2]) and np.array_equal(ends[1], ends[3])):
+                return False
+    return one.current == other.current
 
 
-def _levels(
-    ds: xr.Dataset, u: xr.DataArray, config: ForecastConfig, latitude: float, where: str
-) -> tuple[Array, NDArray[np.int64], str | None, tuple[str, ...]]:
-    """Return the levels used [m, increasing], their positions in the file, the depth dimension (None: one level at 0 m), and notes."""
-    depth = find_depth(ds, u.dims)
-    if depth is None:
-        return np.zeros(1), np.zeros(1, dtype=np.int64), None, ()
-    if depth not in ds.coords:
-        raise ForecastError(f"{where}: dimension {depth} has no coordinate values; add a depth coordinate in metres")
-    values, notes = in_metres(ds[depth], latitude, where)
-    if ds[depth].attrs.get("positive", "").lower() == "up" or np.all(values <= 0.0):
-        values = -values
-    order = np.argsort(values, kind="stable")
-    if config.levels is not None:
-        nearest = [int(np.argmin(np.abs(values[order] - wanted))) for wanted in config.levels]
-        order = order[np.unique(nearest)]
-    order = order[:: config.level_step]
-    levels = values[order]
-    if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
-        raise ForecastError(f"{where}: depths must be finite, at or below the surface and distinct, got {levels.tolist()}")
-    return levels, order, depth, notes
+def _local(window: Window, projection: Projection) -> Array:
+    """Return a window's velocities along the axes of a local frame."""
+    if window.axes == "true":
+        return true_to_local(projection, window.longitude, window.latitude, window.velocity)
+    east, north = to_local(projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude)
+    return grid_to_local(east, north, window.velocity)
 
 
-def _array(part: xr.DataArray, member: str, depth: str | None, horizontal: tuple[str, str], order: NDArray[np.int64], where: str) -> Array:
-    """Return one component, shape (E, Z, J, I) [m/s]."""
-    if depth is None:
-        part, depth = part.expand_dims("replay_kit_depth"), "replay_kit_depth"
-    wanted = (member, depth, *horizontal)
-    if set(part.dims) != set(wanted):
-        raise ForecastError(f"{where}: {part.name} has dimensions {_sizes(part)}; expected {', '.join(wanted)} after choosing a time")
-    unit = str(part.attrs.get("units", "m s-1")).strip()
-    if unit not in _SPEED_UNITS:
-        raise ForecastError(f"{where}: {part.name} is in '{unit}'; expected m s-1 or cm s-1")
-    return np.asarray(part.transpose(*wanted).isel({depth: order}).values, dtype=np.float64) * _SPEED_UNITS[unit]
+def _around(window: Window) -> tuple[float, float, float, float]:
+    """Return the region that other grids are read in: the window and two of its cells around it."""
+    middle = centre_longitude(window.longitude)
+    x, y = unwrap_longitude(window.longitude, middle), window.latitude
+    step = 2.0 * max(float(np.abs(np.diff(x, axis=1)).max()), float(np.abs(np.diff(y, axis=0)).max()))
+    return float(x.min()) - step, max(float(y.min()) - step, -90.0), float(x.max()) + step, min(float(y.max()) + step, 90.0)
+
+
+def _alike(one: Window, other: Window) -> bool:
+    """Return whether two windows have the same points, levels and axes."""
+    if one.axes != other.axes or one.longitude.shape != other.longitude.shape or one.levels.shape != other.levels.shape:
+        return False
+    apart = (one.longitude - other.longitude + 180.0) % 360.0 - 180.0
+    return bool(
+        np.abs(apart).max() < 1e-5
+        and np.abs(one.latitude - other.latitude).max() < 1e-5
+        and np.allclose(one.levels, other.levels, rtol=1e-3)
+    )
+
+
+def _moved(other: Window, values: Array, window: Window, projection: Projection) -> Array:
+    """Return another window's velocities, in the local frame, on the grid and levels of the first."""
+    (east, north), (at_east, at_north) = (
+        to_local(projection, unwrap_longitude(part.longitude, projection.longitude), part.latitude) for part in (other, window)
+    )
+    j, i, inside = find_cells(east, north, at_east, at_north)
+    return bilinear(to_levels(values, other.levels, window.levels), j, i, inside)
+
+
+def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
+    if place_at is None:
+        return ()
+    return (
+        f"the ensemble was moved so that its centre lies at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
+        "what it says of this place is no forecast",
+    )

@@ -1,5 +1,7 @@
 """One time of a forecast that has several: by lead, by time, or nearest to the log."""
 
+from collections.abc import Hashable, Sequence
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -7,7 +9,8 @@ from numpy.typing import NDArray
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.time import parse_time
-from replay_kit.forecast.names import find_lead, find_time, find_velocity
+from replay_kit.forecast.files import undated
+from replay_kit.forecast.names import find_lead, find_time
 
 _LEAD_UNITS = {
     **dict.fromkeys(("days", "day", "d"), 86400.0),
@@ -18,11 +21,14 @@ _LEAD_UNITS = {
 _DAY_NS = 86_400 * 10**9
 
 
-def choose_time(ds: xr.Dataset, config: ForecastConfig, near_ns: int | None, where: str) -> tuple[xr.Dataset, int | None, tuple[str, ...]]:
+def choose_time(
+    ds: xr.Dataset, dims: Sequence[Hashable], config: ForecastConfig, near_ns: int | None, where: str
+) -> tuple[xr.Dataset, int | None, tuple[str, ...]]:
     """Return the dataset at one time, that time [ns, UTC] if known, and what a user should know of the choice.
 
     Args:
         ds: With any of a lead and a time dimension.
+        dims: Of its velocities, without that of the members.
         config: ``lead``, ``time`` and ``reference_time`` decide where they are given.
         near_ns: Else the time nearest to this is taken [ns, UTC]; without it, or where leads have no date, the last lead, the first time.
         where: The file, for messages.
@@ -30,12 +36,17 @@ def choose_time(ds: xr.Dataset, config: ForecastConfig, near_ns: int | None, whe
     Raises:
         ForecastError: An option is given that the file has no use for.
     """
-    u, _, _ = find_velocity(ds, where)
-    lead, time = find_lead(ds, u.dims), find_time(ds, u.dims)
+    lead, time = find_lead(ds, dims), find_time(ds, dims)
     if lead is None and (config.lead is not None or config.reference_time is not None):
         raise ForecastError(f"{where}: a lead or reference time was given, but the file has no dimension of leads; leave the option out")
     if time is None and config.time is not None:
         raise ForecastError(f"{where}: a time was chosen, but the file has no dimension of times; leave the option out")
+    if time is not None and (time not in ds.coords or ds[time].dtype.kind != "M"):
+        if config.time is not None:
+            raise ForecastError(f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); leave the option out")
+        note = f"{time} has no dates ({undated(ds[time])})" + (f": the first of {ds.sizes[time]} was taken" if ds.sizes[time] > 1 else "")
+        inner, time_ns, more = choose_time(ds.isel({time: 0}), [dim for dim in dims if dim != time], config, near_ns, where)
+        return inner, time_ns, (note, *more)
     if time is not None:
         times = ds[time].values.astype("datetime64[ns]").astype(np.int64)
         wanted = parse_time(config.time) if config.time else near_ns

@@ -1,6 +1,6 @@
-"""Log formats: ``open_log`` chooses the reader by what a file holds, ``merge`` puts several logs in one order."""
+"""Log formats: ``open_logs`` chooses readers by what files and folders hold, ``merge`` puts several logs in one order."""
 
 from replay_kit.logs.merge import Merge, merge
-from replay_kit.logs.registry import open_log
+from replay_kit.logs.registry import open_log, open_logs
 
-__all__ = ["Merge", "merge", "open_log"]
+__all__ = ["Merge", "merge", "open_log", "open_logs"]

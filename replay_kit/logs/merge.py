@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from replay_kit.core.message import Message
-from replay_kit.logs.raw import RawMessage
+from replay_kit.core.raw import RawMessage
 
 #: Last part of latched topics, and words in it: their messages come once, when a recording begins, and hold from then on.
 _LATCHED_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})

@@ -1,5 +1,6 @@
 """What the readers of all formats share: a log file as a context, read in passes, with its statistics and its copies."""
 
+import os
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -13,8 +14,8 @@ from mcap.records import Attachment, Metadata
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport, Message
+from replay_kit.core.raw import RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
-from replay_kit.logs.raw import RawMessage
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: A message before it has a position: time [ns], topic, schema, payload.
@@ -100,6 +101,10 @@ class LogFile(AbstractContextManager["LogFile"]):
     def report(self) -> LogReport:
         """Return what was found so far."""
         return self.statistics.report(self.path, self.format)
+
+    def share_read(self) -> float:
+        """Return the share of the file that the pass begun last has read; 1 when it is read whole before its first message."""
+        return self._files[-1].tell() / max(os.fstat(self._files[-1].fileno()).st_size, 1) if self._files else 1.0
 
     def _topic(self, name: str) -> str:
         """Return what a topic is called."""

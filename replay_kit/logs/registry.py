@@ -1,6 +1,7 @@
 """The registry of log formats, and ``open_log``, which chooses the reader by a file's first bytes, never by its name."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,8 +9,10 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.paths import as_path
 from replay_kit.logs.adcp.records import AD2CP_MAGICS, PD0_MAGIC
+from replay_kit.logs.folders import logs_in
 from replay_kit.logs.reader import LogFile, unreadable
 
+_NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
 _DATAFLASH_MAGIC = b"\xa3\x95"
 _HEAD = 1 << 16
 
@@ -20,12 +23,12 @@ class LogFormat(NamedTuple):
     Attributes:
         name: As in ``LogReport.format``.
         recognises: Whether a file that begins with these bytes is of the format.
-        load: Imports and returns the reader.
+        load: Imports and returns the reader, or what makes it.
     """
 
     name: str
     recognises: Callable[[bytes], bool]
-    load: Callable[[], type[LogFile]]
+    load: Callable[[], Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]]
 
 
 def _begins(*magics: bytes) -> Callable[[bytes], bool]:
@@ -56,10 +59,18 @@ def _mcap() -> type[LogFile]:
     return McapReader
 
 
-def _seaglider() -> type[LogFile]:
-    from replay_kit.logs.glider.reader import SeagliderReader
+def _glider() -> Callable[[Path, int, LogConfig | None, frozenset[str] | None], LogFile]:
+    from replay_kit.logs.glider.open import open_glider
 
-    return SeagliderReader
+    return open_glider
+
+
+def _is_glider(head: bytes) -> bool:
+    if head.startswith(_NETCDF):
+        return True
+    from replay_kit.logs.glider.seaexplorer import is_seaexplorer
+
+    return is_seaexplorer(head)
 
 
 def _raw_adcp() -> type[LogFile]:
@@ -83,12 +94,15 @@ def _dataflash() -> type[LogFile]:
 #: In the order in which they are tried: those with magic bytes first.
 FORMATS = (
     LogFormat("mcap", _begins(b"\x89MCAP0\r\n"), _mcap),
-    LogFormat("seaglider", _begins(b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF"), _seaglider),
+    LogFormat("glider", _is_glider, _glider),
     LogFormat("pd0", _begins(PD0_MAGIC), _raw_adcp),
     LogFormat("ad2cp", _begins(*AD2CP_MAGICS), _raw_adcp),
     LogFormat("tlog", _is_tlog, _tlog),
     LogFormat("dataflash", _is_dataflash, _dataflash),
 )
+#: Group of entry points of other packages' readers, such as one of a Slocum's binary files; each is the function
+#: ``open(path, input, config, wanted)`` that returns a ``LogFile``, or None for a file that is not its own.
+PLUGINS = "replay_kit.logs"
 #: Logs that are recognised only to say what to do with them.
 _FOREIGN = (
     (b"#ROSBAG", "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap"),
@@ -97,7 +111,7 @@ _FOREIGN = (
 
 
 def open_log(path: str | Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> LogFile:
-    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink, DataFlash, Seaglider NetCDF or raw ADCP.
+    """Return the reader of a log, chosen by its first bytes: MCAP, MAVLink, DataFlash, glider files or raw ADCP.
 
     Args:
         path: The log.
@@ -110,21 +124,61 @@ def open_log(path: str | Path, input: int = 0, config: LogConfig | None = None, 
         LogError: The file is missing, no file, empty, unreadable, or of none of the known formats.
     """
     path = as_path(path, "log")
+    if path.is_dir():
+        logs = open_logs([path], config, wanted)
+        if len(logs) != 1:
+            raise LogError(f"{path}: expected a folder with one log, it holds {len(logs)}; give the files in it")
+        logs[0].input = input
+        return logs[0]
     head = _first_bytes(path)
     for form in FORMATS:
         if form.recognises(head):
             return form.load()(path, input, config, wanted)
+    for plugin in entry_points(group=PLUGINS):
+        log: LogFile | None = plugin.load()(path, input, config, wanted)
+        if log is not None:
+            return log
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
-        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a Seaglider NetCDF file "
-        "or a raw ADCP file (PD0, AD2CP); "
+        f"{path}: expected an MCAP file, a MAVLink telemetry log (.tlog), a DataFlash log (.BIN), a glider's NetCDF or "
+        "SeaExplorer file, or a raw ADCP file (PD0, AD2CP); "
         + (f"this is {foreign}" if foreign else f"its first bytes are {head[:16].hex(' ')}; give a log of one of these formats")
     )
 
 
+def open_logs(paths: Sequence[Path], config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> list[LogFile]:
+    """Return the readers of a mission's logs: a folder stands for the logs in it, and a glider's files of single profiles are one log.
+
+    Args:
+        paths: Files and folders: a ROS 2 bag, or a folder of a glider's files.
+        config: How logs are read; the defaults when None.
+        wanted: As of ``open_log``.
+
+    Raises:
+        LogError: As of ``open_log``; or a folder holds no log.
+    """
+    files = [file for path in paths for file in logs_in(Path(path))]
+    places = [place for place, file in enumerate(files) if _is_glider(_first_bytes(file))]
+    groups = {place: [file] for place, file in enumerate(files)}
+    if len(places) > 1:
+        from replay_kit.logs.glider.files import grouped
+
+        for group in grouped([files[place] for place in places]):
+            members = [places[k] for k in group]
+            groups |= {place: [] for place in members} | {members[0]: [files[place] for place in members]}
+    parts = [group for group in groups.values() if group]
+    return [_opened(group, number, config, wanted) for number, group in enumerate(parts)]
+
+
+def _opened(group: Sequence[Path], number: int, config: LogConfig | None, wanted: frozenset[str] | None) -> LogFile:
+    if len(group) == 1:
+        return open_log(group[0], number, config, wanted)
+    from replay_kit.logs.glider.open import open_glider
+
+    return open_glider(group[0], number, config, wanted, group[1:])
+
+
 def _first_bytes(path: Path) -> bytes:
-    if path.is_dir():
-        raise LogError(f"{path}: expected a log, got a directory; give the files in it")
     try:
         with open(path, "rb") as file:
             head = file.read(_HEAD)

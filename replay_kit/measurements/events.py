@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from replay_kit.core.observation import Observation, PathMean, VehicleState
-from replay_kit.measurements.quality.ping import Check
+from replay_kit.measurements.quality.tests import Check
 
 # What code that trusts a payload's types raises when they are not what they should be.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)

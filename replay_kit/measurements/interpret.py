@@ -8,6 +8,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
+from replay_kit.config.mapping import TopicMap
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
@@ -90,15 +91,21 @@ def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> Step:
     """Let go of the pings for which no position will come that is near enough: they must not pile up."""
-    oldest_ns = now_ns - int(min(config.position_max_age * 1e9, _FOREVER_NS))
-    if not state.waiting or state.waiting[0].source.time_ns >= oldest_ns:
+    if not state.waiting:
         return state, []
-    expired, left = split(state.waiting, oldest_ns)
+    # of pings in a dive the fix after it may come hours later; while one of them waits, so do those after it
+    first = state.waiting[0]
+    oldest_ns = now_ns - int(min(first.longest_wait(config) * 1e9, _FOREVER_NS))
+    if first.source.time_ns >= oldest_ns:
+        return state, []
+    older, newer = split(state.waiting, oldest_ns)
+    expired = [ping for ping in older if now_ns - ping.source.time_ns > ping.longest_wait(config) * 1e9]
+    left = (*(ping for ping in older if now_ns - ping.source.time_ns <= ping.longest_wait(config) * 1e9), *newer)
     return replace(state, waiting=left), [event for ping in expired for event in place(ping, state.fix, None, state.track, config)]
 
 
 def _interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
-    entry = next((entry for entry in config.map if entry.topic == message.topic), None) if config.map else None
+    entry = next((entry for entry in config.map if _covers(entry, message)), None) if config.map else None
     # a mapping goes before a known kind
     system = mavlink_vehicle.system_of(message) if entry is None else None
     if system is not None and state.system not in (None, system):
@@ -111,4 +118,13 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
     if system is not None and state.system is None and type(stated) in _STATES_POSITION:
         state = replace(state, system=system)
     source = Source(message.input, message.topic, message.position, message.time_ns)
-    return _STEPS[type(stated)](state, stated, source, config)
+    events: list[Event] = []
+    if isinstance(stated, StatedPing) and stated.position is not None:
+        # it counts even where the profile does not; the message counts once, as the ping that it is
+        state, (_, *events) = positions.record_position(state, stated.position, source, config)
+    state, more = _STEPS[type(stated)](state, stated, source, config)
+    return state, [*events, *more]
+
+
+def _covers(entry: TopicMap, message: Message) -> bool:
+    return entry.topic == message.topic and (entry.name is None or entry.name == message.payload.get("name"))

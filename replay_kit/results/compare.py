@@ -102,7 +102,7 @@ def read_recorded(path: Path) -> Recorded:
             attachments = {record.name: record.data for record in reader.iter_attachments()}
         config = attachments[CONFIG_NAME].decode()
         # a plan made on its own has inputs too, but no ensemble that could be replayed
-        if "ensemble" not in metadata.get("replay_kit.inputs", {}):
+        if not any(key.startswith("ensemble") for key in metadata.get("replay_kit.inputs", {})):
             raise KeyError("replay_kit.inputs: ensemble")
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error

@@ -18,8 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.atomic import sync
 from replay_kit.core.errors import ConfigError, ReplayKitError
-from replay_kit.logs.mcap.declared import OutChannels
-from replay_kit.logs.raw import RawChannel, RawMessage
+from replay_kit.core.raw import OutChannels, RawChannel, RawMessage
 from replay_kit.results.digest import Digest
 from replay_kit.results.journal import Journal
 from replay_kit.results.readback import check_written

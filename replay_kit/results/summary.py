@@ -1,19 +1,22 @@
 """The summary of a replay: one frozen value, as JSON and as the tables and sentences printed at the end of a run."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
-from replay_kit.logs.losses import loss_json, loss_words
+from replay_kit.results.losses import loss_json, loss_words
 from replay_kit.results.summary_plan import outcomes_json, outcomes_sentence, plan_json, plan_sentence
+from replay_kit.results.text import coded, folded, not_used_lines, print_lines, print_table
+
+# Dives that the summary names.
+_WORST = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +103,7 @@ class ReplaySummary:
         outcomes: Predicted surfacings with the actual ones.
         truth: Score against a truth, if one was given.
         notes: What the user should know.
+        lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
     """
 
     messages: tuple[TopicRow, ...]
@@ -120,6 +124,7 @@ class ReplaySummary:
     outcomes: tuple[Outcome, ...] = ()
     truth: TruthScore | None = None
     notes: tuple[str, ...] = ()
+    lost_pings: str = ""
 
     def __repr__(self) -> str:
         """Return the sentences on the estimate."""
@@ -140,7 +145,7 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
         {
             "status": "loss" if summary.exit_code == 4 else "done",
             "exit_code": summary.exit_code,
-            "messages": [asdict(row) for row in summary.messages],
+            "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
             "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
             "late": summary.late,
             "observations": {
@@ -157,6 +162,7 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
             "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
             "truth": asdict(summary.truth) if summary.truth else None,
             "notes": list(summary.notes),
+            "lost_pings": summary.lost_pings,
         }
     )
     return summary_json
@@ -173,20 +179,44 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def print_summary(summary: ReplaySummary, console: Console) -> None:
-    """Print the tables and sentences of the end of a replay."""
-    table = Table("topic", "read", "used", "skipped", "reasons", title="Messages", title_justify="left")
-    for row in summary.messages:
-        why = "; ".join(f"{count} x {reason}" for reason, count in sorted(row.reasons.items()))
-        table.add_row(row.topic, str(row.read), str(row.used), str(row.skipped), why)
-    console.print(table)
-    for sentence in _estimate_sentences(summary):
-        console.print(sentence, soft_wrap=True)
-    if summary.by_dive:
-        console.print(_dive_table(summary))
-    for sentence in _further_sentences(summary):
-        # soft_wrap: a sentence stays one line in a pipe
-        console.print(sentence, soft_wrap=True)
+def print_summary(summary: ReplaySummary, console: Console, verbose: bool = False) -> None:
+    """Print the tables and sentences of the end of a replay.
+
+    Args:
+        summary: What is printed.
+        console: Where to.
+        verbose: Whether each topic and each dive has a row of its own.
+    """
+    if summary.lost_pings:
+        print_lines(console, [f"MANY PINGS LOST: {summary.lost_pings}"])
+    rows = ((row.topic, str(row.read), str(row.used), str(row.skipped)) for row in summary.messages)
+    print_table(console, "Messages", ("topic", "read", "used", "skipped"), folded(rows, verbose))
+    print_lines(console, not_used_lines({row.topic: row.reasons for row in summary.messages}, verbose))
+    print_lines(console, _estimate_sentences(summary))
+    if verbose and summary.by_dive:
+        columns = "dive", "profiles", "bins", "predicted from earlier dives", "predicted from the ensemble alone", "NIS/dof"
+        print_table(console, "RMS innovation by dive [cm/s]", columns, map(_dive_cells, summary.by_dive))
+    elif summary.by_dive:
+        print_lines(console, [_dive_sentence(summary.by_dive)])
+    print_lines(console, _further_sentences(summary))
+
+
+def _dive_cells(row: DiveRow) -> tuple[str, ...]:
+    rms = (f"{100.0 * value:.2f}" for value in (row.rms_innovation_predicted, row.rms_innovation_prior))
+    return str(row.dive), str(row.profiles), str(row.bins), *rms, f"{row.nis_per_dof:.2f}"
+
+
+def _dive_sentence(dives: Sequence[DiveRow]) -> str:
+    """Return how well dives were predicted, and the worst of them."""
+    bins = sum(row.bins for row in dives)
+    squares = ((row.bins * row.rms_innovation_predicted**2, row.bins * row.rms_innovation_prior**2) for row in dives if row.bins)
+    predicted, prior = (_cm(math.sqrt(sum(part) / bins)) if bins else "none" for part in zip(*squares, strict=True))
+    worst = sorted((row for row in dives if row.bins), key=lambda row: -row.rms_innovation_predicted)[:_WORST]
+    named = ", ".join(f"{row.dive} ({_cm(row.rms_innovation_predicted)})" for row in worst)
+    return (
+        f"Dives: {len(dives)}; RMS innovation {predicted} predicted from earlier dives, {prior} from the ensemble alone; "
+        f"worst: {named}; -v shows all"
+    )
 
 
 def _further_sentences(summary: ReplaySummary) -> Iterator[str]:
@@ -216,15 +246,6 @@ def _estimate_sentences(summary: ReplaySummary) -> Iterator[str]:
         f"RMS innovation: {_cm(summary.rms_before)} before each update, {_cm(summary.rms_after)} after it, "
         f"{_cm(summary.rms_prior)} against the ensemble alone; NIS per degree of freedom {summary.nis_per_dof:.2f}"
     )
-
-
-def _dive_table(summary: ReplaySummary) -> Table:
-    names = "dive", "profiles", "bins", "predicted from earlier dives", "predicted from the ensemble alone", "NIS/dof"
-    table = Table(*names, title="RMS innovation by dive", title_justify="left")
-    for row in summary.by_dive:
-        predicted, prior = _cm(row.rms_innovation_predicted), _cm(row.rms_innovation_prior)
-        table.add_row(str(row.dive), str(row.profiles), str(row.bins), predicted, prior, f"{row.nis_per_dof:.2f}")
-    return table
 
 
 def _truth_sentences(truth: TruthScore) -> Iterator[str]:

@@ -11,21 +11,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.console import Console
-from rich.table import Table
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import LogReport, Loss
 from replay_kit.core.paths import check_paths
-from replay_kit.logs import merge, open_log
-from replay_kit.logs.losses import loss_json, loss_lines, note_lines, undecodable_json, undecodable_lines
+from replay_kit.core.progress import Progress, silent
+from replay_kit.core.raw import RawMessage
+from replay_kit.logs import merge, open_logs
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
-from replay_kit.logs.raw import RawMessage
 from replay_kit.logs.reader import LogFile, RawLog
+from replay_kit.results.losses import loss_json, loss_lines, note_lines, undecodable_json, undecodable_lines
 from replay_kit.results.readback import check_written
-from replay_kit.workflows.info.inspect import print_lines
+from replay_kit.results.text import code_of, folded, print_lines, print_table
+from replay_kit.workflows.replay.inputs import reading
 
 _STAMP_BYTES = 8
 
@@ -62,9 +63,7 @@ class ConvertSummary:
         return merged
 
 
-def convert(
-    inputs: Sequence[Path], out: Path, overwrite: bool, config: LogConfig, on_message: Callable[[int], None] | None = None
-) -> ConvertSummary:
+def convert(inputs: Sequence[Path], out: Path, overwrite: bool, config: LogConfig, progress: Progress = silent) -> ConvertSummary:
     """Write the messages of all inputs, in order of (time, input, position), to one log and return what was written.
 
     MCAP to MCAP keeps payloads, schemas, encodings, all stamps, sequences, attachments and metadata. Messages of other formats become
@@ -77,7 +76,7 @@ def convert(
         out: The log: a telemetry log when its name ends in ``.tlog``, else MCAP.
         overwrite: Whether an existing output is replaced; an input never is.
         config: Clock, first and last time, reorder window.
-        on_message: Called with each message's time [ns], for progress.
+        progress: Called with how much of the inputs is read.
 
     Raises:
         ConfigError: The output is an input, or exists, or cannot be written; or there is no input.
@@ -88,15 +87,11 @@ def convert(
         raise ConfigError("convert: expected at least one log, got none")
     check_paths(inputs, [out], overwrite)
     with ExitStack() as opened:
-        logs = [opened.enter_context(open_log(path, number, config)) for number, path in enumerate(inputs)]
-        return (_to_tlog if out.suffix.lower() == ".tlog" else _to_mcap)(logs, out, config, on_message or _ignore)
+        logs = [opened.enter_context(log) for log in open_logs(inputs, config)]
+        return (_to_tlog if out.suffix.lower() == ".tlog" else _to_mcap)(logs, out, config, reading(logs, progress, "converting"))
 
 
-def _ignore(time_ns: int) -> None:
-    """Do nothing with a message's time: no progress is shown."""
-
-
-def _to_mcap(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[int], None]) -> ConvertSummary:
+def _to_mcap(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[], None]) -> ConvertSummary:
     profiles = {log.profile() for log in logs}
     with open_mcap_log(out, (profiles.pop() if len(profiles) == 1 else None) or "", _check) as writer:
         copies = [RawLog(log, writer.copy_extra) for log in logs]
@@ -104,7 +99,7 @@ def _to_mcap(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: 
         frames = heapq.merge(*(log.frames() for log in logs if log.has_own_frames), key=_order)
         for message in chain(merged, (frame for frame in frames if _in_span(frame, config))):
             writer.copy(message)
-            on_message(message.time_ns)
+            on_message()
     return ConvertSummary(out, writer.written, tuple(log.report() for log in logs))
 
 
@@ -121,7 +116,7 @@ class _Framed(NamedTuple):
     entries: Callable[[], Iterable[tuple[str, bytes]]]
 
 
-def _to_tlog(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[int], None]) -> ConvertSummary:
+def _to_tlog(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[], None]) -> ConvertSummary:
     """Write the frames that the logs hold as they are, and frames made of fixes and pings that no such frame holds."""
     framed = [next(log.frames(), None) is not None for log in logs]
     made = TlogFrames(beside_vehicle=any(framed))
@@ -134,7 +129,7 @@ def _to_tlog(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: 
                 for name, entry in message.entries():
                     file.write(entry)
                     count[name] += 1
-            on_message(message.time_ns)
+            on_message()
     # frames are read without a report
     for log in logs:
         if log.has_own_frames:
@@ -168,18 +163,19 @@ def convert_json(summary: ConvertSummary) -> dict[str, Any]:
     return {
         "messages": dict(summary.messages),
         "undecodable": undecodable_json(summary.undecodable),
-        "left_out": [{"topic": topic, "messages": count, "why": why} for (topic, why), count in sorted(summary.left_out.items())],
+        "left_out": [
+            {"topic": topic, "messages": count, "code": code_of(why), "why": why}
+            for (topic, why), count in sorted(summary.left_out.items())
+        ],
         "notes": [{"file": report.path, "what": note} for report in summary.reports for note in report.notes],
         "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
     }
 
 
-def print_converted(summary: ConvertSummary, console: Console) -> None:
-    """Print what was converted."""
-    table = Table("topic", "messages", title=str(summary.out), title_justify="left")
-    for topic, count in sorted(summary.messages.items()):
-        table.add_row(topic, str(count))
-    console.print(table)
+def print_converted(summary: ConvertSummary, console: Console, verbose: bool = False) -> None:
+    """Print what was converted; topics that differ in a number alone share a row unless whole tables are asked for."""
+    rows = ((topic, str(count)) for topic, count in sorted(summary.messages.items()))
+    print_table(console, str(summary.out), ("topic", "messages"), folded(rows, verbose))
     for lines in (loss_lines, note_lines):
         print_lines(console, (line for report in summary.reports for line in lines(report)))
     print_lines(console, (f"Left out: {count} x {topic}: {why}" for (topic, why), count in sorted(summary.left_out.items())))

@@ -1,21 +1,21 @@
 """Fit an ensemble's prior and write it as settings: the composer of ``replay-kit fit``."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.progress import announce, counted
 from replay_kit.core.version import __version__
 from replay_kit.estimator.basis.modes import build_basis, correlation_length
 from replay_kit.estimator.prior.fit import FitRow, best, fit_settings, fit_steps, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings
+from replay_kit.results.text import print_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,33 +37,23 @@ class Fitted:
     left_out: int
 
 
-def fit_prior(
-    ensemble: Ensemble, config: EstimatorConfig, left_out: int, progress: Callable[[int, int, str], None] | None = None
-) -> Fitted:
+def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fitted:
     """Return the prior's settings that tell members left out best.
 
     Args:
         ensemble: All members.
         config: Number of modes, kernel, nugget.
         left_out: Number of members left out in turn; all when there are fewer.
-        progress: Called with steps done, steps in all, and what is being run.
 
     Raises:
         ForecastError: There are fewer than four members.
     """
     if ensemble.n_members < 4:
         raise ForecastError(f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}")
+    announce("computing the basis")
     members = members_in_basis(build_basis(ensemble, config))
-    total, done = fit_steps(ensemble.n_members, left_out), 0
-
-    def advance() -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(done, total, "leaving members out")
-
     length = correlation_length(ensemble)
-    rows = fit_settings(members, length, left_out, advance)
+    rows = fit_settings(members, length, left_out, counted("leaving members out", fit_steps(ensemble.n_members, left_out)))
     return Fitted(tuple(rows), best(rows), length, ensemble.source, min(left_out, ensemble.n_members))
 
 
@@ -87,10 +77,12 @@ def fit_json(fitted: Fitted) -> dict[str, Any]:
 
 def print_fit(fitted: Fitted, console: Console) -> None:
     """Print all that was tried, and what was chosen."""
-    table = Table("sample share", "shift [km]", "radius [km]", "score", "cov. 90")
-    for row in fitted.rows:
-        settings = row.settings
-        figures = f"{settings.sample_share:.2f}", f"{settings.shift / 1e3:.1f}", f"{settings.radius / 1e3:.1f}"
-        table.add_row(*figures, f"{row.score:.4f}", f"{row.coverage90:.3f}")
-    console.print(table)
-    console.print(f"chosen: {fitted.chosen}; correlation length {fitted.length / 1e3:.1f} km")
+    rows = ((*_figures(row.settings), f"{row.score:.4f}", f"{row.coverage90:.3f}") for row in fitted.rows)
+    print_table(console, None, ("sample share", "shift [km]", "radius [km]", "score", "cov. 90"), rows)
+    share, shift, radius = _figures(fitted.chosen)
+    chosen = f"Chosen: sample share {share}, members shifted by {shift} km, taper to zero at {radius} km"
+    console.print(f"{chosen}; correlation length {fitted.length / 1e3:.1f} km", soft_wrap=True)
+
+
+def _figures(settings: PriorSettings) -> tuple[str, str, str]:
+    return f"{settings.sample_share:.2f}", f"{settings.shift / 1e3:.1f}", f"{settings.radius / 1e3:.1f}"

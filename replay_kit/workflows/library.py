@@ -16,7 +16,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.paths import as_path
+from replay_kit.core.paths import Paths, as_path, as_paths
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.time import to_time_ns
 from replay_kit.forecast import read_ensemble
@@ -35,7 +35,7 @@ At = Place | tuple[float, float, float]
 
 def replay(
     logs: Logs,
-    ensemble: str | Path,
+    ensemble: Paths,
     *,
     goal: At | None = None,
     out: str | Path | None = None,
@@ -46,7 +46,7 @@ def replay(
 
     Args:
         logs: Logs of one mission; an open one stands for its path, and is read with these settings.
-        ensemble: Ensemble file: CF NetCDF or Zarr.
+        ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is.
         goal: Where to go next; None plans nothing.
         out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
         overwrite: Whether an existing result is replaced.
@@ -59,7 +59,7 @@ def replay(
     paths = tuple(as_path(getattr(log, "path", log), "log") for log in each)
     if not paths:
         raise ConfigError("logs: expected one log or several, got none")
-    forecast, config = as_path(ensemble, "ensemble"), settings_of(settings)
+    forecast, config = as_paths(ensemble, "ensemble"), settings_of(settings)
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
     job = ReplayJob(paths, forecast, file, goal=None if goal is None else place_of(goal, "goal"), overwrite=overwrite)
@@ -102,11 +102,11 @@ def plan(estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, setti
     return planner.plan(estimate, begin, end, start_ns, None).plan
 
 
-def open_ensemble(path: str | Path, *, settings: Settings = None) -> Ensemble:
+def open_ensemble(path: Paths, *, settings: Settings = None) -> Ensemble:
     """Return the members of an ensemble forecast that a replay would use.
 
     Args:
-        path: CF NetCDF file or Zarr store with a member dimension.
+        path: As in ``replay``.
         settings: As in ``replay``; ``[forecast]`` counts.
 
     Raises:

@@ -18,6 +18,7 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
+from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
 from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, first_difference, read_recorded
 from replay_kit.results.mcap_writer import CONFIG_NAME
@@ -57,16 +58,14 @@ class _DivergedError(Exception):
     """The repetition gave another digest."""
 
 
-def verify(
-    result: Path, folders: Sequence[Path], planner_of: Callable[[PlannerConfig], Planner], on_message: Callable[[int], None] | None = None
-) -> Verdict:
+def verify(result: Path, folders: Sequence[Path], planner_of: Callable[[PlannerConfig], Planner], progress: Progress = silent) -> Verdict:
     """Return the comparison of a result with a new replay of its inputs with its configuration.
 
     Args:
         result: A result of ``replay``.
         folders: Where the inputs are looked for, by name and content; then beside the result, then here.
         planner_of: Makes the planner of a configuration.
-        on_message: Called with each message's time [ns], for progress.
+        progress: Called with how much is done of each stage.
 
     Raises:
         LogError: The result cannot be read, or an input is not found.
@@ -81,13 +80,13 @@ def verify(
         again = Path(folder) / "again.mcap"
         job = _job(result, recorded, [*folders, result.parent, Path()], again)
         planner = planner_of(config.planner)
-        made, stopped = _repeat(job, config, planner, recorded.digests, on_message)
+        made, stopped = _repeat(job, config, planner, recorded.digests, progress)
         difference = None
         if stopped is not None:
             difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages, definitions)
         if stopped is not None and difference is None:
             # the digest itself is what differs: nothing less than everything must be compared
-            made, _ = _repeat(job, config, planner, (), on_message)
+            made, _ = _repeat(job, config, planner, (), progress)
         others: tuple[str, ...] = ()
         if difference is None:
             difference = first_difference(result, again, definitions=definitions)
@@ -125,7 +124,7 @@ def _without_truth(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def _repeat(
-    job: ReplayJob, config: RunConfig, planner: Planner, expected: Sequence[Digest], on_message: Callable[[int], None] | None
+    job: ReplayJob, config: RunConfig, planner: Planner, expected: Sequence[Digest], progress: Progress
 ) -> tuple[int, Digest | None]:
     """Replay until a digest differs; return the number of messages made, and that digest, None when all are the same.
 
@@ -142,7 +141,7 @@ def _repeat(
             raise _DivergedError
 
     with suppress(_DivergedError):
-        replay(job, config, planner, on_message, compare)
+        replay(job, config, planner, progress, compare)
     return made, other
 
 
@@ -150,10 +149,15 @@ def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -
     named = recorded.metadata["replay_kit.inputs"]
     options = recorded.metadata.get("replay_kit.options", {})
     found = {key: _find(result, key, text, folders) for key, text in named.items()}
-    logs = tuple(found[f"log{i}"] for i in range(len(found) - 1))
+    logs, ensemble = (tuple(found[key] for key in sorted(found, key=_number) if key.startswith(kind)) for kind in ("log", "ensemble"))
     goal = options.get("goal")
     where = Place(*(float(part) for part in goal.split(","))) if goal else None
-    return ReplayJob(logs, found["ensemble"], out, goal=where, include_inputs=options.get("include_inputs") == "true")
+    return ReplayJob(logs, ensemble, out, goal=where, include_inputs=options.get("include_inputs") == "true")
+
+
+def _number(key: str) -> int:
+    """Return the number at the end of an input's key; 0 without one."""
+    return int(key.lstrip("abcdefghijklmnopqrstuvwxyz") or 0)
 
 
 def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Path:

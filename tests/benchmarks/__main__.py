@@ -8,10 +8,16 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, logs, planners, scaling
+from tests.benchmarks import estimator, forecasts, logs, planners, scaling, start
 from tests.benchmarks.measure import environment, limits
 
-BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {"estimator": estimator.rows, "logs": logs.rows, "planners": planners.rows}
+BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
+    "estimator": estimator.rows,
+    "forecasts": forecasts.rows,
+    "logs": logs.rows,
+    "planners": planners.rows,
+    "start": start.rows,
+}
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from replay_kit.core.observation import Reason
 from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins import make_twin, write_ensemble
+from replay_kit.studies.twins import Twin, make_twin, write_ensemble
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks.estimator import row
@@ -94,7 +94,7 @@ def stages_row(folder: Path, tiny: bool) -> Row:
     ensemble, truth = where / "ensemble.nc", where / "truth.nc"
     if not tiny:
         write_ensemble(ensemble, truth, n_members=95)
-    make_twin(read_truth(str(truth), RunConfig().forecast), "vessel", pings, 0.09, 0, folder / "slow.mcap", True)
+    make_twin(read_truth(str(truth), RunConfig().forecast), Twin("vessel", pings, 0.09, 0), folder / "slow.mcap", True)
     log = folder / "fast.mcap"
     write_mcap_log(log, _hurried(folder / "slow.mcap", pings))
     return whole_row(log, ensemble, folder, pings, modes)

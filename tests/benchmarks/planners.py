@@ -26,7 +26,7 @@ from tests.benchmarks import planners_mission, planners_scenario
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
 from tests.benchmarks.planners_masked import masked_row
-from tests.benchmarks.planners_search import closest_by_search, tabulated
+from tests.benchmarks.planners_search import closest_by_search
 from tests.places import DATA
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place
 from tests.reference.route_graph import graph_time
@@ -128,7 +128,7 @@ def _pair(
         begin, end = draw_pair(flow, rng)
         if not reachable:
             end[:2] = _inside(flow, rng)
-        best = closest_by_search(flow, tabulated(flow), region_of(flow.grid), begin, end, SPEED, settings.max_duration, **size)
+        best = closest_by_search(flow, begin, end, SPEED, settings.max_duration, **size)
         if reachable or best > _MISSED:
             return begin, end, best
 
@@ -142,7 +142,7 @@ def flow_row(tiny: bool) -> Row:
     """The Hessian of where a flight of twelve RK4 steps ends, against the same field differentiated by CasADi."""
     flow = _flows(tiny)[0]
     begin, weights, latent = ca.MX.sym("begin", 3), ca.MX.sym("weights", 3), ca.MX.sym("latent", *flow.latent.shape)
-    field = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
+    field = field_function(flow)
     through, step, given = ca.DM([0.2, 0.1, 0.01]), 900.0, ca.DM(flow.latent)
 
     def hessian(current: Callable[[Any], Any]) -> ca.Function:

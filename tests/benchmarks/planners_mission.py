@@ -206,7 +206,7 @@ def _variables(model: Any) -> tuple[Any, Any, Any, Any]:
 def _rate(case: Case, place: Any, depth: Any, heading: Any, angle: Any) -> Any:
     """Return what changes in a leg of unit length: place [km], time [h]."""
     flow = case.flow
-    field = field_function(flow.nodes, flow.levels, flow.kernel, flow.depth_functions)
+    field = field_function(flow)
     along, down = _VEHICLE.speeds(ca, angle)
     lasts = 2.0 * case.deepest / down
     ground = along * ca.vertcat(ca.sin(heading), ca.cos(heading)) + field(ca.vertcat(place * KM, depth), flow.latent)

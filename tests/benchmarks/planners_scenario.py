@@ -58,26 +58,20 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
     count = len(found["took"])
     of = {name: np.array(values) for name, values in found.items()}
     medians = {f"{name}_median": float(np.median(values)) for name, values in of.items()}
-    kept_row = row(
-        f"{count} scenario plans of {DIVES} dives, {SAMPLES} samples: {ALLOWED:.0%} may enter an area, 12 % asked, in 15 s",
-        float(np.median(of["took"])),
-        "the plan made on the estimate",
-        None,
-        None,
-        {"unsafe_share": float(np.median(of["unsafe"]))},
-        slowest_s=float(of["took"].max()),
-        most_unsafe=float(of["unsafe"].max()),
-        **medians,
+
+    def summary(what: str, seconds: str, peer: str, error: str, share: str, **more: float) -> Row:
+        return row(what, float(np.median(of[seconds])), peer, None, None, {error: float(np.median(of[share]))}, **more)
+
+    allowed = f"{count} scenario plans of {DIVES} dives, {SAMPLES} samples: {ALLOWED:.0%} may enter an area, 12 % asked, in 15 s"
+    slowest, most = float(of["took"].max()), float(of["unsafe"].max())
+    kept_row = summary(
+        allowed, "took", "the plan made on the estimate", "unsafe_share", "unsafe", slowest_s=slowest, most_unsafe=most, **medians
     )
-    pilot_row = row(
-        f"{count} missions of {DIVES} dives in fresh samples, corrected at surfacings: nine of ten miss by, over the same held: 0.8 asked",
-        float(np.median(of["flown"])),
-        "headings held",
-        None,
-        None,
-        {"corrected_share": float(np.median(of["corrected"]))},
-        worst_share=float(of["corrected"].max()),
+    flown = (
+        f"{count} missions of {DIVES} dives in fresh samples, corrected at surfacings: nine of ten miss by, over the same held: 0.8 asked"
     )
+    worst = float(of["corrected"].max())
+    pilot_row = summary(flown, "flown", "headings held", "corrected_share", "corrected", worst_share=worst)
     return [kept_row, pilot_row]
 
 

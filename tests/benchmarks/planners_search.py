@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from planners.route.region import Region
+from planners.route.region import Region, region_of
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -49,18 +49,10 @@ def tabulated(flow: FlowEstimate) -> Table:
 
 
 def closest_by_search(
-    flow: FlowEstimate,
-    table: Table,
-    region: Region,
-    begin: Array,
-    end: Array,
-    speed: float,
-    longest: float,
-    headings: int = 360,
-    times: int = 60,
+    flow: FlowEstimate, begin: Array, end: Array, speed: float, longest: float, headings: int = 360, times: int = 60
 ) -> float:
     """Return the least closest approach [m] of all glides to the goal's depth, the best refined around and flown in the flow itself."""
-    depth = end[2] - begin[2]
+    table, region, depth = tabulated(flow), region_of(flow.grid), end[2] - begin[2]
     heading = np.linspace(0.0, 2.0 * np.pi, headings, endpoint=False)
     log_time = np.linspace(np.log(max(abs(depth) / speed, 600.0)), np.log(longest), times)
     best = np.inf

@@ -7,7 +7,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from tests import synthetic
 from tests.benchmarks.logs_replay import decisions, whole_row
 
@@ -20,7 +20,7 @@ def ocean(tmp_path_factory):
     ds = synthetic.dataset(seed=4, n_members=21, shape=(6, 7))
     ds.isel(member=slice(20)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=20, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
-    make_twin(read_truth(str(folder / "truth.nc"), RunConfig().forecast), "vessel", PINGS, 0.05, 1, folder / "survey.mcap")
+    make_twin(read_truth(str(folder / "truth.nc"), RunConfig().forecast), Twin("vessel", PINGS, 0.05, 1), folder / "survey.mcap")
     return folder
 
 

@@ -19,7 +19,7 @@ from replay_kit.core.paths import check_paths
 from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies import twins
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.info.inspect import inspect_log
 from tests import synthetic
 from tests.command import run_command
@@ -40,7 +40,7 @@ def ocean(tmp_path_factory) -> Path:
     ds.isel(member=slice(20)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=20, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
     truth = read_truth(str(folder / "truth.nc"), RunConfig().forecast)
-    make_twin(truth, "vessel", 20, 0.05, 1, folder / "survey.mcap")
+    make_twin(truth, Twin("vessel", 20, 0.05, 1), folder / "survey.mcap")
     (folder / "run.toml").write_text("[output]\ninterval = 1.0\n")
     (folder / "store.zarr").mkdir()
     (folder / "folder.mcap").mkdir()

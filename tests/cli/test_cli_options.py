@@ -9,6 +9,7 @@ import pytest
 from cyclopts.argument import Argument
 
 from replay_kit.cli.app import _COMMANDS, _STUDIES, app
+from replay_kit.cli.ensembles import repeat_ensembles
 from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
@@ -144,11 +145,28 @@ def test_an_option_with_one_value_is_given_once(words) -> None:
         )
 
 
-def test_every_command_with_an_ensemble_takes_one() -> None:
-    assert {words for words, option in SINGLE if option.name == "--ensemble"} == {
+def test_every_command_that_reads_an_ensemble_takes_several_files() -> None:
+    assert {words for words, option in SINGLE if option.name == "--ensemble"} == {("synthesize",)}
+    assert {words for words, name, option in OPTIONS if option.name == "--ensemble"} == {
         *(("replay",), ("info",), ("synthesize",)),
         *(("experiment", name) for name in ("accuracy", "paper", "missions", "planning", "dives")),
     }
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ("info --ensemble a.nc b.nc c.zarr", "info --ensemble a.nc --ensemble b.nc --ensemble c.zarr"),
+        ("replay x.mcap --ensemble a.nc b*.nc -o o.mcap", "replay x.mcap --ensemble a.nc --ensemble b*.nc -o o.mcap"),
+        ("replay --ensemble=a.nc b.nc x.mcap -o o.mcap", "replay --ensemble=a.nc --ensemble b.nc x.mcap -o o.mcap"),
+        # glider files are logs where no log stands elsewhere
+        ("replay --ensemble e.nc p1.nc p2.nc -o o.mcap", "replay --ensemble e.nc p1.nc p2.nc -o o.mcap"),
+        ("replay x.mcap --ensemble e.nc y.mcap --ensemble", "replay x.mcap --ensemble e.nc y.mcap --ensemble"),
+        ("", ""),
+    ],
+)
+def test_words_after_an_ensemble_are_files_of_it(given, meant) -> None:
+    assert repeat_ensembles(given.split()) == meant.split()
 
 
 def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(log, tmp_path) -> None:

@@ -51,6 +51,12 @@ def test_it_declares_every_member_of_the_interface(estimator):
     assert estimator.state_size > 0
 
 
+@pytest.mark.parametrize("name", ["default", "paper", "evolving", "letkf"])
+def test_the_prior_alone_is_common_to_all_states(name):
+    estimator = built(name)
+    assert estimator.common_part is (estimator.prior if name in ("default", "paper") else None)
+
+
 def test_steps_are_repeated_steps_and_states_do_not_change(estimator):
     log = [profile(), profile((-4e3, 1e3), 20), profile((5e3, -3e3), 30)]
     start = estimator.initial()

@@ -10,7 +10,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.forecast.grid import centre_longitude, region_slices
+from replay_kit.forecast.grid import centre_longitude, region_block
 from tests import synthetic
 
 PLAIN = ForecastConfig()
@@ -95,8 +95,8 @@ def test_region_and_levels_cut(tmp_path):
 @pytest.mark.parametrize("shift", [0.0, 360.0, -360.0])
 def test_regions_in_any_longitude_convention_and_across_the_antimeridian(shift):
     longitude, latitude = np.meshgrid(np.array([178.0, 179.0, -180.0, -179.0]), np.array([0.0, 1.0]))
-    block = region_slices(longitude, latitude, (179.0 + shift, -1.0, 181.0 + shift, 2.0))
-    assert block == (slice(0, 2), slice(1, 4))
+    block = region_block(longitude, latitude, (179.0 + shift, -1.0, 181.0 + shift, 2.0))
+    assert block == (slice(0, 2), (slice(1, 4),))
     assert centre_longitude(longitude) == pytest.approx(179.5)
 
 
@@ -122,12 +122,21 @@ def test_land_is_missing_or_zero_in_all_members(tmp_path):
     assert read.grid.nodes.shape == (29, 2)
 
 
-def test_a_member_with_holes_is_refused_not_made_everyone_s_land(tmp_path):
+def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
     ds = synthetic.dataset()
     ds["uo"][3, 1:, 0, 0] = np.nan
     ds["vo"][5, :, 2, 2] = np.nan
-    with pytest.raises(ForecastError, match=r"2 members miss values.*position 5 most \(4 of 120 points\)"):
-        read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN)
+    read = read_ensemble(write(ds, tmp_path / "e.nc"), PLAIN)
+    assert not read.grid.wet[:, 2, 2].any()
+    np.testing.assert_array_equal(read.grid.wet[:, 0, 0], [True, False, False, False])
+    assert np.isnan(read.velocity[:, :, ~read.grid.wet]).all()
+    assert np.isfinite(read.velocity[:, :, read.grid.wet]).all()
+    assert read.notes == (
+        "2 of 8 members miss values where others have them, 'e.nc member 5' most (4 of 120 points): 7 points were taken for land",
+    )
+    ds["uo"][3, 0] = np.nan
+    with pytest.raises(ForecastError, match=r"leave no water at the first level; 'none\.nc member 3' misses most \(33 of 120 points\)"):
+        read_ensemble(write(ds, tmp_path / "none.nc"), PLAIN)
 
 
 @pytest.mark.parametrize(("unit", "length"), [("days", 1.0), ("hours", 24.0), ("s", 86_400.0), ("minutes", 1440.0)])
@@ -225,7 +234,8 @@ def without(name):
     [
         (lambda ds: ds.isel(member=0, drop=True), "no member dimension.*depth = 4"),
         (lambda ds: ds.isel(member=[0]), "at least 2 members"),
-        (without("uo"), "no current found"),
+        (without("uo"), r"holds vo and no u; 0 files of u and 1 of v"),
+        (lambda ds: ds.drop_vars(["uo", "vo"]), "no current found"),
         (without("lon"), "no longitude found"),
         (lambda ds: ds.isel(lat=[0]), "at least 2 x 2"),
         (lambda ds: ds.where(False), "is land"),

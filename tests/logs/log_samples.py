@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import orjson
 from mcap.writer import CompressionType, Writer
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from replay_kit.core.message import LogReport, Message
+from replay_kit.logs import open_log
 from tests.places import DATA
 
 SHARED = DATA / "logs"
@@ -61,3 +64,11 @@ def attitude(boot_ms: int) -> Any:
 def tlog(n: int, start_us: int = 1_700_000_000_000_000) -> list[bytes]:
     """Return the entries of a telemetry log, one a second."""
     return [tlog_entry(start_us + 1_000_000 * k, attitude(k), version=1 + k % 2) for k in range(n)]
+
+
+def read_log(folder: Path, data: bytes, wanted: frozenset[str] | None = None) -> tuple[list[Message], LogReport]:
+    """Return the messages of a log with these bytes, and its report."""
+    file = folder / "log"
+    file.write_bytes(data)
+    reader = open_log(file, 1, wanted=wanted)
+    return list(reader.messages()), reader.report()

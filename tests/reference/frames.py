@@ -49,3 +49,15 @@ def mapped(column: Array, factor: float, first: float, size: float) -> Array:
         value = column[near] + slope * (want - have[near]) if math.isfinite(slope) else column[near]
         out.append(value if abs(want - have[near]) <= 0.5 * size * factor else math.nan)
     return np.array(out)
+
+
+def janus_vectors(beam_angle_deg: float, convex: bool = True) -> Array:
+    """Return the unit vectors of Teledyne's four beams, shape (4, 3), towards the transducer: x beam 1 to 2, y beam 4 to 3, z.
+
+    Args:
+        beam_angle_deg: Angle between each beam and the instrument's axis [degrees].
+        convex: Whether the head is convex; the beams of a concave one cross.
+    """
+    angle = np.deg2rad(beam_angle_deg)
+    across, along = (1.0 if convex else -1.0) * np.sin(angle), np.cos(angle)
+    return np.array([[across, 0.0, along], [-across, 0.0, along], [0.0, -across, along], [0.0, across, along]])

@@ -11,7 +11,7 @@ import pytest
 
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.forecast import read_truth
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
@@ -36,7 +36,7 @@ def test_fifty_pings_tell_the_north_atlantic_truth(tmp_path):
     errors, config = [], load_config(None, {"estimator": {"modes": 100}})
     for seed in range(3):
         log = tmp_path / f"survey{seed}.mcap"
-        make_twin(truth, "vessel", 50, 0.09, seed, log)
+        make_twin(truth, Twin("vessel", 50, 0.09, seed), log)
         summary, _ = replay(ReplayJob((log,), folder / "ensemble.nc", truth=str(folder / "truth.nc")), config)
         assert summary.truth is not None
         errors.append(summary.truth.rel_error)

@@ -15,7 +15,7 @@ from replay_kit.logs import merge, open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements import observations
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from replay_kit.workflows.info.inspect import iso
 from tests.command import invoke
@@ -29,8 +29,8 @@ SEAGLIDER = sorted((DATA / "seaglider").glob("p17101*.nc"))
 @pytest.fixture
 def logs(tmp_path: Path) -> list[Path]:
     paths = [tmp_path / "glider.mcap", tmp_path / "vessel.tlog"]
-    make_twin(make_truth(), "glider", 30, 0.09, 0, paths[0])
-    make_twin(make_truth(), "vessel", 20, 0.09, 1, paths[1])
+    make_twin(make_truth(), Twin("glider", 30, 0.09, 0), paths[0])
+    make_twin(make_truth(), Twin("vessel", 20, 0.09, 1), paths[1])
     return paths
 
 
@@ -176,7 +176,8 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path: Path) -> None:
         ("/plan", "there is no frame for a message without a schema"): 1,
     }
     assert summary.messages["DEBUG_FLOAT_ARRAY"] == 2 * 5
-    assert {"topic": "/plan", "messages": 1, "why": "there is no frame for a message without a schema"} in convert_json(summary)["left_out"]
+    plan = {"code": "there_is_no_frame_for_a_message_without_a_schema", "why": "there is no frame for a message without a schema"}
+    assert {"topic": "/plan", "messages": 1, **plan} in convert_json(summary)["left_out"]
     console = Console(record=True, file=StringIO())
     print_converted(summary, console)
     assert "Left out: 2 x /adcp: of each its beam_unit_vectors" in console.export_text()

@@ -15,7 +15,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.forecast import read_truth
 from replay_kit.results import first_difference, read_recorded
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
@@ -32,7 +32,7 @@ def run(tmp_path_factory) -> Path:
     ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
     config = RunConfig()
-    make_twin(read_truth(str(folder / "truth.nc"), config.forecast), "glider", 60, 0.05, 1, folder / "glider.mcap")
+    make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 60, 0.05, 1), folder / "glider.mcap")
     job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
     replay(job, config, planner_of(config.planner))
     return folder

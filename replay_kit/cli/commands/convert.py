@@ -15,9 +15,7 @@ class Outputs(Answer):
     """What is written."""
 
     out: Annotated[
-        Path,
-        option("--out -o", "One log; its ending chooses the format.", metavar="OUT.mcap|OUT.tlog"),
-        Ending((".mcap", ".tlog")),
+        Path, option("--out -o", "One log; its ending chooses the format.", metavar="OUT.mcap|OUT.tlog"), Ending((".mcap", ".tlog"))
     ]
 
 
@@ -30,8 +28,8 @@ def convert(*logs: Log, outputs: Annotated[Outputs, TO_OUTPUTS], settings: Setti
     from replay_kit.workflows.convert import convert as convert_logs
     from replay_kit.workflows.convert import convert_json, print_converted
 
-    with progress("converting") as advance:
+    with progress() as advance:
         summary = convert_logs(list(logs), outputs.out, outputs.overwrite, config.logs, advance)
-    print_converted(summary, console_beside(outputs.json_file))
+    print_converted(summary, console_beside(outputs.json_file), outputs.verbose)
     write_json(outputs.json_file, convert_json(summary))
     return 4 if summary.losses else 0

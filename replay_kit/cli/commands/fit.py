@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_OUTPUTS, Answer, Ending, argument, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths
@@ -34,8 +34,8 @@ def fit(
     from replay_kit.workflows.fit import fit_json, fit_prior, print_fit, write_fit
 
     members = read_ensemble(ensemble, config.forecast)
-    with working(config.output.threads) as advance:
-        fitted = fit_prior(members, config.estimator, left_out, advance)
+    with progress(config.output.threads):
+        fitted = fit_prior(members, config.estimator, left_out)
     write_fit(fitted, outputs.out)
     print_fit(fitted, console_beside(outputs.json_file))
     write_json(outputs.json_file, fit_json(fitted))

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from replay_kit.cli.console import console_beside, write_json, write_text
-from replay_kit.cli.options import INPUTS, TO_OUTPUTS, Answer, Ending, Log, option
+from replay_kit.cli.console import console_beside, progress, write_json, write_text
+from replay_kit.cli.options import ENSEMBLE_HELP, INPUTS, PART_OF_FORECAST, TO_OUTPUTS, Answer, Ending, LogIfAny, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_paths
@@ -22,18 +22,18 @@ class Outputs(Answer):
     ] = None
 
 
-@takes_settings("logs.clock", "logs.system", "logs.remap", "measurements")
+@takes_settings("logs.clock", "logs.system", "logs.remap", "measurements", *PART_OF_FORECAST)
 def info(
-    *logs: Log,
+    *logs: LogIfAny,
     ensemble: Annotated[
-        Path | None,
+        tuple[Path, ...],
         option(
             "--ensemble",
-            "Ensemble forecast against which axes, signs, units, declination and depths are checked.",
-            metavar="FILE",
+            f"Ensemble forecast, which is described, and against which a log's axes, signs, units and depths are checked: {ENSEMBLE_HELP}",
+            metavar="FILE...",
             group=INPUTS,
         ),
-    ] = None,
+    ] = (),
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
     settings: Settings,
 ) -> int:
@@ -41,22 +41,37 @@ def info(
     suggest, json_file = outputs.suggest, outputs.json_file
     if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
         raise ConfigError("--suggest and --json: only one of them can have standard output; give the other a file")
-    check_paths([*logs, settings.file, ensemble], [suggest, json_file], outputs.overwrite)
+    if not logs and not ensemble:
+        raise ConfigError("info: expected a log, or a forecast with --ensemble")
+    check_paths([*logs, settings.file, *ensemble], [suggest, json_file], outputs.overwrite)
     config = settings.load()
 
+    from replay_kit.forecast import describe_ensemble
     from replay_kit.measurements import suggestions
+    from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
     from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
-    from replay_kit.workflows.info.inspect import info_json, inspect_log, print_info
+    from replay_kit.workflows.info.inspect import info_json, inspect_logs, next_command, print_info
 
-    found = [inspect_log(path, config) for path in logs]
-    check = None if ensemble is None else check_logs(list(logs), ensemble, config)
+    with progress() as advance:
+        found = inspect_logs(logs, config, advance)
+        forecast = check = None
+        if ensemble:
+            advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
+            forecast = describe_ensemble(ensemble, config.forecast)
+            check = check_logs(list(logs), ensemble, config) if logs and forecast.rule else None
     console = console_beside(json_file, suggest)
+    if forecast is not None:
+        print_ensemble(forecast, console)
     for log in found:
-        print_info(log, console)
+        print_info(log, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
+    if logs:
+        console.print(next_command(found, [str(path) for path in logs]), soft_wrap=True)
     if suggest is not None:
         write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
-    answer = {"logs": [info_json(log) for log in found]}
+    answer: dict[str, Any] = {"logs": [info_json(log) for log in found]}
+    answer |= {"next": next_command(found, [str(path) for path in logs])} if logs else {}
+    answer |= {} if forecast is None else {"forecast": ensemble_json(forecast)}
     write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
     return 4 if any(log.report.losses for log in found) else 0

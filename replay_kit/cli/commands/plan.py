@@ -4,8 +4,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.console import console_beside, write_json, write_text
-from replay_kit.cli.options import MCAP, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ending, argument, flag, numbers, option, place
+from replay_kit.cli.console import console_beside, progress, write_json, write_text
+from replay_kit.cli.options import (
+    MCAP,
+    PLACE,
+    TO_INPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    Ending,
+    Numbers,
+    argument,
+    flag,
+    numbers,
+    option,
+    place,
+)
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_paths
@@ -18,10 +32,9 @@ if TYPE_CHECKING:
 class Places:
     """From where to where, and what must be kept clear of."""
 
-    start: Annotated[str, option("--start", "Where the mission begins [degrees, degrees, m].", metavar="LON,LAT,DEPTH")]
+    start: Annotated[str, option("--start", "Where the mission begins [degrees, degrees, m].", metavar="LON,LAT,DEPTH"), PLACE]
     goal: Annotated[
-        list[str],
-        option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"),
+        list[str], option("--goal", "Where to go [degrees, degrees, m]; may be repeated, in order.", metavar="LON,LAT,DEPTH"), PLACE
     ]
     no_go: Annotated[
         Path | None,
@@ -46,7 +59,9 @@ class Aim:
         ),
     ] = None
     mooring: Annotated[
-        str | None, option("--mooring", "Stay within a radius of the goal [m] for a duration [hours].", metavar="RADIUS,HOURS")
+        str | None,
+        option("--mooring", "Stay within a radius of the goal [m] for a duration [hours].", metavar="RADIUS,HOURS"),
+        Numbers("RADIUS,HOURS"),
     ] = None
     surfacings_only: Annotated[
         bool, flag("--surfacings-only", "With --mooring, only surfacings must lie within the radius, not the track between them.")
@@ -60,11 +75,12 @@ class Method:
     """How the mission is planned."""
 
     angles: Annotated[
-        str | None, option("--angles", "Shallowest and steepest glide angle [degrees]. Default: 15,35.", metavar="MIN,MAX")
+        str | None,
+        option("--angles", "Shallowest and steepest glide angle [degrees]. Default: 15,35.", metavar="MIN,MAX"),
+        Numbers("MIN,MAX"),
     ] = None
     spline: Annotated[
-        int,
-        option("--spline", "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.", least=0),
+        int, option("--spline", "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.", least=0)
     ] = 0
     risk: Annotated[
         float | None,
@@ -85,9 +101,7 @@ class Outputs(Answer):
         Ending((".geojson", ".json"), stream=True),
     ] = None
     csv: Annotated[
-        Path | None,
-        option("--csv", "One line for each leg; - is standard output.", metavar="FILE"),
-        Ending((".csv",), stream=True),
+        Path | None, option("--csv", "One line for each leg; - is standard output.", metavar="FILE"), Ending((".csv",), stream=True)
     ] = None
     waypoints: Annotated[
         Path | None,
@@ -150,7 +164,8 @@ def plan(
         waypoint_tolerance=outputs.waypoint_tolerance,
     )
     job.check()
-    planned = make_mission(job, config.planner)
+    with progress():
+        planned = make_mission(job, config.planner)
     print_mission(planned, console_beside(*streams))
     _write(planned, outputs)
     if outputs.out is not None:

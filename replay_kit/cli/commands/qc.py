@@ -17,8 +17,8 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
     from replay_kit.workflows.qc.check import check_quality
     from replay_kit.workflows.qc.report import print_quality, quality_json
 
-    with progress("testing") as advance:
-        report = check_quality(list(logs), config, advance)
+    with progress() as advance:
+        report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
     print_quality(report, console_beside(answer.json_file))
     write_json(answer.json_file, quality_json(report))
     return report.exit_code

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
-from replay_kit.cli.options import MCAP, NETCDF, TO_INPUTS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
+from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_paths, truth_path
@@ -16,11 +16,10 @@ class Inputs:
     """What is replayed, and what it is scored against."""
 
     ensemble: Ensemble
-    goal: Annotated[str | None, option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH")] = None
+    goal: Annotated[str | None, option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH"), PLACE] = None
     truth: Truth = None
     truth_radius: Annotated[
-        float | None,
-        option("--truth-radius", "Score only grid points this near to a profile used [km]. Default: all.", metavar="KM"),
+        float | None, option("--truth-radius", "Score only grid points this near to a profile used [km]. Default: all.", metavar="KM")
     ] = None
 
 
@@ -30,18 +29,13 @@ class Outputs(Answer):
 
     out: Annotated[Path, option("--out -o", "Result, for any MCAP viewer.", metavar="OUT.mcap"), MCAP]
     netcdf: Annotated[
-        Path | None,
-        option("--netcdf", "Estimate and standard error on the forecast's grid, CF NetCDF.", metavar="GRID.nc"),
-        NETCDF,
+        Path | None, option("--netcdf", "Estimate and standard error on the forecast's grid, CF NetCDF.", metavar="GRID.nc"), NETCDF
     ] = None
     save_estimate: Annotated[
-        Path | None,
-        option("--save-estimate", "The estimate without loss, for plan and scripts.", metavar="FLOW.nc"),
-        NETCDF,
+        Path | None, option("--save-estimate", "The estimate without loss, for plan and scripts.", metavar="FLOW.nc"), NETCDF
     ] = None
     checkpoint: Annotated[
-        Path | None,
-        option("--checkpoint", "State from which an interrupted run continues; deleted at the end.", metavar="FILE"),
+        Path | None, option("--checkpoint", "State from which an interrupted run continues; deleted at the end.", metavar="FILE")
     ] = None
     include_inputs: Annotated[bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")] = False
 
@@ -59,7 +53,7 @@ def replay(
     # no least value of the option, which lets 0 and nan pass
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
-    read, made = (*logs, inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
+    read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
     check_paths(read, (*made, outputs.json_file), outputs.overwrite)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
@@ -86,12 +80,14 @@ def replay(
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     console = console_beside(outputs.json_file)
     if dry_run:
-        result = dry.dry_run(job, config)
+        with progress() as advance:
+            advance(0, 0, "reading the forecast and the logs")
+            result = dry.dry_run(job, config)
         dry.print_dry_run(result, console)
         write_json(outputs.json_file, dry.dry_run_json(result))
         return 0
-    with part_named(outputs.out), progress("replaying") as advance:
+    with part_named(outputs.out), progress() as advance:
         summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
-    print_summary(summary, console)
+    print_summary(summary, console, outputs.verbose)
     write_json(outputs.json_file, to_json(summary))
     return summary.exit_code

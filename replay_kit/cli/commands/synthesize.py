@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+from replay_kit.cli.console import progress
 from replay_kit.cli.options import NETCDF, OUTPUTS, TO_OUTPUTS, Replacing, option
 from replay_kit.core.paths import check_paths
 
@@ -16,8 +17,11 @@ def synthesize(
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
     """Return 0."""
+    check_paths([], [ensemble, truth], replacing.overwrite)
+
     from replay_kit.studies.twins import write_ensemble
 
-    check_paths([], [ensemble, truth], replacing.overwrite)
-    write_ensemble(ensemble, truth, n_members=members, seed=seed, overwrite=replacing.overwrite)
+    with progress() as advance:
+        advance(0, 0, "making the ensemble")
+        write_ensemble(ensemble, truth, n_members=members, seed=seed, overwrite=replacing.overwrite)
     return 0

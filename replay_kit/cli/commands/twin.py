@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from replay_kit.cli.console import console_beside
+from replay_kit.cli.console import console_beside, progress
 from replay_kit.cli.options import INPUTS, PART_OF_FORECAST, TO_OPTIONS, TO_OUTPUTS, Ending, Noise, Replacing, flag, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths, truth_path
@@ -15,11 +15,7 @@ class Files(Replacing):
     """What the log is made of, and where it goes."""
 
     truth: Annotated[str, option("--truth", "The current that the vehicle moves in.", metavar="FILE[#member]", group=INPUTS)]
-    out: Annotated[
-        Path,
-        option("--out -o", "The log; its ending chooses the format.", metavar="X.mcap|X.tlog"),
-        Ending((".mcap", ".tlog")),
-    ]
+    out: Annotated[Path, option("--out -o", "The log; its ending chooses the format.", metavar="X.mcap|X.tlog"), Ending((".mcap", ".tlog"))]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,12 +58,14 @@ def twin(
     part = settings.load().forecast
 
     from replay_kit.forecast import read_changing_truth, read_truth
-    from replay_kit.studies.twins import EPOCH, Faults, Options, make_twin
+    from replay_kit.studies.twins import EPOCH, Faults, Twin, make_twin
 
     faults = Faults(errors.reference, errors.platform_std, errors.heading_bias, errors.scale_error, errors.outliers)
-    options = Options(faults, survey.interval, survey.dac_only)
-    sea = read_changing_truth(files.truth, part, EPOCH) if survey.changing else read_truth(files.truth, part)
-    made = make_twin(sea, survey.vehicle, survey.pings, errors.noise, survey.seed, files.out, files.overwrite, options)
+    simulated = Twin(survey.vehicle, survey.pings, errors.noise, survey.seed, faults, survey.interval, survey.dac_only)
+    with progress() as advance:
+        advance(0, 0, "moving the vehicle")
+        sea = read_changing_truth(files.truth, part, EPOCH) if survey.changing else read_truth(files.truth, part)
+        made = make_twin(sea, simulated, files.out, files.overwrite)
     counted = f"{made.pings} pings" if made.pings else f"{made.dives} mean currents"
     console_beside(None).print(f"{files.out}: {counted} over {made.duration / 3600.0:.1f} h", soft_wrap=True)
     return 0

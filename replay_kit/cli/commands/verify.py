@@ -24,12 +24,13 @@ def verify(
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
     """Return 0, or 5 when the result could not be made again."""
+    check_paths([result], [answer.json_file], answer.overwrite)
+
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.verify import print_verdict, verdict_json
     from replay_kit.workflows.verify import verify as verify_result
 
-    check_paths([result], [answer.json_file], answer.overwrite)
-    with progress("replaying") as advance:
+    with progress() as advance:
         verdict = verify_result(result, inputs or [], planner_of, advance)
     print_verdict(verdict, console_beside(answer.json_file))
     write_json(answer.json_file, verdict_json(verdict))

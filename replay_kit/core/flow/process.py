@@ -10,7 +10,9 @@ Ornstein-Uhlenbeck processes of unit variance, each with its own decorrelation t
 
     cov(w(t), w(t')) = exp(-|t - t'| / tau_c) T(t)' T(t') + exp(-|t - t'| / tau_b) s(t) s(t') L' L.
 
-At one time this is the hybrid prior of a static estimate. Everything is linear between the forecast's times and constant outside them.
+At one time this is the hybrid prior of a static estimate, and the filter equals the static one to 1e-12. T_f moves and grows with its own
+forecast, so that information on c_f holds downstream. tau_b is estimated from the correlation of the ensemble's anomalies between
+neighbouring times. Everything is linear between the forecast's times and constant outside them.
 """
 
 from collections.abc import Callable

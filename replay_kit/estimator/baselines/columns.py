@@ -10,8 +10,7 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.core.grid import Grid
-from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS, cell_size, embed
-from replay_kit.estimator.basis.span import fit_residual
+from replay_kit.estimator.basis.modes import default_kernel, embed, fit_residual
 
 HATS = DepthFunctions("hat", 1.0)
 _CHUNK = 512  # points at once: bounds the memory of the kernel matrix
@@ -63,38 +62,26 @@ class FlowColumns:
         return fit_residual(design.reshape(-1, design.shape[-1]), velocity.ravel()).reshape(-1, 2)
 
 
-def default_kernel(grid: Grid, config: EstimatorConfig) -> HorizontalKernel:
-    """Return the kernel that interpolates a velocity from the nodes to other places: the default preset's, of unit speed."""
-    if config.length_horizontal is not None:
-        return HorizontalKernel(config.length_horizontal, config.length_horizontal, 1.0)
-    east, north = cell_size(grid)
-    return HorizontalKernel(DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north, 1.0)
-
-
-def embed_columns(grid: Grid, kernel: HorizontalKernel, velocity: Array, nugget: float) -> FlowColumns:
+def embed_columns(grid: Grid, velocity: Array, config: EstimatorConfig) -> FlowColumns:
     """Return flows with given velocities at the nodes.
 
     Args:
         grid: Their grid.
-        kernel: Horizontal kernel.
         velocity: shape (m, Z, 2N) [m/s].
-        nugget: As in ``estimator.modes.embed``.
+        config: Length of the default preset's kernel, if it states one, and nugget.
     """
-    size = velocity.shape[-1]
-    latent = embed(kernel, grid.nodes, velocity.reshape(-1, size).T, nugget)
+    size, kernel = velocity.shape[-1], default_kernel(grid, config)
+    latent = embed(kernel, grid.nodes, velocity.reshape(-1, size).T, config.nugget)
     return FlowColumns(grid, kernel, latent.T.reshape(velocity.shape))
 
 
-def flow_of_ensemble(
-    grid: Grid, kernel: HorizontalKernel, mean: Array, anomalies: Array, config: EstimatorConfig, time_ns: int | None
-) -> FlowEstimate:
+def flow_of_ensemble(columns: FlowColumns, mean: Array, anomalies: Array, config: EstimatorConfig, time_ns: int | None) -> FlowEstimate:
     """Return the flow whose mean and covariance are those of columns of velocities.
 
     The mean is exact. The covariance is expressed in the anomalies' leading ``config.modes`` slices; the variance of the others is missing.
 
     Args:
-        grid: The grid.
-        kernel: Horizontal kernel.
+        columns: Flows on the same grid.
         mean: shape (Z, 2N) [m/s], at the nodes.
         anomalies: shape (k, Z, 2N) [m/s], scaled so that the covariance is the sum of their outer products.
         config: Number of modes and nugget.
@@ -105,8 +92,8 @@ def flow_of_ensemble(
     vectors = np.linalg.eigh(slices.T @ slices)[1][:, ::-1]
     modes = vectors[:, : min(config.modes or size, size, slices.shape[0])]
     weights = (slices @ modes).reshape(anomalies.shape[0], -1)
-    latents = embed(kernel, grid.nodes, np.asarray(np.hstack([mean.T, modes]), dtype=np.float64), config.nugget)
-    return FlowEstimate(grid, kernel, HATS, latents[:, :n_levels], latents[:, n_levels:], weights.T @ weights, time_ns)
+    latents = embed(columns.kernel, columns.grid.nodes, np.asarray(np.hstack([mean.T, modes]), dtype=np.float64), config.nugget)
+    return FlowEstimate(columns.grid, columns.kernel, HATS, latents[:, :n_levels], latents[:, n_levels:], weights.T @ weights, time_ns)
 
 
 def deterministic_flow(columns: FlowColumns, coefficients: Array, time_ns: int | None) -> FlowEstimate:

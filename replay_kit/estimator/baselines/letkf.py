@@ -16,9 +16,9 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
-from replay_kit.estimator.baselines.profiles import Predictions, ProfileBaseline, ProfileBins, fit_of
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator.baselines.columns import embed_columns, flow_of_ensemble
+from replay_kit.estimator.baselines.profiles import ColumnBaseline, Predictions, ProfileBins, fit_of
 from replay_kit.estimator.basis.modes import cell_size, ensemble_slices
 from replay_kit.estimator.prior.hybrid import gaspari_cohn
 
@@ -45,27 +45,20 @@ class LocalState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Letkf(ProfileBaseline[LocalState]):
+class Letkf(ColumnBaseline[LocalState]):
     """Local analyses, one for each column of the grid.
 
     Attributes:
         columns: The members' mean, then their anomalies over sqrt(E - 1), as flows: m = 1 + E.
+        time_ns: Time of the forecast.
         velocity: shape (1 + E, Z, 2N) [m/s], of the same at the nodes.
         radius: Distance at which the influence of a profile ends [m].
         config: Error model, and number of modes of a flow's covariance.
-        time_ns: Time of the forecast.
     """
 
-    columns: FlowColumns
     velocity: Array
     radius: float
     config: EstimatorConfig
-    time_ns: int | None
-
-    @property
-    def grid(self) -> Grid:
-        """The grid of the forecast."""
-        return self.columns.grid
 
     @property
     def state_size(self) -> int:
@@ -109,12 +102,11 @@ class Letkf(ProfileBaseline[LocalState]):
             prior = self.velocity[1:, :, both]
             mean[:, both] += np.tensordot(coefficients, prior, axes=1)
             anomalies[:, :, both] = np.tensordot(root, prior, axes=1)
-        time_ns = self.time_ns if state.time_ns is None else state.time_ns
-        return flow_of_ensemble(self.columns.grid, self.columns.kernel, mean, anomalies, self.config, time_ns)
+        return flow_of_ensemble(self.columns, mean, anomalies, self.config, self.time_of(state.time_ns))
 
     def _at_bins(self, bins: ProfileBins) -> tuple[Array, Array]:
         """Return the mean, shape (n, 2), and the anomalies, shape (n, 2, E), at the bins [m/s]."""
-        both = np.einsum("nz,czm->ncm", bins.depth_weights, self.columns.at_place(bins.place))
+        both = self.at_bins(bins)
         return both[..., 0], both[..., 1:]
 
     def _analysis(self, state: LocalState, place: Array) -> tuple[Array, Array]:
@@ -142,7 +134,7 @@ def build_letkf(ensemble: Ensemble, config: EstimatorConfig, radius: float | Non
     slices = ensemble_slices(ensemble)
     mean = slices.mean(axis=0)
     velocity = np.concatenate([mean[None], (slices - mean) / np.sqrt(ensemble.n_members - 1.0)])
-    columns = embed_columns(ensemble.grid, default_kernel(ensemble.grid, config), velocity, config.nugget)
+    columns = embed_columns(ensemble.grid, velocity, config)
     if radius is None:
         radius = RADIUS_IN_CELLS * float(np.sqrt(np.prod(cell_size(ensemble.grid))))
-    return Letkf(columns, velocity, radius, config, ensemble.time_ns)
+    return Letkf(columns, ensemble.time_ns, velocity, radius, config)

@@ -12,10 +12,11 @@ import scipy.linalg
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator.baselines.columns import FlowColumns, default_kernel, embed_columns, flow_of_ensemble
-from replay_kit.estimator.baselines.profiles import Predictions, ProfileBaseline, ProfileBins, fit_of
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator.baselines.columns import embed_columns, flow_of_ensemble
+from replay_kit.estimator.baselines.profiles import ColumnBaseline, Predictions, ProfileBins, fit_of
 from replay_kit.estimator.basis.modes import ensemble_slices
+from replay_kit.estimator.update.posterior import predict_observation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,29 +35,22 @@ class WeightState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Naive3D(ProfileBaseline[WeightState]):
+class Naive3D(ColumnBaseline[WeightState]):
     """A Kalman filter with one weight for each mode.
 
     Attributes:
-        modes: Basis flows.
+        columns: Basis flows.
+        time_ns: Time of the forecast.
         velocity: shape (m, Z, 2N) [m/s], of the modes at the nodes; orthonormal.
         prior_mean: shape (m,), mean of the members' weights.
         prior_variance: shape (m,), their variances.
         config: Error model and number of modes.
-        time_ns: Time of the forecast.
     """
 
-    modes: FlowColumns
     velocity: Array
     prior_mean: Array
     prior_variance: Array
     config: EstimatorConfig
-    time_ns: int | None
-
-    @property
-    def grid(self) -> Grid:
-        """The grid of the forecast."""
-        return self.modes.grid
 
     @property
     def state_size(self) -> int:
@@ -69,25 +63,26 @@ class Naive3D(ProfileBaseline[WeightState]):
 
     def assimilate(self, state: WeightState, bins: ProfileBins) -> tuple[WeightState, Predictions]:
         """Return the state after a profile, and the predictions of its bins."""
-        design, std = self._design(bins), bins.error_std(self.config)
+        design, std = self.at_bins(bins), bins.error_std(self.config)
         before, prior = design @ state.mean, design @ self.prior_mean
         whitened = (design / std[:, None, None]).reshape(-1, state.mean.size)
         innovation = (bins.values - before) / std[:, None]
-        mean, cov, innovation_cov = update(state.mean, state.cov, whitened, innovation.ravel())
-        predictions = Predictions(before, design @ mean, prior, *fit_of(innovation, std, innovation_cov))
-        return WeightState(mean, cov, bins.observation.time_ns), predictions
+        predicted = predict_observation(state.mean[:, None], state.cov, whitened)
+        means, cov = predicted.posterior(innovation.reshape(-1, 1), 1.0)
+        fit = fit_of(innovation, std, predicted.cov + np.eye(innovation.size))
+        predictions = Predictions(before, design @ means[:, 0], prior, *fit)
+        return WeightState(means[:, 0], cov, bins.observation.time_ns), predictions
 
     def predict_bins(self, state: WeightState, bins: ProfileBins) -> Array:
         """Return the velocity predicted at the bins, shape (n, 2) [m/s], local axes."""
-        return np.asarray(self._design(bins) @ state.mean)
+        return np.asarray(self.at_bins(bins) @ state.mean)
 
     def flow(self, state: WeightState) -> FlowEstimate:
         """Return the current estimate of a state."""
         values, vectors = np.linalg.eigh(state.cov)
         anomalies = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, self.velocity, axes=1)
         mean = np.tensordot(state.mean, self.velocity, axes=1)
-        time_ns = self.time_ns if state.time_ns is None else state.time_ns
-        return flow_of_ensemble(self.modes.grid, self.modes.kernel, mean, anomalies, self.config, time_ns)
+        return flow_of_ensemble(self.columns, mean, anomalies, self.config, self.time_of(state.time_ns))
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:
@@ -96,29 +91,7 @@ class Naive3D(ProfileBaseline[WeightState]):
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
         """Return a velocity minus its least-squares fit by the modes, shape (P, 2) [m/s]."""
-        return self.modes.span_residual(points, depth, velocity)
-
-    def _design(self, bins: ProfileBins) -> Array:
-        """Return the modes' velocity at the bins, shape (n, 2, m) [m/s]."""
-        return np.asarray(np.einsum("nz,czm->ncm", bins.depth_weights, self.modes.at_place(bins.place)))
-
-
-def update(mean: Array, cov: Array, design: Array, innovation: Array) -> tuple[Array, Array, Array]:
-    """Return the updated mean and covariance, and the covariance of the innovation.
-
-    Args:
-        mean: shape (n,).
-        cov: shape (n, n), symmetric.
-        design: shape (m, n), of rows with independent noise of unit variance.
-        innovation: shape (m,), rows minus their prediction.
-    """
-    cov_design = cov @ design.T
-    predicted = design @ cov_design
-    innovation_cov = 0.5 * (predicted + predicted.T) + np.eye(innovation.size)
-    lower = np.linalg.cholesky(innovation_cov)
-    whitened = scipy.linalg.solve_triangular(lower, innovation, lower=True)
-    half_gain = scipy.linalg.solve_triangular(lower, cov_design.T, lower=True)
-    return mean + half_gain.T @ whitened, cov - half_gain.T @ half_gain, innovation_cov
+        return self.columns.span_residual(points, depth, velocity)
 
 
 def build_naive(ensemble: Ensemble, config: EstimatorConfig) -> Naive3D:
@@ -133,5 +106,5 @@ def build_naive(ensemble: Ensemble, config: EstimatorConfig) -> Naive3D:
     vectors = vectors[:, : min(config.modes or rank, rank)]
     weights = members @ vectors
     velocity = vectors.T.reshape(-1, *slices.shape[1:])
-    modes = embed_columns(ensemble.grid, default_kernel(ensemble.grid, config), velocity, config.nugget)
-    return Naive3D(modes, velocity, weights.mean(axis=0), weights.var(axis=0, ddof=1), config, ensemble.time_ns)
+    modes = embed_columns(ensemble.grid, velocity, config)
+    return Naive3D(modes, ensemble.time_ns, velocity, weights.mean(axis=0), weights.var(axis=0, ddof=1), config)

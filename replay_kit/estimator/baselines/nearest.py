@@ -7,9 +7,9 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator.baselines.columns import FlowColumns, default_kernel, deterministic_flow, embed_columns
-from replay_kit.estimator.baselines.profiles import Predictions, ProfileBaseline, ProfileBins
+from replay_kit.core.grid import Ensemble
+from replay_kit.estimator.baselines.columns import deterministic_flow, embed_columns
+from replay_kit.estimator.baselines.profiles import ColumnBaseline, Predictions, ProfileBins
 from replay_kit.estimator.basis.modes import ensemble_slices
 
 
@@ -27,23 +27,16 @@ class MemberErrors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NearestMember(ProfileBaseline[MemberErrors]):
+class NearestMember(ColumnBaseline[MemberErrors]):
     """Chooses among the members; without a measurement, the one nearest to their mean.
 
     Attributes:
-        members: The members as flows; compared with the measurements at their places.
-        distance: shape (E,), of each member from the mean, for the choice before any measurement and between equals.
+        columns: The members as flows; compared with the measurements at their places.
         time_ns: Time of the forecast.
+        distance: shape (E,), of each member from the mean, for the choice before any measurement and between equals.
     """
 
-    members: FlowColumns
     distance: Array
-    time_ns: int | None
-
-    @property
-    def grid(self) -> Grid:
-        """The grid of the forecast."""
-        return self.members.grid
 
     @property
     def state_size(self) -> int:
@@ -60,7 +53,7 @@ class NearestMember(ProfileBaseline[MemberErrors]):
 
     def assimilate(self, state: MemberErrors, bins: ProfileBins) -> tuple[MemberErrors, Predictions]:
         """Return the state after a profile, and the predictions of its bins, without a standard deviation."""
-        by_member = np.einsum("nz,czm->mnc", bins.depth_weights, self.members.at_place(bins.place))
+        by_member = np.moveaxis(self.at_bins(bins), -1, 0)
         errors = (bins.values - by_member) / bins.error_std()[:, None]
         after = MemberErrors(state.sum_of_squares + np.sum(errors**2, axis=(1, 2)), bins.observation.time_ns)
         before, now, prior = (by_member[self.chosen(s)] for s in (state, after, self.initial()))
@@ -68,22 +61,21 @@ class NearestMember(ProfileBaseline[MemberErrors]):
 
     def predict_bins(self, state: MemberErrors, bins: ProfileBins) -> Array:
         """Return the velocity predicted at the bins, shape (n, 2) [m/s], local axes."""
-        return np.asarray(bins.depth_weights @ self.members.at_place(bins.place)[..., self.chosen(state)].T)
+        return self.at_bins(bins)[..., self.chosen(state)]
 
     def flow(self, state: MemberErrors) -> FlowEstimate:
         """Return the chosen member."""
-        time_ns = self.time_ns if state.time_ns is None else state.time_ns
-        return deterministic_flow(self.members, np.eye(self.distance.size)[self.chosen(state)], time_ns)
+        return deterministic_flow(self.columns, np.eye(self.distance.size)[self.chosen(state)], self.time_of(state.time_ns))
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array | None:
         """Return a velocity minus that of the member with the least root mean square difference, shape (P, 2) [m/s]."""
-        residual = velocity[..., None] - self.members.velocity(points, depth)
+        residual = velocity[..., None] - self.columns.velocity(points, depth)
         return np.asarray(residual[..., np.argmin(np.sum(residual**2, axis=(0, 1)))])
 
 
 def build_nearest(ensemble: Ensemble, config: EstimatorConfig) -> NearestMember:
     """Return the nearest-member baseline of an ensemble."""
     slices = ensemble_slices(ensemble)
-    members = embed_columns(ensemble.grid, default_kernel(ensemble.grid, config), slices, config.nugget)
+    members = embed_columns(ensemble.grid, slices, config)
     distance = np.sum((slices - slices.mean(axis=0)) ** 2, axis=(1, 2))
-    return NearestMember(members, distance, ensemble.time_ns)
+    return NearestMember(members, ensemble.time_ns, distance)

@@ -13,7 +13,7 @@ from replay_kit.core.gaussian import normalised_square
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Innovation, Measurement, Observation
-from replay_kit.estimator.baselines.columns import HATS
+from replay_kit.estimator.baselines.columns import HATS, FlowColumns
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.update.screening import Screened, screen_measurement
 
@@ -104,6 +104,32 @@ class ProfileBaseline(Estimator[State], Protocol[State]):
     def usable(self, observation: Measurement) -> bool:
         """Return whether a profile has a bin that ``step`` would use."""
         return profile_bins(observation, self.grid).screened.used.size > 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnBaseline(ProfileBaseline[State]):
+    """A baseline whose estimate is made of whole flows.
+
+    Attributes:
+        columns: The flows.
+        time_ns: Time of the forecast.
+    """
+
+    columns: FlowColumns
+    time_ns: int | None
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of the forecast."""
+        return self.columns.grid
+
+    def at_bins(self, bins: ProfileBins) -> Array:
+        """Return the columns' velocity at the bins of a profile, shape (n, 2, m) [m/s]."""
+        return np.asarray(np.einsum("nz,czm->ncm", bins.depth_weights, self.columns.at_place(bins.place)))
+
+    def time_of(self, last_ns: int | None) -> int | None:
+        """Return the time of an estimate whose last observation is of a time: the forecast's before the first [ns, UTC]."""
+        return self.time_ns if last_ns is None else last_ns
 
 
 def profile_bins(observation: Measurement, grid: Grid) -> ProfileBins:

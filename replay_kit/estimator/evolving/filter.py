@@ -12,12 +12,13 @@ from replay_kit.core.flow.evolution import Evolution
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.evolving.observation_operator import LinearObservation, ObservationOperator
-from replay_kit.estimator.evolving.state_space import StateSpace, predict_observation
+from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.evolving.superobservation import EvolvingState, Superobservation
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.update.biases import NAMES, notes_of, scale_jacobian, significant_bias_notes, unit_bias_rows
 from replay_kit.estimator.update.evaluation import ObservationUpdate, evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
+from replay_kit.estimator.update.posterior import predict_observation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
 
 _NS = 1e9

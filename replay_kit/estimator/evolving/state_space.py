@@ -9,11 +9,9 @@ by omega dt; process noise keeps the variance constant:
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.update.posterior import PredictedObservation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,32 +80,3 @@ class StateSpace:
         out[self.first] = cosine * rows[self.first] + sine * rows[self.second]
         out[self.second] = cosine * rows[self.second] - sine * rows[self.first]
         return out
-
-
-@dataclass(frozen=True, eq=False)
-class StatePrediction(PredictedObservation[tuple[Array, Array]]):
-    """The prediction of rows by a state.
-
-    Attributes:
-        cross_covariance: shape (m, n), the rows times the state's covariance.
-    """
-
-    cross_covariance: Array
-
-
-def predict_observation(means: Array, cov: Array, design: Array) -> StatePrediction:
-    """Return the prediction of rows, whose update gives means and covariance.
-
-    Args:
-        means: shape (n, 1 + b): the state's mean, and its sensitivity to each instrument error of one unit.
-        cov: shape (n, n).
-        design: shape (m, n).
-    """
-    cross = design @ cov
-
-    def update(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
-        gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
-        return means + gain.T @ whitened, cov - gain.T @ gain
-
-    of_rows = cross @ design.T
-    return StatePrediction(design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross)

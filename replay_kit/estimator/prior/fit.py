@@ -2,6 +2,11 @@
 
 A member is left out, a few columns of it are measured with noise, and the prior of the others predicts the rest of it.
 The best settings have the least mean continuous ranked probability score, which measures error and stated uncertainty together.
+
+With Lambda = I (x) G'G the measured precision, the posterior has the covariance P' = (I + P Lambda)^-1 P and the mean P' H'y. Six members
+in turn and six shares take about two seconds in the leading 50 modes, so the default is fitted whenever it is built; ``replay-kit fit``
+also tries shifts and radii, with more members. Shifts of one correlation length came out best on every ensemble tried, and radii from 4.5
+to 9 hardly differ, so the default does not fit these.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,6 +18,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.gaussian import coverage, crps_gaussian
+from replay_kit.core.progress import counted
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 
@@ -88,7 +94,8 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
     if config.sample_share is not None:
         return PriorSettings(config.sample_share, shift, radius)
     start = PriorSettings(_SHARE_OF_FEW, shift, radius)
-    rows = score_sample_shares(members, start, SHARES, _LEFT_OUT)
+    advance = counted("fitting the prior", min(_LEFT_OUT, members.weights.shape[0]))
+    rows = score_sample_shares(members, start, SHARES, _LEFT_OUT, advance)
     return best(rows) if rows else start
 
 

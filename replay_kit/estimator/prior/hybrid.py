@@ -230,7 +230,7 @@ def localised_part(anomalies: Array, velocity_modes: Array, projector: Array, no
     vertical = vectors.T
     taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), radius), (2, 2))
     in_functions: Array = np.einsum("qz,ezr->qer", vertical, anomalies, optimize=True)
-    return vertical, np.stack([_localised(field, taper, projector) for field in in_functions @ velocity_modes.T])
+    return vertical, np.stack([projector @ (taper * (field.T @ field)) @ projector.T for field in in_functions @ velocity_modes.T])
 
 
 def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
@@ -249,11 +249,6 @@ def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
     both = np.concatenate([source, source + nodes.shape[0]], axis=1)
     weights = np.sqrt(np.array([2.0, 1.0, 1.0, 1.0, 1.0]) / 6.0)
     return np.concatenate([weight * fields[..., indices] for weight, indices in zip(weights, both, strict=True)])
-
-
-def _localised(fields: Array, taper: Array, projector: Array) -> Array:
-    """Return the modes' covariance, shape (r, r), of the tapered covariance of fields, shape (M, 2N)."""
-    return np.asarray(projector @ (taper * (fields.T @ fields)) @ projector.T)
 
 
 def gaspari_cohn(distance: Array, radius: float) -> Array:

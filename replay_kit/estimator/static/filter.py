@@ -89,6 +89,11 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Number of weights in all."""
         return int(self.prior.mean.size)
 
+    @property
+    def common_part(self) -> Prior:
+        """The prior."""
+        return self.prior
+
     def initial(self) -> FilterState:
         """Return the prior as a state."""
         n_levels = self.basis.grid.levels.size

@@ -12,6 +12,9 @@ A slightly wrong prior of the current leaves innovations that are correlated for
 sound instrument. So the log is divided into parts, and the standard deviation is at least that of the parts' own estimates (White 1982,
 Econometrica 50).
 
+A shear error is along the predicted motion through water: in the measured one the water's own shear changes the apparent motion. As a
+part of the state it is along the measured one, and biased by some 2e-5 1/s.
+
 A scale error is special, because b is made of the measurement: with z = (1 + s)(v - p) the density of the logged values has a factor
 (1 + s)^-1 for each component of the mean, less the share of the platform velocity's error; see ``scale_jacobian``.
 """

@@ -3,6 +3,12 @@
 A profile's compressed rows carry all its information on the weights; the compression residual is noise alone, and measures how large the
 noise is. The innovation of the rows is tested along the eigenvectors of its predicted covariance: a profile that is wrong as a whole, as
 after a bad platform velocity, differs along the one of most variance, where a sum over all rows would hide it among the others.
+
+Outliers are few, however, and a wrong estimate is contradicted by many profiles: until five profiles were tested, or where more than a
+third of the latest exceed the gate, a profile is softened instead (the K-factor of EnKF-C: it moves the estimate by about two standard
+deviations at most). Where half of the latest twenty exceed their 97.5 % limit, the covariance is inflated by the median of their
+normalised innovations, by two at once and four in all, and the run reports it: an instrument that fails for long looks the same as a
+wrong ensemble, and a covariance without bounds would follow it.
 """
 
 from dataclasses import dataclass

@@ -10,7 +10,7 @@ The effects of instrument errors of one unit on z are further columns of z and f
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,10 @@ from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.posterior import (
-    ComputedMean,
     Posterior,
     PredictedObservation,
     PriorCrossCovariance,
     prior_cross_covariances,
-    prior_prediction,
     rank_k_update,
     tiled_product,
 )
@@ -135,30 +133,21 @@ def _solve(corner: Array, right: Array, transposed: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class ObservationSpacePosterior(ComputedMean):
+class ObservationSpacePosterior(Posterior):
     """The posterior in observation space.
 
     Attributes:
-        prior: Gaussian of the weights before the profiles.
         factor: Rows and Cholesky factor, of which the first ``n`` profiles belong to this posterior.
         n: Number of profiles.
-        prior_bias_sensitivity: shape (b, Z, r), change of the prior's mean for instrument errors of one unit.
     """
 
-    prior: Prior
     factor: GrowingCholesky
     n: int
-    prior_bias_sensitivity: Array
 
     @property
     def n_rows(self) -> int:
         """Number of rows K."""
         return self.factor.ends[self.n]
-
-    @property
-    def n_levels(self) -> int:
-        """Number of levels Z."""
-        return int(self.factor.depth.shape[1])
 
     @property
     def forward(self) -> Array:
@@ -188,9 +177,9 @@ class ObservationSpacePosterior(ComputedMean):
         by_profile = by_level.reshape(m, 2 * n, n_levels).swapaxes(1, 2).reshape(m * n_levels, 2 * n)
         return np.asarray(by_profile @ self.profile_basis).reshape(m, n_levels, self.profile_basis.shape[1])
 
-    def bias_sensitivity(self) -> Array:
-        """Return the change of the mean for each instrument error of one unit, shape (b, Z, r)."""
-        return self.prior_bias_sensitivity + self.prior.matvec(self._to_weights(self.forward[:, 1:]))
+    def bias_information(self) -> Array:
+        """Return H' L'^-1 f of the instrument errors of one unit, shape (b, Z, r)."""
+        return self._to_weights(self.forward[:, 1:])
 
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, shape (L r, L r)."""
@@ -226,12 +215,12 @@ class ObservationSpacePosterior(ComputedMean):
         """Return the prediction of a profile's rows."""
         before = self.factor.solve(self.n, self._rows_times(prefetched.cross, prefetched.n_solved, self.n), prefetched.solved)
         cov = rows.matvec(prefetched.cross) - before.T @ before
-        predicted = prior_prediction(self.prior, self.prior_bias_sensitivity, rows) + before.T @ self.forward
+        predicted = self.prior_prediction(rows) + before.T @ self.forward
 
         def update(lower: Array, whitened: Array, error_scale: float) -> "ObservationSpacePosterior":
             factor = self.factor.extended(self.n)
             factor.append(rows, error_scale, before.T / error_scale, lower, whitened)
-            return ObservationSpacePosterior(self.prior, factor, self.n + 1, self.prior_bias_sensitivity)
+            return replace(self, factor=factor, n=self.n + 1)
 
         return PredictedObservation(predicted[:, 0], predicted[:, 1:], 0.5 * (cov + cov.T), update)
 
@@ -263,4 +252,4 @@ def initial(prior: Prior, bias_sensitivity: Array) -> ObservationSpacePosterior:
         bias_sensitivity: shape (b, Z, r), change of its mean for each instrument error of one unit.
     """
     n_errors, n_levels, n_modes = bias_sensitivity.shape
-    return ObservationSpacePosterior(prior, GrowingCholesky(n_levels, n_modes, 16, 1 + n_errors), 0, bias_sensitivity)
+    return ObservationSpacePosterior(prior, bias_sensitivity, GrowingCholesky(n_levels, n_modes, 16, 1 + n_errors), 0)

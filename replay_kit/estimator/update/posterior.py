@@ -4,11 +4,12 @@ A profile's design is H = R (x) G in the order of ``ProfileRows``: G (2, r) the 
 covariance enters through its product with G at each level, so a product with H costs two columns instead of 2 k.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -24,49 +25,58 @@ _BLOCK = 512
 _FEW_COLUMNS, _TILE = 32, (64, 512)
 
 
-class Posterior(Protocol):
+# Not slotted: the mean is computed when it is first read.
+@dataclass(frozen=True, eq=False)
+class Posterior(ABC):
     """The weights' Gaussian after some profiles: an immutable value, although its buffers are shared with later ones.
 
     Beside the mean it tracks the bias sensitivity: the change of the mean for each instrument error of one unit (Friedland 1969).
+
+    Attributes:
+        prior: Gaussian of the weights before the profiles.
+        prior_bias_sensitivity: shape (b, Z, r), change of the prior's mean for instrument errors of one unit.
     """
 
-    @property
-    def prior(self) -> Prior:
-        """The Gaussian before the profiles."""
-        ...
-
-    @property
-    def shared_factor(self) -> Any:
-        """Identifies posteriors whose information vectors one call of ``information_vectors`` computes."""
-        ...
+    prior: Prior
+    prior_bias_sensitivity: Array
 
     @property
     def n_levels(self) -> int:
         """Number of levels Z."""
-        ...
+        return int(self.prior_bias_sensitivity.shape[1])
 
-    @property
+    @cached_property
     def mean(self) -> Array:
         """Mean of the weights, shape (Z r,), level after level."""
-        ...
+        return np.asarray(means([self])[0])
+
+    @property
+    def shared_factor(self) -> Any:
+        """Identifies posteriors whose information vectors one call of ``information_vectors`` computes."""
+        return self.prior
 
     @staticmethod
+    @abstractmethod
     def information_vectors(posteriors: Sequence[Any]) -> Array:
         """Return s of posteriors with one shared factor, shape (m, Z, r): their means are w0 + P0 s."""
-        ...
+
+    @abstractmethod
+    def bias_information(self) -> Array:
+        """Return the same of the instrument errors of one unit, shape (b, Z, r)."""
 
     def bias_sensitivity(self) -> Array:
         """Return the change of the mean for each instrument error of one unit, shape (b, Z, r)."""
-        ...
+        return self.prior_bias_sensitivity + self.prior.matvec(self.bias_information())
 
+    @abstractmethod
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        ...
 
     def prefetch(self, profiles: Sequence[ProfileRows]) -> "list[PriorCrossCovariance]":
         """Return the parts of coming predictions that do not depend on the order of assimilation."""
-        ...
+        return [PriorCrossCovariance(cross, np.empty((0, 0)), 0) for cross in prior_cross_covariances(self.prior, profiles)]
 
+    @abstractmethod
     def predict(self, rows: ProfileRows, prefetched: "PriorCrossCovariance") -> "PredictedObservation[Posterior]":
         """Return the prediction of a profile's rows.
 
@@ -74,16 +84,11 @@ class Posterior(Protocol):
             rows: The profile.
             prefetched: Of this profile, computed by this posterior or by an ancestor in the same representation.
         """
-        ...
 
-
-class ComputedMean:
-    """The mean of a posterior, computed when first read."""
-
-    @cached_property
-    def mean(self: Posterior) -> Array:
-        """Mean of the weights, shape (Z r,), level after level."""
-        return np.asarray(means([self])[0])
+    def prior_prediction(self, rows: ProfileRows) -> Array:
+        """Return the prior means of a profile's rows and of their bias sensitivity, shape (2 k, 1 + b)."""
+        of_prior = self.prior.mean.reshape(1, *self.prior_bias_sensitivity.shape[1:])
+        return rows.matvec(np.vstack([of_prior, self.prior_bias_sensitivity])).T
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +159,35 @@ class PredictedObservation(Generic[After]):
         return normalised_square(innovation, self.cov + np.eye(innovation.size))
 
 
+@dataclass(frozen=True, eq=False)
+class StatePrediction(PredictedObservation[tuple[Array, Array]]):
+    """The prediction of rows by a state.
+
+    Attributes:
+        cross_covariance: shape (m, n), the rows times the state's covariance.
+    """
+
+    cross_covariance: Array
+
+
+def predict_observation(means: Array, cov: Array, design: Array) -> StatePrediction:
+    """Return the prediction of rows, whose update gives means and covariance.
+
+    Args:
+        means: shape (n, 1 + b): the state's mean, and its sensitivity to each instrument error of one unit.
+        cov: shape (n, n).
+        design: shape (m, n).
+    """
+    cross = design @ cov
+
+    def update(lower: Array, whitened: Array, error_scale: float) -> tuple[Array, Array]:
+        gain = np.asarray(scipy.linalg.solve_triangular(lower, cross / error_scale, lower=True))
+        return means + gain.T @ whitened, cov - gain.T @ gain
+
+    of_rows = cross @ design.T
+    return StatePrediction(design @ means[:, 0], design @ means[:, 1:], 0.5 * (of_rows + of_rows.T), update, cross)
+
+
 def means(posteriors: Sequence[Posterior]) -> Array:
     """Return the means of posteriors, shape (m, Z r): those of neighbours in one run cost little more than one of them.
 
@@ -166,17 +200,6 @@ def means(posteriors: Sequence[Posterior]) -> Array:
         information = np.concatenate([group[0].information_vectors(group) for group in groups])
         out.append(same[0].prior.mean + same[0].prior.matvec(information).reshape(len(same), -1))
     return np.concatenate(out)
-
-
-def prior_prediction(prior: Prior, bias_sensitivity: Array, rows: ProfileRows) -> Array:
-    """Return the prior means of a profile's rows and of their bias sensitivity, shape (2 k, 1 + b).
-
-    Args:
-        prior: Gaussian of the weights.
-        bias_sensitivity: shape (b, Z, r), of the prior's mean.
-        rows: The profile.
-    """
-    return rows.matvec(np.vstack([prior.mean.reshape(1, *bias_sensitivity.shape[1:]), bias_sensitivity])).T
 
 
 def prior_cross_covariances(prior: Prior, profiles: Sequence[ProfileRows]) -> list[Array]:

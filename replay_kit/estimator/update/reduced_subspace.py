@@ -19,7 +19,6 @@ them with fewer that represent the same rows.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -29,16 +28,7 @@ from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
-from replay_kit.estimator.update.posterior import (
-    ComputedMean,
-    Posterior,
-    PredictedObservation,
-    PriorCrossCovariance,
-    prior_cross_covariances,
-    prior_prediction,
-    rank_k_update,
-    tiled_product,
-)
+from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, rank_k_update, tiled_product
 from replay_kit.estimator.update.subspace import new_directions
 
 # Directions whose singular value is below this share of G are dropped when room runs out.
@@ -52,11 +42,10 @@ _MORE, _MORE_SHARE = 32, 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedSubspacePosterior(ComputedMean):
+class ReducedSubspacePosterior(Posterior):
     """The posterior in the reduced subspace; matrices have room for further directions, filled with zeros.
 
     Attributes:
-        prior: Gaussian of the weights before the profiles.
         mode_std: shape (r,), prior standard deviation of the modes' weights.
         directions: Rows of V', shape (room, r), of which the first ``size`` belong to this posterior.
         size: Number s of directions.
@@ -66,10 +55,8 @@ class ReducedSubspacePosterior(ComputedMean):
         n_pending: Their number.
         measured: Rows A, shape (., room), with the Gram matrix of all G measured; the first ``n_measured`` belong to this posterior.
         n_measured: Their number.
-        prior_bias_sensitivity: shape (b, Z, r), change of the prior's mean for instrument errors of one unit.
     """
 
-    prior: Prior
     mode_std: Array
     directions: Buffer
     size: int
@@ -79,7 +66,6 @@ class ReducedSubspacePosterior(ComputedMean):
     n_pending: int
     measured: Buffer
     n_measured: int
-    prior_bias_sensitivity: Array
 
     @property
     def room(self) -> int:
@@ -87,19 +73,9 @@ class ReducedSubspacePosterior(ComputedMean):
         return len(self.directions.rows)
 
     @property
-    def n_levels(self) -> int:
-        """Number of levels Z."""
-        return len(self.amplitude) // self.room
-
-    @property
     def active_directions(self) -> Array:
         """Rows of V' that belong to this posterior, shape (s, r)."""
         return self.directions.rows[: self.size]
-
-    @property
-    def shared_factor(self) -> Any:
-        """The prior: each posterior has information vectors of its own."""
-        return self.prior
 
     @staticmethod
     def information_vectors(posteriors: "Sequence[ReducedSubspacePosterior]") -> Array:
@@ -111,9 +87,9 @@ class ReducedSubspacePosterior(ComputedMean):
         by_level = self.amplitude[:, columns].T.reshape(-1, self.n_levels, self.room)[..., : self.size]
         return np.asarray(by_level @ self.active_directions / self.mode_std)
 
-    def bias_sensitivity(self) -> Array:
-        """Return the change of the mean for each instrument error of one unit, shape (b, Z, r)."""
-        return self.prior_bias_sensitivity + self.prior.matvec(self._to_weights(slice(1, None)))
+    def bias_information(self) -> Array:
+        """Return (I (x) B') a of the instrument errors of one unit, shape (b, Z, r)."""
+        return self._to_weights(slice(1, None))
 
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, shape (L r, L r)."""
@@ -121,11 +97,6 @@ class ReducedSubspacePosterior(ComputedMean):
         across = self.prior.matvec_modes(self.active_directions / self.mode_std, levels).reshape(-1, len(cov))
         rank_k_update(cov, across, -(self._without_room() @ across))
         return cov
-
-    def prefetch(self, profiles: Sequence[ProfileRows]) -> list[PriorCrossCovariance]:
-        """Return the parts of coming predictions that do not depend on the order of assimilation."""
-        nothing = np.empty((0, 0))
-        return [PriorCrossCovariance(cross, nothing, 0) for cross in prior_cross_covariances(self.prior, profiles)]
 
     def predict(self, rows: ProfileRows, prefetched: PriorCrossCovariance) -> PredictedObservation[Posterior]:
         """Return the prediction of a profile's rows."""
@@ -138,7 +109,7 @@ class ReducedSubspacePosterior(ComputedMean):
         q = -tiled_product(self.matrix, np.ascontiguousarray(g_cross.T)).T - (g_cross @ pending.T) @ pending
         q += np.einsum("kz,cs->ckzs", rows.r, inside).reshape(q.shape)
         cov = g_cross @ q.T
-        predicted = prior_prediction(self.prior, self.prior_bias_sensitivity, rows) + g_cross @ self.amplitude
+        predicted = self.prior_prediction(rows) + g_cross @ self.amplitude
 
         def update(lower: Array, whitened: Array, error_scale: float) -> "ReducedSubspacePosterior":
             half_gain = scipy.linalg.solve_triangular(lower, q / error_scale, lower=True, check_finite=False)
@@ -235,6 +206,7 @@ class _Parts:
         wide = n_levels * room
         return ReducedSubspacePosterior(
             prior,
+            prior_bias_sensitivity,
             mode_std,
             Buffer(room, n_modes).appended(0, self.directions),
             size,
@@ -244,7 +216,6 @@ class _Parts:
             0,
             Buffer(room + _MEASURED, room).appended(0, np.pad(self.measured, ((0, 0), padding))),
             len(self.measured),
-            prior_bias_sensitivity,
         )
 
 

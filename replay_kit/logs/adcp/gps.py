@@ -1,13 +1,63 @@
-"""What a vessel's GPS determines in a raw ADCP file: the clock's offset and the magnetic declination."""
+"""A vessel's fixes in a raw ADCP file, and what they determine: the clock's offset and the magnetic declination."""
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Array
+
 _NS = 1_000_000_000
 _HALF_DAY_NS = 43_200 * _NS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fixes:
+    """A vessel's fixes.
+
+    Attributes:
+        time_ns: shape (n,) [ns, UTC], increasing.
+        longitude: shape (n,) [degrees east].
+        latitude: shape (n,) [degrees north].
+        offset_ns: What is to be added to the instrument's clock to have UTC [ns]; None without fixes.
+        n_bad: Records of the GPS that are no fix.
+    """
+
+    time_ns: NDArray[np.int64]
+    longitude: Array
+    latitude: Array
+    offset_ns: int | None
+    n_bad: int
+
+    def declination_deg(self, time_ns: int) -> float | None:
+        """Return the magnetic declination at the first fix from a time on, or at the last; None without fixes and before 2010."""
+        if not self.time_ns.size:
+            return None
+        near = min(int(np.searchsorted(self.time_ns, time_ns)), self.time_ns.size - 1)
+        return declination_deg(time_ns, float(self.longitude[near]), float(self.latitude[near]))
+
+
+def fixes_of(dataset: Any) -> Fixes:
+    """Return the fixes in a dataset of MHKiT (xarray)."""
+    if "time_gps" not in dataset or "latitude_gps" not in dataset:
+        return Fixes(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), None, 0)
+    gps, instrument = (dataset[name].values.astype("datetime64[us]").astype(np.int64) for name in ("time_gps", "hdwtime_gps"))
+    longitude, latitude = (np.asarray(dataset[f"{name}_gps"].values, dtype=np.float64) for name in ("longitude", "latitude"))
+    good = np.isfinite(longitude + latitude) & ((longitude != 0.0) | (latitude != 0.0))
+    if "fix_gps" in dataset:
+        good &= dataset["fix_gps"].values > 0
+    # to the millisecond: MHKiT carries seconds as floats
+    gps_ns, instrument_ns = (np.round(values[good] / 1000).astype(np.int64) * 1_000_000 for values in (gps, instrument))
+    dated = dataset.attrs.get("source_program") == "VMDAS"
+    offset_ns = clock_offset_ns(gps_ns, instrument_ns, dated) if good.any() else None
+    if offset_ns is not None and not dated:
+        # of several whole days the one that the offset means
+        gps_ns = gps_ns - np.round((gps_ns - instrument_ns - offset_ns) / (2 * _HALF_DAY_NS)).astype(np.int64) * 2 * _HALF_DAY_NS
+    time_ns, first = np.unique(gps_ns, return_index=True)
+    return Fixes(time_ns, longitude[good][first], latitude[good][first], offset_ns, int(good.size - good.sum()))
 
 
 def clock_offset_ns(gps_ns: NDArray[np.int64], instrument_ns: NDArray[np.int64], dated: bool) -> int:

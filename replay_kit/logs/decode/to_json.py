@@ -9,8 +9,8 @@ import orjson
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
+from replay_kit.core.raw import RawChannel, RawMessage
 from replay_kit.logs.decode.json_schemas import ANY_OBJECT, JSON_SCHEMAS
-from replay_kit.logs.raw import RawChannel, RawMessage
 
 
 class JsonChannels:

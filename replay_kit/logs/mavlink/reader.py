@@ -13,10 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport, Message
+from replay_kit.core.raw import MAVLINK_FRAMES, RawChannel, RawMessage
 from replay_kit.logs.mavlink.clock import StartClock, SystemTimes, header_time
 from replay_kit.logs.mavlink.fields import Unpack, unpacker
 from replay_kit.logs.mavlink.frames import Frames, read_frames
-from replay_kit.logs.raw import MAVLINK_FRAMES, RawChannel, RawMessage
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.clock import ClockFit, spikes_note, without_spikes
 from replay_kit.logs.shared.statistics import ReadStatistics

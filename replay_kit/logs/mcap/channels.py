@@ -7,10 +7,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
+from replay_kit.core.raw import MAVLINK_FRAMES, RawChannel
 from replay_kit.logs.decode.decoders import Decoder, channel_decoder
 from replay_kit.logs.mcap.records import parse
 from replay_kit.logs.mcap.summary import Summary
-from replay_kit.logs.raw import MAVLINK_FRAMES, RawChannel
 
 
 @dataclass(frozen=True, slots=True)

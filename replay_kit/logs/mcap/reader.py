@@ -11,11 +11,11 @@ from mcap.records import Attachment, Header, Metadata
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
+from replay_kit.core.raw import MAVLINK_FRAMES, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, MAX_SIZE, RECORD_ERRORS, Record, file_records, parse
 from replay_kit.logs.mcap.scanner import MESSAGE, Make, McapScanner
-from replay_kit.logs.raw import MAVLINK_FRAMES, RawMessage
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.statistics import ReadStatistics
 

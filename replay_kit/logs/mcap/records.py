@@ -134,7 +134,7 @@ def file_records(file: BinaryIO, start: int, size: int, bound: Callable[[int], i
             return
         before, crc = crc, zlib.crc32(head, crc)
         body = file.read(length) if kept else b""
-        crc = zlib.crc32(body, crc) if kept else _crc_of_rest(file, length, crc)
+        crc = zlib.crc32(body, crc) if kept else crc_of_rest(file, length, crc)
         yield Record(opcode, offset, end, body, True, before)
         if opcode == Opcode.FOOTER:
             return
@@ -157,7 +157,7 @@ def indexed_messages(file: BinaryIO, offset: int, size: int) -> int | None:
         count = (count or 0) + listed // _INDEX_ENTRY
 
 
-def _crc_of_rest(file: BinaryIO, length: int, crc: int) -> int:
+def crc_of_rest(file: BinaryIO, length: int, crc: int) -> int:
     """Return the CRC carried over the next bytes, read in pieces: an attachment may be larger than memory."""
     while length > 0:
         piece = file.read(min(length, _PIECE))

@@ -2,7 +2,6 @@
 
 import re
 import struct
-import zlib
 from bisect import bisect_right
 from collections.abc import Mapping
 from contextlib import suppress
@@ -13,7 +12,7 @@ from typing import Any, BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
 
-from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, RECORD_ERRORS, RECORD_HEAD, file_records, parse
+from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, RECORD_ERRORS, RECORD_HEAD, crc_of_rest, file_records, parse
 
 _FOOTER_SIZE = HEAD_SIZE + 20
 #: Records of a summary that are used.
@@ -96,18 +95,10 @@ def read_summary(file: BinaryIO, size: int) -> Summary:
     start = footer.summary_start
     if not len(MAGIC) <= start < size - length:
         return Summary({}, {}, (), (), problem="the footer points to no summary") if start else _NOTHING
-    if footer.summary_crc not in (0, _crc(file, start, size - len(MAGIC) - 4)):
+    file.seek(start)
+    if footer.summary_crc not in (0, crc_of_rest(file, size - len(MAGIC) - 4 - start, 0)):
         return Summary({}, {}, (), (), problem="the checksum of the summary does not match")
     return _collect(file, start, size, footer.summary_crc != 0)
-
-
-def _crc(file: BinaryIO, start: int, end: int) -> int:
-    file.seek(start)
-    crc, left = 0, end - start
-    while left > 0 and (piece := file.read(min(left, _PIECE))):
-        crc = zlib.crc32(piece, crc)
-        left -= len(piece)
-    return crc
 
 
 def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:

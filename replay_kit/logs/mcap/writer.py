@@ -11,9 +11,8 @@ from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.message import Message
+from replay_kit.core.raw import OutChannels, RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
-from replay_kit.logs.mcap.declared import OutChannels
-from replay_kit.logs.raw import RawMessage
 
 _LIBRARY = "replay-kit"
 

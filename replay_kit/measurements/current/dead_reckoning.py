@@ -15,7 +15,7 @@ import numpy as np
 
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import PathMean, Source, VehicleState
+from replay_kit.core.observation import PathMean, VehicleState
 
 # m and s; a longer stretch counts as several, because a current is not linear in depth or along the way
 _LONGEST_DEPTH, _LONGEST_S = 10.0, 300.0
@@ -77,7 +77,6 @@ def path_mean(
     error_std: float,
     kind: Literal["dac", "drift"],
     dive: int,
-    source: Source,
 ) -> PathMean:
     """Return a mean current with the path that it belongs to, moved so that it ends at a fix.
 
@@ -87,12 +86,11 @@ def path_mean(
 
     Args:
         path: From the fix before.
-        end: The fix after.
+        end: The fix after; its source is the message that completed the mean current.
         velocity: Mean current, true east and north [m/s].
         error_std: Of each component [m/s].
         kind: What it is the mean of.
         dive: Number of the dive.
-        source: The message that completed it.
     """
     closed = _closed(path, end)
     seconds, since, longitude, latitude, depth = np.array(closed).T
@@ -105,7 +103,7 @@ def path_mean(
     share = since / ((end.time_ns - path.start.time_ns) * 1e-9)
     longitude, latitude = to_geographic(projection, east + share * (end_east - reckoned_east), north + share * (end_north - reckoned_north))
     return PathMean(
-        time_ns=max(end.time_ns, source.time_ns),
+        time_ns=max(end.time_ns, end.source.time_ns),
         path_time_ns=path.start.time_ns + np.round(since * 1e9).astype(np.int64),
         longitude=unwrap_longitude(longitude, path.start.longitude),
         latitude=latitude,
@@ -115,15 +113,15 @@ def path_mean(
         error_std=error_std,
         kind=kind,
         dive=dive,
-        source=source,
+        source=end.source,
     )
 
 
-def reckoned_drift(path: Path, end: VehicleState) -> tuple[float, float]:
-    """Return how far a fix lies from the dead-reckoned end of the path to it, true east and north [m]."""
-    here = _end_of(path)
+def drift_velocity(path: Path, end: VehicleState) -> tuple[float, float]:
+    """Return how far a fix lies from the dead-reckoned end of the path to it, over the time between the fixes, east and north [m/s]."""
+    here, seconds = _end_of(path), (end.time_ns - path.start.time_ns) * 1e-9
     east, north = to_local(Projection(here.longitude, here.latitude), end.longitude, end.latitude)
-    return float(east), float(north)
+    return float(east) / seconds, float(north) / seconds
 
 
 def _end_of(path: Path) -> VehicleState:

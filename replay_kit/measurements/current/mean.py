@@ -6,14 +6,13 @@ time between the fixes; it is the mean of the current along the path (``dead_rec
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.geodesy import to_local
-from replay_kit.core.grid import Projection
 from replay_kit.core.observation import PathMean, Source, VehicleState
-from replay_kit.measurements.current.dead_reckoning import Path, at_depth, begin, extend, path_mean, reckoned_drift
+from replay_kit.measurements.current.dead_reckoning import Path, at_depth, begin, drift_velocity, extend, path_mean
 from replay_kit.measurements.vehicle.dives import dive_begins
 
 # s; a stated fix this near in time to one of the log's is that fix
@@ -22,15 +21,8 @@ _SAME_FIX_NS = 60 * 10**9
 _LEAST_DRIFT_NS = 120 * 10**9
 
 
-@dataclass(frozen=True, slots=True)
-class Fix:
-    """A fix that a mean current states as one of its ends.
-
-    Attributes:
-        time_ns: [ns, UTC].
-        longitude: [degrees east].
-        latitude: [degrees north].
-    """
+class Fix(NamedTuple):
+    """A fix that a mean current states as one of its ends: time [ns, UTC], longitude [degrees east], latitude [degrees north]."""
 
     time_ns: int
     longitude: float
@@ -47,6 +39,7 @@ class MeanCurrent:
         start: The fix before the dive; None when not stated.
         end: The fix after it; None when not stated.
         dive: Number of its dive; None when not stated.
+        max_depth: Greatest depth of its dive [m]; NaN when not stated.
     """
 
     velocity: tuple[float, float]
@@ -54,6 +47,7 @@ class MeanCurrent:
     start: Fix | None
     end: Fix | None
     dive: int | None
+    max_depth: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +90,7 @@ def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, conf
     path, end = found
     error = mean.error_std if math.isfinite(mean.error_std) else _error(path, end, config.dac_std, config)
     done = None if dives.done is not None and dives.done[1].time_ns <= end.time_ns else dives.done
-    whole = path_mean(path, end, mean.velocity, error, "dac", dive, source)
+    whole = path_mean(path, replace(end, source=source), mean.velocity, error, "dac", dive)
     if not _is_path(whole):
         return dives, "depth-averaged current: no way leads from its first fix to its last"
     return replace(dives, done=done), whole
@@ -130,12 +124,10 @@ def record_position(
     after = replace(dives, path=begin(position), done=(path, position), anchor=position)
     if config.dead_reckoning == "corrected" or not config.use_dac or dives.stated or not path.reckoned:
         return after, []
-    seconds = (position.time_ns - path.start.time_ns) * 1e-9
-    east, north = reckoned_drift(path, position)
-    velocity = east / seconds, north / seconds
+    velocity = drift_velocity(path, position)
     if not _believed(velocity, config):
         return after, []
-    mean = path_mean(path, position, velocity, _error(path, position, config.dac_std, config), "dac", dive, position.source)
+    mean = path_mean(path, position, velocity, _error(path, position, config.dac_std, config), "dac", dive)
     return replace(after, done=None, computed_ns=position.time_ns), [mean] if _is_path(mean) else []
 
 
@@ -148,14 +140,12 @@ def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConf
         return replace(dives, path=path, anchor=fix), []
     if fix.time_ns - anchor.time_ns < _LEAST_DRIFT_NS:
         return replace(dives, path=path), []
-    east, north = to_local(Projection(anchor.longitude, anchor.latitude), fix.longitude, fix.latitude)
-    seconds = (fix.time_ns - anchor.time_ns) * 1e-9
-    velocity = float(east) / seconds, float(north) / seconds
+    velocity = drift_velocity(begin(anchor), fix)
     if not _believed(velocity, config):
         return replace(dives, path=path, anchor=fix), []
     first, last = (replace(place, depth=config.drift_depth) for place in (anchor, fix))
     adrift = extend(begin(first), replace(last, longitude=anchor.longitude, latitude=anchor.latitude))
-    mean = path_mean(adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive, fix.source)
+    mean = path_mean(adrift, last, velocity, _error(adrift, fix, config.drift_std, config), "drift", dive)
     return replace(dives, path=path, anchor=fix), [mean]
 
 
@@ -181,15 +171,17 @@ def _path_of(dives: Dives, mean: MeanCurrent, source: Source) -> tuple[Path, Veh
     start, end = mean.start, mean.end
     if start is None or end is None or end.time_ns <= start.time_ns:
         return None
-    last = VehicleState(end.time_ns, end.longitude, end.latitude, 0.0, False, source)
+    last = VehicleState(*end, 0.0, False, source)
     path = dives.path
     if path is not None and _same(path.start, start) and path.last.time_ns <= end.time_ns and math.isfinite(path.deepest):
         # the fix after the dive has not come yet
         return path, last
-    deepest = max((known.deepest for known in (path, dives.done and dives.done[0]) if known is not None), key=_finite, default=math.nan)
+    deepest = mean.max_depth
+    if not math.isfinite(deepest):
+        deepest = max((known.deepest for known in (path, dives.done and dives.done[0]) if known is not None), key=_finite, default=math.nan)
     if not math.isfinite(deepest):
         return None
-    return replace(begin(VehicleState(start.time_ns, start.longitude, start.latitude, 0.0, False, source)), deepest=deepest), last
+    return replace(begin(VehicleState(*start, 0.0, False, source)), deepest=deepest), last
 
 
 def _finite(value: float) -> float:

@@ -1,17 +1,18 @@
 """A first ``[[measurements.map]]`` entry for a topic that no known kind covers, guessed from names and values.
 
-Each line says why it was guessed. What cannot be known from one message gets the answer that does no harm: profiles are taken to be
-relative to the platform, of which only the shear is used, until a person states otherwise.
+Each line says why it was guessed. What velocities are relative to cannot be known from one message and is left open: they are not
+used until a person states it.
 """
 
 import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from replay_kit.measurements.mapping.leaves import Leaf, leaves
-from replay_kit.measurements.mapping.suggest_profile import line, profile_lines
+from replay_kit.measurements.mapping.suggest_profile import line, profile_lines, velocity_lines
 
 _LATITUDE = re.compile(r"(.*_)?lat(itude)?(_?(deg|rad|e7|int|wgs84))?")
 _LONGITUDE = re.compile(r"(.*_)?(lon|lng|long|longitude)(_?(deg|rad|e7|int|wgs84))?")
@@ -22,6 +23,10 @@ _HEIGHT = re.compile(r"(.*_)?(alt|altitude|height|z)(_?m)?")
 _ELSEWHERE = re.compile(r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])")
 # of other vectors, a field or a rate, z is no height
 _PLACE = re.compile(r"|(.*_)?(pos|position|location|point|place|translation|pose|ned|enu)")
+#: MAVLink messages that carry numbers under names of the sender's own.
+NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
+# of topics and names of arrays and vectors: these may be currents
+_CURRENT = re.compile(r"adcp|vel|cur|profil|water|flow|speed", re.IGNORECASE)
 _UNIT_IN_NAME = (("dbar", "dbar"), ("mbar", "hPa"), ("hpa", "hPa"), ("kpa", "kPa"), ("bar", "bar"), ("pa", "Pa"))
 # an absolute pressure near the surface is one atmosphere
 _ATMOSPHERE = (("Pa", 101_325.0), ("hPa", 1013.25), ("kPa", 101.325), ("bar", 1.01325))
@@ -35,35 +40,77 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
         schema: Its schema's name, for the comment.
         payload: One of its messages.
     """
-    found = leaves(payload)
-    for kind, guess in (("profile", _profile), ("position", _position), ("depth", _only_depth)):
+    found, name = leaves(payload), payload.get("name")
+    named = isinstance(name, str) and _carries_names(topic)
+    found = [
+        _by_name(leaf, f"{topic} {name if named else ''}", str(name).lower()) if named or leaf.name == "data" else leaf for leaf in found
+    ]
+    for kind, guess in (("profile", _profile), ("velocity", _velocity), ("position", _position), ("depth", _only_depth)):
         lines = guess(found)
         if lines:
             head = [f"# {json.dumps(topic, ensure_ascii=False)}: {len(found)} numbers in a {schema or 'message without a schema'}"]
-            entry = ["[[measurements.map]]", f"topic = {json.dumps(topic, ensure_ascii=False)}", f'kind = "{kind}"', *lines]
+            select = [f"name = {json.dumps(name, ensure_ascii=False)}"] if named else []
+            entry = ["[[measurements.map]]", f"topic = {json.dumps(topic, ensure_ascii=False)}", *select, f'kind = "{kind}"', *lines]
             # an entry all of whose fields are doubtful is doubtful as a whole
             doubtful = all(line.startswith("#") for line in lines)
             return "\n".join([*head, *(f"# {line}" if doubtful and not line.startswith("#") else line for line in entry)]) + "\n"
     return None
 
 
+def _by_name(leaf: Leaf, label: str, name: str) -> Leaf:
+    """Return a number under the name that its message carries, and an array of a topic of currents under that of a velocity."""
+    if leaf.path == "value":
+        return replace(leaf, name=name)
+    of_current = _CURRENT.search(label) is not None
+    if leaf.path == "data" and of_current:
+        return replace(leaf, name="velocity")
+    return replace(leaf, name={"x": "east", "y": "north"}[leaf.path]) if leaf.path in ("x", "y") and of_current else leaf
+
+
+def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
+    """Return what a message is a sample of: its topic, and on topics that carry several things under names its name."""
+    return f"{topic}\n{payload['name']}" if _carries_names(topic) and isinstance(payload.get("name"), str) else topic
+
+
+def _carries_names(topic: str) -> bool:
+    return topic.rpartition("/")[2] in NAMED
+
+
 def suggestions(samples: Mapping[str, tuple[str, Mapping[str, Any]]]) -> str:
     """Return a TOML file of entries for topics that no known kind covers.
 
     Args:
-        samples: Topic to its schema's name and one of its messages.
+        samples: Key, as of ``sample_key``, to its schema's name and one of its messages.
     """
-    entries = [text for topic, (schema, payload) in sorted(samples.items()) if (text := suggestion(topic, schema, payload)) is not None]
+    made = (suggestion(key.partition("\n")[0], schema, payload) for key, (schema, payload) in sorted(samples.items()))
+    entries = [text for text in made if text is not None]
     head = (
         "# A first mapping, guessed by names and values from one message of each topic that no known kind covers.\n"
         "# Check every line, above all reference, frame and units, before you use it: replay-kit replay --config THIS.toml\n"
     )
-    return "\n".join([head, *entries]) if entries else head + "# Nothing in the log looks like a position, a depth or a profile.\n"
+    return (
+        "\n".join([head, *entries]) if entries else head + "# Nothing in the log looks like a position, a depth, a velocity or a profile.\n"
+    )
 
 
 def _profile(found: Sequence[Leaf]) -> list[str]:
     lines = profile_lines(found)
     return [*lines, *_place([leaf for leaf in found if leaf.shape == ()])] if lines else []
+
+
+def _velocity(found: Sequence[Leaf]) -> list[str]:
+    """Return the lines of one velocity at one depth, with its place where the message has one."""
+    scalars = [leaf for leaf in found if leaf.shape == ()]
+    lines = velocity_lines(scalars)
+    if not lines:
+        return []
+    place = _place(scalars)
+    depth = next((leaf for leaf in scalars if _DEPTH.fullmatch(leaf.name)), None)
+    if depth is not None:
+        return [*lines, *place, *_as_depth(depth)]
+    if place and not place[0].startswith("#"):
+        return [*lines, *place, line("at_depth", 0.0, "NOT FOUND in the message: state the depth of the measurement, in m")]
+    return [*lines, *place, line("distance", 0.0, "NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle")]
 
 
 def _position(found: Sequence[Leaf]) -> list[str]:

@@ -18,6 +18,8 @@ _COUNT = re.compile(r"(.*_)?(n|num|number_of|no_of)?_?(cells|bins)")
 # a flat list this short is one velocity, not a profile
 _SHORTEST_FLAT = 6
 _MISSING = (-32768.0, -9999.0, 9999.0, -999.0)
+#: Why a suggestion leaves open what a velocity is relative to.
+NO_REFERENCE = "NOT KNOWN from the message, so it is not used yet: earth if the vehicle's motion is removed, else platform"
 # no current in m/s is as fast
 _NO_MPS = 20.0
 
@@ -34,7 +36,7 @@ def profile_lines(found: Sequence[Leaf]) -> list[str]:
         return []
     lines, n_cells, values = velocity
     return [
-        line("reference", "platform", "NOT KNOWN from the message, so only its shear is used; earth if the vehicle's motion is removed"),
+        line("reference", "unknown", NO_REFERENCE),
         line("frame", "enu", "NOT KNOWN from the message: enu, ned, ship, instrument or beam"),
         *lines,
         *_speed(values),
@@ -100,3 +102,21 @@ def _geometry(found: Sequence[Leaf], n_cells: int) -> list[str]:
         else:
             lines.append(line(key, leaf.path, f"by its name: {leaf.values[0]:g} m"))
     return lines
+
+
+def velocity_lines(scalars: Sequence[Leaf]) -> list[str]:
+    """Return the lines of a velocity at one depth; none when no two numbers look like its components."""
+    for east in scalars:
+        twist = east.path.endswith("linear.x")
+        if not (_EAST.fullmatch(east.name) or twist):
+            continue
+        beside = (leaf for leaf in scalars if leaf.parent == east.parent and (leaf.name == "y" if twist else _NORTH.fullmatch(leaf.name)))
+        if (north := next(beside, None)) is not None:
+            why = "a twist's x: east only if its frame is east, north, up" if twist else "by its name"
+            return [
+                line("reference", "unknown", NO_REFERENCE),
+                line("east", east.path, why),
+                line("north", north.path, why.replace("x: east", "y: north")),
+                *_speed(east.values + north.values),
+            ]
+    return []

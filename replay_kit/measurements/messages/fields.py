@@ -1,7 +1,7 @@
-"""Numbers and words of a payload, whatever encoding wrote them."""
+"""Numbers, words and cells of a payload, whatever encoding wrote them: JSON lists of lists, protobuf flat lists, MAVLink numbers."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from reprlib import repr as shorten
 from typing import Any
 
@@ -13,6 +13,8 @@ from replay_kit.core.errors import MeasurementError
 # m/s; an error outside is no statement of one, and its square would not survive the filter's arithmetic
 STD_BELIEVED = (1e-6, 1e3)
 _LARGEST_DIVE = 2**32 - 1
+# east, north, up
+_FEWEST_COMPONENTS = 3
 
 
 def number(value: Any) -> float:
@@ -65,12 +67,111 @@ def word(value: Any, known: Sequence[str]) -> str:
     return "None" if value is None else shorten(value)
 
 
-def known_word(name: str, value: str, known: Sequence[str]) -> str:
-    """Return a word that ``word`` gave.
+def known_word(payload: Mapping[str, Any], name: str, known: Sequence[str]) -> str:
+    """Return the word in a field, given by itself or by its number.
 
     Raises:
         MeasurementError: It is none of the known ones.
     """
+    value = word(payload.get(name), known)
     if value not in known:
         raise MeasurementError(f"ping: expected {name} to be one of {', '.join(known)}, got {value}; state it in the message")
     return value
+
+
+def velocity_cells(payload: Mapping[str, Any], earth: bool) -> Array:
+    """Return the components of each cell of a ping's velocity, shape (n, at least 3) [m/s]; protobuf carries them flat.
+
+    Args:
+        payload: ``velocity`` and ``n_cells`` of it are read.
+        earth: Whether a cell has east and north, or is missing as a whole.
+
+    Raises:
+        MeasurementError: The cells are not as many as ``n_cells``, or one has not the components that it must have.
+    """
+    raw, n_cells = payload.get("velocity"), whole_number(payload.get("n_cells"))
+    if not isinstance(raw, list | tuple) or n_cells is None or n_cells < 1:
+        raise MeasurementError(
+            "ping: expected n_cells >= 1 and a list of velocities, "
+            f"got n_cells {shorten(payload.get('n_cells'))} and velocity {type(raw).__name__}"
+        )
+    if _is_flat(raw, n_cells):
+        if len(raw) % n_cells:
+            raise MeasurementError(f"ping: {len(raw)} flat velocities do not divide into {n_cells} cells")
+        width = len(raw) // n_cells
+        raw = [raw[i * width : (i + 1) * width] for i in range(n_cells)]
+    if len(raw) != n_cells:
+        raise MeasurementError(f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells")
+    found = rows([_components(cell, earth) for cell in raw])
+    velocity = np.full((n_cells, max(found.shape[1], _FEWEST_COMPONENTS)), np.nan)
+    velocity[:, : found.shape[1]] = found
+    return velocity
+
+
+def _is_flat(raw: Sequence[Any], n_cells: int) -> bool:
+    """Return whether velocities come without cells; nulls alone, as many as there are cells, are missing cells."""
+    if any(isinstance(item, list | tuple | Mapping) for item in raw):
+        return False
+    return bool(raw) and not (len(raw) == n_cells and all(item is None for item in raw))
+
+
+def _components(cell: Any, earth: bool) -> Sequence[Any]:
+    """Return the components of a cell: a list, a message with ``value`` or with ``east`` and ``north``, or null."""
+    listed = cell
+    if isinstance(cell, Mapping):
+        listed = cell.get("value", [cell["east"], cell["north"], cell.get("up")] if "east" in cell and "north" in cell else [])
+    if isinstance(listed, list | tuple) and (len(listed) >= 2 or not earth):
+        return listed
+    # null, NaN or "NaN" in the place of a cell
+    if not earth or (not isinstance(cell, list | tuple | Mapping) and np.isnan(number(cell))):
+        return ()
+    raise MeasurementError(f"ping: expected cells of east, north[, up], got {shorten(cell)}")
+
+
+def number_or_numbers(value: Any) -> Array:
+    """Return what may be one number or a list of them, shape (1,) or (n,); an empty list is one number that is not known."""
+    return numbers(value) if isinstance(value, list | tuple) and value else np.array([number(value)])
+
+
+def believed_std(value: Any, n: int) -> Array:
+    """Return the stated error of each of n cells, one number or n; NaN where it is none that can be believed.
+
+    Raises:
+        MeasurementError: The numbers are neither one nor n.
+    """
+    values = number_or_numbers(value)
+    if values.size not in (1, n):
+        raise MeasurementError(f"ping: expected velocity_std to be a number or {n} numbers, got {values.size}")
+    believed = np.where((values >= STD_BELIEVED[0]) & (values <= STD_BELIEVED[1]), values, np.nan)
+    return np.full(n, believed[0]) if values.size == 1 else believed
+
+
+def unit_vectors(value: Any) -> Array | None:
+    """Return vectors listed one by one or flat, as protobuf carries them; an empty list is one that is not known."""
+    if not value:
+        return None
+    try:
+        return np.array(value, np.float64).reshape(-1, 3)
+    except (TypeError, ValueError, OverflowError):
+        return np.empty((0, 3))
+
+
+def by_cell(payload: Mapping[str, Any], name: str, n: int) -> Array | str:
+    """Return a field with one or more numbers for each of n cells, shape (n, k), or why there is none; protobuf carries them flat."""
+    raw = payload.get(name)
+    if not isinstance(raw, list | tuple) or not raw:
+        return f"the ping has no {name}"
+    try:
+        values = np.array(raw, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        # cells of different lengths, or something among them that is no number
+        values = rows(raw)
+    if values.ndim > 2 or values.size == 0 or values.size % n or (values.ndim == 2 and len(values) != n):
+        return f"{name} is not as long as the velocity"
+    values = np.where(np.isfinite(values), values, np.nan).reshape(n, -1)
+    return values if np.isfinite(values).any() else f"the ping has no {name}"
+
+
+def part(value: Any) -> Mapping[str, Any] | None:
+    """Return the fields of a part of a message; None where it is no part."""
+    return value if isinstance(value, Mapping) else None

@@ -13,7 +13,7 @@ from typing import Any
 
 from replay_kit.core.message import Message
 from replay_kit.measurements.current.mean import MeanCurrent
-from replay_kit.measurements.messages import imc, mavlink_ping, mavlink_vehicle, motion, position, profiles
+from replay_kit.measurements.messages import mavlink_ping, mavlink_vehicle, motion, position, profiles
 from replay_kit.measurements.messages.mean_current import depth_averaged_current
 from replay_kit.measurements.messages.position import Depth, Pose, Position, Pressure
 from replay_kit.measurements.messages.profiles import StatedPing
@@ -65,7 +65,9 @@ _MAVLINK: Mapping[str, Callable[[Message], Statement | None]] = MappingProxyType
     }
 )
 _ANY_PACKAGE: Mapping[str, Reader] = MappingProxyType({"CurrentProfile": profiles.current_profile})
-_IMC: Mapping[str, Reader] = MappingProxyType({**_ANY_PACKAGE, "GpsFix": imc.gps_fix, "EstimatedState": imc.estimated_state})
+_IMC: Mapping[str, Reader] = MappingProxyType(
+    {**_ANY_PACKAGE, "GpsFix": position.imc_gps_fix, "EstimatedState": position.imc_estimated_state}
+)
 _SEPARATORS = re.compile(r"::|[/.]")
 # a pose on such a topic is where something should go, not where the vehicle is
 _WISH = re.compile(r"goal|target|setpoint|waypoint|command|cmd|desired", re.IGNORECASE)

@@ -100,7 +100,7 @@ def _profile(payload: Mapping[str, Any], entry: ProfileMap) -> StatedPing | str:
     return StatedPing(
         {
             "coordinate_system": _COORDINATES.get(entry.frame, entry.frame),
-            "reference": entry.reference,
+            "reference": None if entry.reference == "unknown" else entry.reference,
             "orientation": entry.orientation,
             "n_cells": len(cells),
             "velocity": cells,
@@ -121,7 +121,8 @@ def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> StatedPing | st
         place = _position(payload, entry)
     if isinstance(place, str):
         return place
-    fields: dict[str, Any] = {"vehicle_depth_needed": True}
+    # a cell of an instrument is where it is on a vessel that states no depth, too; a velocity at the vehicle needs the vehicle's
+    fields: dict[str, Any] = {"vehicle_depth_needed": True} if entry.distance is None else {}
     if entry.at_depth is not None:
         fields = {"pressure": 0.0, "transducer_depth": entry.at_depth}
     elif entry.depth is not None:
@@ -129,16 +130,15 @@ def _velocity(payload: Mapping[str, Any], entry: VelocityMap) -> StatedPing | st
     return StatedPing(
         {
             "coordinate_system": "earth",
-            "reference": entry.reference,
-            "orientation": "down",
+            "reference": None if entry.reference == "unknown" else entry.reference,
+            "orientation": entry.orientation,
             "n_cells": 1,
             "velocity": [[_speed(look_up(payload, path), entry) for path in (entry.east, entry.north)]],
             "velocity_std": entry.velocity_std,
-            "cell_distances": [0.0],
+            "cell_distances": [entry.distance or 0.0],
             **fields,
         },
-        place,
-        elsewhere=entry.elsewhere,
+        *((None, place) if entry.elsewhere else (place, None)),
     )
 
 

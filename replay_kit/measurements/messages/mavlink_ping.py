@@ -1,7 +1,7 @@
 """ADCP pings carried by MAVLink: five ``DEBUG_FLOAT_ARRAY`` frames become one ``replay_kit.AdcpPing`` payload.
 
 Frames belong together when topic, ``array_id`` and ``time_usec`` agree. The layout of ``ADCP_CFG`` is in
-the README beside this file. NaN means unknown.
+``ADCP_PING.md`` beside this file. NaN means unknown.
 """
 
 import math

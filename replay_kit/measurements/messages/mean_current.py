@@ -17,9 +17,8 @@ def depth_averaged_current(payload: Mapping[str, Any]) -> MeanCurrent | str:
         return "depth-averaged current: it is not a number"
     std = number(payload.get("error"))
     start, end = (_fix(payload.get(name)) for name in ("start_fix", "end_fix"))
-    return MeanCurrent(
-        velocity, std if STD_BELIEVED[0] <= std <= STD_BELIEVED[1] else math.nan, start, end, dive_number(payload.get("dive"))
-    )
+    believed = std if STD_BELIEVED[0] <= std <= STD_BELIEVED[1] else math.nan
+    return MeanCurrent(velocity, believed, start, end, dive_number(payload.get("dive")), number(payload.get("max_depth")))
 
 
 def _fix(stated: Any) -> Fix | None:

@@ -1,6 +1,7 @@
 """Positions and depths of the vehicle from the messages that vehicles write.
 
-Each function takes a payload and returns what it states, or in words why that cannot be used.
+Each function takes a payload and returns what it states, or in words why that cannot be used. Messages of IMC written as JSON (LSTS/imc,
+IMC.xml, messages 253 and 350) have angles in radians and offsets north, east, down.
 """
 
 import math
@@ -8,12 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from replay_kit.measurements.messages.fields import number
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.measurements.messages.fields import number, whole_number
 from replay_kit.measurements.ping.attitude import Orientation
 
 _ATMOSPHERE_PA = 101_325.0
 _PA_PER_DBAR = 10_000.0
 _TRUE = ("true", "1")
+_IMC_VALID_POSITION = 0x0004
+_IMC_DEAD_RECKONING = (2, "DEAD_RECKONING")
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +151,31 @@ def checked(longitude: Any, latitude: Any, depth: float, dead_reckoned: bool) ->
     if abs(y) > 90.0 or not -180.0 <= x <= 360.0:
         return "position is no longitude and latitude"
     return Position(x, y, depth, dead_reckoned)
+
+
+def imc_gps_fix(payload: Mapping[str, Any]) -> Position | str:
+    """Return the position in an IMC ``GpsFix`` in JSON, or why it is none; one that states no validity is taken at its word."""
+    validity = whole_number(payload.get("validity"))
+    if validity is not None and not validity & _IMC_VALID_POSITION:
+        return "no fix (validity without VALID_POS)"
+    longitude, latitude = (math.degrees(number(payload.get(name))) for name in ("lon", "lat"))
+    return checked(longitude, latitude, math.nan, payload.get("type") in _IMC_DEAD_RECKONING)
+
+
+def imc_estimated_state(payload: Mapping[str, Any]) -> Position | str:
+    """Return the position in an IMC ``EstimatedState``, or why it is none: a reference with offsets x north and y east."""
+    longitude, latitude = (math.degrees(number(payload.get(name))) for name in ("lon", "lat"))
+    reference = checked(longitude, latitude, math.nan, True)
+    if isinstance(reference, str):
+        return reference
+    # an offset that the JSON leaves out is zero
+    north, east = (number(payload.get(name, 0.0)) for name in ("x", "y"))
+    if not (math.isfinite(north) and math.isfinite(east)):
+        return "position is not a number"
+    depth = number(payload.get("depth"))
+    moved = to_geographic(Projection(reference.longitude, reference.latitude), east, north)
+    # negative values denote invalid estimates
+    return checked(float(moved[0]), float(moved[1]), depth if depth >= 0.0 else math.nan, True)
 
 
 def _metadata(pairs: Any) -> dict[str, Any]:

@@ -35,12 +35,12 @@ class StatedPing:
     Attributes:
         payload: Fields of a ``replay_kit.AdcpPing``.
         position: Where the vehicle was, when the same message says so.
-        elsewhere: Whether the position is that of the measurement alone, a mooring's or a drifter's, and not the vehicle's.
+        place: Where a mooring or a drifter measured, which tells nothing of the vehicle; None of a vehicle's own profile.
     """
 
     payload: Mapping[str, Any]
     position: Position | None = None
-    elsewhere: bool = False
+    place: Position | None = None
 
 
 def adcp_ping(payload: Mapping[str, Any]) -> StatedPing:

@@ -14,11 +14,13 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
 from replay_kit.measurements.ping import frames
-from replay_kit.measurements.ping.adcp_ping import AdcpPing, PlatformVelocity
+from replay_kit.measurements.ping.adcp_ping import AdcpPing, BottomTrack, PlatformVelocity
 
 _CONVENTIONS = ("teledyne", "nortek")
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
 _BOTTOM_STD = 0.03
+# of a DVL's velocity; a vehicle may turn and stop in more
+_BOTTOM_AGE_NS = 3_000_000_000
 # vectors written with three digits are still unit vectors
 _UNIT = 0.01
 # of a cell; distances written with few digits are still evenly spaced
@@ -42,21 +44,49 @@ def earth_referenced(ping: AdcpPing, config: MeasurementConfig) -> AdcpPing:
     Raises:
         MeasurementError: A rotation needs what the ping does not say.
     """
+    stated, bottom = _stated_motion(ping, config.max_speed), _found_bottom(ping)
     declination = _declination(ping, config)
     relative = ping.reference == "platform"
-    moves = relative and knows_motion(ping, config.max_speed)
+    moves = relative and (bottom is not None or stated is not None)
     # what is not used needs no turning, which may lack an attitude
     if not moves and ((ping.coordinate_system == "earth" and declination == 0.0) or (relative and not config.use_relative)):
         return ping
     if declination is None:
         raise MeasurementError("heading is magnetic, declination unknown; state it in the ping or as measurements.magnetic_declination")
-    rotation = _rotation(ping, declination)
-    motion = _motion(ping, rotation, config.max_speed) if moves else None
-    turned = _in_earth_coordinates(ping, rotation)
-    if motion is None:
-        return turned
-    velocity = turned.velocity + np.array([motion.east, motion.north, 0.0])
-    return replace(turned, velocity=velocity, reference="earth", platform_velocity=motion)
+    axes = _axes(ping, declination)
+    velocity, error_velocity = frames.to_earth(ping.velocity, axes)
+    if moves and bottom is not None:
+        ((east, north, _),), std = -frames.to_earth(bottom.velocity[None], replace(axes, cells=None))[0], bottom.error_std
+        stated = PlatformVelocity(float(east), float(north), std if 0.0 < std <= config.max_speed else _BOTTOM_STD, "bottom_track")
+    if moves and stated is not None:
+        velocity = velocity + np.array([stated.east, stated.north, 0.0])
+    gain = frames.noise_gain(axes.vectors) if axes.along_beams and axes.vectors is not None else 1.0
+    return replace(
+        ping,
+        coordinate_system="earth",
+        velocity=velocity,
+        velocity_std=ping.velocity_std * gain,
+        reference="earth" if moves else ping.reference,
+        platform_velocity=stated if moves else ping.platform_velocity,
+        bin_mapped=axes.cells is not None or ping.bin_mapped,
+        attitude=replace(ping.attitude, declination_applied=True),
+        quality=ping.quality if error_velocity is None else replace(ping.quality, error_velocity=error_velocity),
+    )
+
+
+def with_bottom_track(ping: AdcpPing, bottom: tuple[int, PlatformVelocity] | None, time_ns: int, max_speed: float) -> AdcpPing:
+    """Return a ping with the velocity that a DVL measured within three seconds of it, where it does not state one itself.
+
+    Args:
+        ping: The ping.
+        bottom: The DVL's last velocity over the ground, after its time [ns, UTC].
+        time_ns: The ping's.
+        max_speed: The fastest motion that is believed [m/s].
+    """
+    if bottom is None or abs(time_ns - bottom[0]) > _BOTTOM_AGE_NS or ping.reference == "earth":
+        return ping
+    known = _found_bottom(ping) is not None or _stated_motion(ping, max_speed) is not None
+    return ping if known else replace(ping, platform_velocity=bottom[1])
 
 
 def added_velocity(ping: AdcpPing, config: MeasurementConfig) -> tuple[tuple[float, float] | None, float]:
@@ -75,16 +105,6 @@ def added_velocity(ping: AdcpPing, config: MeasurementConfig) -> tuple[tuple[flo
     return (None, 0.0) if motion is None else ((motion.east, motion.north), motion.error_std)
 
 
-def knows_motion(ping: AdcpPing, max_speed: float) -> bool:
-    """Return whether a ping says how its platform moves, in its bottom track or otherwise.
-
-    Args:
-        ping: The ping.
-        max_speed: The fastest motion that is believed; with an error above it a ping says nothing [m/s].
-    """
-    return _found_bottom(ping) or _stated_motion(ping, max_speed) is not None
-
-
 def _declination(ping: AdcpPing, config: MeasurementConfig) -> float | None:
     """Return the angle still to be added to the heading [degrees]; None when it is not known.
 
@@ -96,11 +116,11 @@ def _declination(ping: AdcpPing, config: MeasurementConfig) -> float | None:
     return ping.attitude.declination if np.isfinite(ping.attitude.declination) else config.magnetic_declination
 
 
-def _rotation(ping: AdcpPing, declination: float) -> Array:
-    """Return the matrix from the ping's axes (a beam's: those of its instrument) to true east, north, up."""
+def _axes(ping: AdcpPing, declination: float) -> frames.Axes:
+    """Return what turns a ping's velocities to true east, north, up; beams' vectors only where beams are solved or bins mapped."""
     system, attitude = ping.coordinate_system, ping.attitude
     if system == "earth":
-        return frames.teledyne_rotation(declination, 0.0, 0.0)
+        return frames.Axes(frames.teledyne_rotation(declination, 0.0, 0.0))
     level = system == "ship" and attitude.tilt_applied
     pitch, roll = (0.0, 0.0) if level else (attitude.pitch, attitude.roll)
     if not np.isfinite(attitude.heading + pitch + roll):
@@ -110,58 +130,14 @@ def _rotation(ping: AdcpPing, declination: float) -> Array:
         raise MeasurementError(
             f"ping: expected attitude_convention to be one of {', '.join(_CONVENTIONS)}, got {attitude.convention}; state it in the message"
         )
+    along_beams, to_map = system == "beam", _can_map(ping)
+    vectors = _vectors(ping) if along_beams or to_map else None
+    cells = _even_cells(ping) if to_map else None
     if system != "ship" and attitude.convention == "nortek":
-        return frames.nortek_rotation(heading, pitch, roll, ping.orientation == "down")
-    return frames.teledyne_rotation(heading, pitch, roll, ping.orientation == "up" and not level, attitude.euler_pitch)
-
-
-def _in_earth_coordinates(ping: AdcpPing, rotation: Array) -> AdcpPing:
-    """Return a ping with its velocities along true east, north, up: bins mapped, beams solved, axes turned."""
-    system = ping.coordinate_system
-    to_map = _can_map(ping)
-    if to_map:
-        vectors = _vectors(ping)
-        beams = ping.velocity if system == "beam" else frames.beams_of(ping.velocity, vectors)
-        beams = frames.map_bins(beams, frames.vertical_stretch(vectors, rotation), *_even_cells(ping))
-        solved = frames.solve_beams(beams, vectors)
+        rotation = frames.nortek_rotation(heading, pitch, roll, ping.orientation == "down")
     else:
-        solved = _solved(ping.velocity, ping)
-    error_velocity = _error_velocity(solved, to_map or system == "beam")
-    return replace(
-        ping,
-        coordinate_system="earth",
-        velocity=_turned(solved, rotation),
-        velocity_std=ping.velocity_std * (_noise_gain(_vectors(ping)) if system == "beam" else 1.0),
-        bin_mapped=to_map or ping.bin_mapped,
-        attitude=replace(ping.attitude, declination_applied=True),
-        quality=ping.quality if error_velocity is None else replace(ping.quality, error_velocity=error_velocity),
-    )
-
-
-def _solved(velocity: Array, ping: AdcpPing) -> Array:
-    """Return velocities along the axes that the rotation turns, shape (n, at least 3); the error velocity is the fourth."""
-    return frames.solve_beams(velocity, _vectors(ping)) if ping.coordinate_system == "beam" else velocity
-
-
-def _noise_gain(vectors: Array) -> float:
-    """Return how many times the error of a beam is in a horizontal component of the solution."""
-    return float(np.linalg.norm(np.linalg.pinv(vectors)[0]))
-
-
-def _turned(velocity: Array, rotation: Array) -> Array:
-    """Return velocities along east, north, up, shape (n, 3); see ``earth_referenced``."""
-    if (rotation[2] == (0.0, 0.0, 1.0)).all():
-        # a turn about the vertical needs no vertical velocity, which may be missing
-        return np.column_stack([velocity[:, :2] @ rotation[:2, :2].T, velocity[:, 2]])
-    return np.asarray(velocity[:, :3] @ rotation.T)
-
-
-def _error_velocity(solved: Array, by_us: bool) -> Array | None:
-    """Return the error velocity of each cell [m/s]; a solution from three beams has none, which ``solve_beams`` gives as zero."""
-    if solved.shape[1] != 4:
-        return None
-    error = solved[:, 3:]
-    return np.where(by_us & (error == 0.0), np.nan, error)
+        rotation = frames.teledyne_rotation(heading, pitch, roll, ping.orientation == "up" and not level, attitude.euler_pitch)
+    return frames.Axes(rotation, along_beams, vectors, cells)
 
 
 def _can_map(ping: AdcpPing) -> bool:
@@ -185,28 +161,13 @@ def _even_cells(ping: AdcpPing) -> tuple[float, float]:
     return float(centres[0]), size
 
 
-def _motion(ping: AdcpPing, rotation: Array, max_speed: float) -> PlatformVelocity | None:
-    """Return the platform's velocity over the ground: by bottom track, or as the ping states it.
-
-    Args:
-        ping: The ping.
-        rotation: shape (3, 3), from its axes to true east, north, up.
-        max_speed: A stated error above it is none [m/s].
-    """
-    if ping.bottom_track is None or not _found_bottom(ping):
-        return _stated_motion(ping, max_speed)
-    std = ping.bottom_track.error_std
-    east, north, _ = -_turned(_solved(ping.bottom_track.velocity[None], ping), rotation)[0]
-    return PlatformVelocity(float(east), float(north), std if 0.0 < std <= max_speed else _BOTTOM_STD, "bottom_track")
-
-
-def _found_bottom(ping: AdcpPing) -> bool:
-    """Return whether the bottom track gives a velocity: one beam of four may be missing, but no axis."""
-    if ping.bottom_track is None or ping.bottom_track.velocity.size < 3:
-        return False
-    velocity, system = ping.bottom_track.velocity, ping.coordinate_system
-    needed = velocity if system == "beam" else velocity[: 2 if system in ("ship", "earth") else 3]
-    return bool(np.isfinite(needed).sum() >= min(3, needed.size))
+def _found_bottom(ping: AdcpPing) -> BottomTrack | None:
+    """Return the bottom track if it gives a velocity: one beam of four may be missing, but no axis."""
+    bottom, system = ping.bottom_track, ping.coordinate_system
+    if bottom is None or bottom.velocity.size < 3:
+        return None
+    needed = bottom.velocity if system == "beam" else bottom.velocity[: 2 if system in ("ship", "earth") else 3]
+    return bottom if np.isfinite(needed).sum() >= min(3, needed.size) else None
 
 
 def _stated_motion(ping: AdcpPing, max_speed: float) -> PlatformVelocity | None:

@@ -8,6 +8,8 @@ Sources: Teledyne RD Instruments, "ADCP Coordinate Transformation: Formulas and 
 and 6; Nortek, "Signature Principles of Operation" and "Signature Integrators Guide, AD2CP" (N3015-007), coordinate transformations.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from replay_kit.core.arrays import Array
@@ -15,16 +17,44 @@ from replay_kit.core.arrays import Array
 _LEAST_BEAMS = 3
 
 
-def janus_vectors(beam_angle_deg: float, convex: bool = True) -> Array:
-    """Return the unit vectors of Teledyne's four beams, shape (4, 3), towards the transducer: x beam 1 to 2, y beam 4 to 3, z.
+@dataclass(frozen=True, slots=True, eq=False)
+class Axes:
+    """What turns the velocities of an instrument to true east, north, up.
+
+    Attributes:
+        rotation: shape (3, 3), from the velocities' axes (of beams: those of their instrument) to east, north, up.
+        along_beams: Whether the velocities are along beams.
+        vectors: shape (b, 3), the beams' unit vectors; None where the velocities are turned without them.
+        cells: How far the first of evenly spaced cells is from the transducer, and the cells' size [m], where bins are to be mapped to
+            equal depths; None where not.
+    """
+
+    rotation: Array
+    along_beams: bool = False
+    vectors: Array | None = None
+    cells: tuple[float, float] | None = None
+
+
+def to_earth(velocity: Array, axes: Axes) -> tuple[Array, Array | None]:
+    """Return velocities along true east, north, up, shape (n, 3) [m/s], and the error velocity of each cell, shape (n, 1), if there is one.
+
+    Bins are mapped, beams solved, axes turned. A solution from three beams has no error velocity: NaN.
 
     Args:
-        beam_angle_deg: Angle between each beam and the instrument's axis [degrees].
-        convex: Whether the head is convex; the beams of a concave one cross.
+        velocity: shape (n, k) [m/s]; NaN where missing.
+        axes: What the components are along; without vectors a fourth component is the error velocity.
     """
-    angle = np.deg2rad(beam_angle_deg)
-    across, along = (1.0 if convex else -1.0) * np.sin(angle), np.cos(angle)
-    return np.array([[across, 0.0, along], [-across, 0.0, along], [0.0, -across, along], [0.0, across, along]])
+    vectors, rotation, error = axes.vectors, axes.rotation, None
+    solved = vectors is not None and (axes.along_beams or axes.cells is not None)
+    if vectors is not None and solved:
+        beams = velocity if axes.along_beams else beams_of(velocity, vectors)
+        velocity = solve_beams(map_bins(beams, vertical_stretch(vectors, rotation), *axes.cells) if axes.cells else beams, vectors)
+    if velocity.shape[1] == 4:
+        error = np.where(solved & (velocity[:, 3:] == 0.0), np.nan, velocity[:, 3:])
+    if (rotation[2] == (0.0, 0.0, 1.0)).all():
+        # a turn about the vertical needs no vertical velocity, which may be missing
+        return np.column_stack([velocity[:, :2] @ rotation[:2, :2].T, velocity[:, 2]]), error
+    return np.asarray(velocity[:, :3] @ rotation.T), error
 
 
 def solve_beams(beams: Array, vectors: Array) -> Array:
@@ -59,8 +89,12 @@ def error_weights(vectors: Array) -> Array:
     They are orthogonal to the beams of every velocity, and as long as those of the x component: Teledyne's d = a / sqrt(2).
     """
     weights = np.linalg.svd(vectors.T)[2][3]
-    scale = np.linalg.norm(np.linalg.pinv(vectors)[0]) * np.sign(weights[0])
-    return np.asarray(weights * scale)
+    return np.asarray(weights * noise_gain(vectors) * np.sign(weights[0]))
+
+
+def noise_gain(vectors: Array) -> float:
+    """Return how many times the error of a beam is in a horizontal component of the solution."""
+    return float(np.linalg.norm(np.linalg.pinv(vectors)[0]))
 
 
 def beams_of(velocity: Array, vectors: Array) -> Array:

@@ -7,7 +7,7 @@ is in a ``Sounding``.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -77,20 +77,28 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
         soundings: The log's profiles.
     """
     faults = [
-        Fault("east and north are exchanged", "check which component comes first", _turner([[0.0, 1.0], [1.0, 0.0]])),
-        Fault("the sign of east is wrong", "check whether the first component grows to the west", _turner([[-1.0, 0.0], [0.0, 1.0]])),
-        Fault("the sign of north is wrong", "check whether the second component grows to the south", _turner([[1.0, 0.0], [0.0, -1.0]])),
+        Fault("east and north are exchanged", "check which component comes first", partial(_mirrored, [[0.0, 1.0], [1.0, 0.0]])),
+        Fault(
+            "the sign of east is wrong",
+            "check whether the first component grows to the west",
+            partial(_mirrored, [[-1.0, 0.0], [0.0, 1.0]]),
+        ),
+        Fault(
+            "the sign of north is wrong",
+            "check whether the second component grows to the south",
+            partial(_mirrored, [[1.0, 0.0], [0.0, -1.0]]),
+        ),
         Fault(
             "both signs are wrong",
             "check whether directions are where the current comes from, or velocities are the vehicle's through the water",
-            _turner([[-1.0, 0.0], [0.0, -1.0]]),
+            partial(_mirrored, [[-1.0, 0.0], [0.0, -1.0]]),
         ),
     ]
     stated = [abs(sounding.declination) for sounding in soundings if math.isfinite(sounding.declination)]
     if stated and float(np.median(stated)) >= _LEAST_DECLINATION:
         faults += [
-            Fault("the declination was not applied", "check the compass' settings and declination_applied", _declination(1.0)),
-            Fault("the declination was applied twice", "check whether the instrument and the logger both apply it", _declination(-1.0)),
+            Fault("the declination was not applied", "check the compass' settings and declination_applied", partial(_turned, 1.0)),
+            Fault("the declination was applied twice", "check whether the instrument and the logger both apply it", partial(_turned, -1.0)),
         ]
     return faults
 
@@ -104,7 +112,7 @@ def scale_faults() -> list[Fault]:
         ("speeds are 1000 times too small", "check whether m/s were divided as if they were mm/s", 0.001),
     )
     return [
-        Fault(name, advice, _rescaler(1.0 / factor, with_errors), math.log(factor), with_errors)
+        Fault(name, advice, partial(_rescaled, 1.0 / factor, with_errors), math.log(factor), with_errors)
         for name, advice, factor in units
         for with_errors in (False, True)
     ]
@@ -125,18 +133,14 @@ def _known(vehicle_depth: float) -> float:
     return abs(vehicle_depth) if math.isfinite(vehicle_depth) else 0.0
 
 
-def _turner(matrix: Any) -> Callable[[Sounding], Observation]:
-    # each of these is its own inverse
-    columns = np.array(matrix).T
-    return lambda sounding: replace(sounding.observation, velocity=sounding.observation.velocity @ columns)
+def _mirrored(matrix: Sequence[Sequence[float]], sounding: Sounding) -> Observation:
+    # each of these matrices is its own inverse
+    return replace(sounding.observation, velocity=sounding.observation.velocity @ np.array(matrix).T)
 
 
-def _declination(turns: float) -> Callable[[Sounding], Observation]:
-    def undo(sounding: Sounding) -> Observation:
-        declination = sounding.declination if math.isfinite(sounding.declination) else 0.0
-        return replace(sounding.observation, velocity=turned_clockwise(sounding.observation.velocity, turns * declination))
-
-    return undo
+def _turned(turns: float, sounding: Sounding) -> Observation:
+    declination = sounding.declination if math.isfinite(sounding.declination) else 0.0
+    return replace(sounding.observation, velocity=turned_clockwise(sounding.observation.velocity, turns * declination))
 
 
 def turned_clockwise(velocity: Array, degrees: float) -> Array:
@@ -145,13 +149,10 @@ def turned_clockwise(velocity: Array, degrees: float) -> Array:
     return np.asarray(velocity @ np.array([[cosine, -sine], [sine, cosine]]))
 
 
-def _rescaler(factor: float, with_errors: bool) -> Callable[[Sounding], Observation]:
-    def undo(sounding: Sounding) -> Observation:
-        observation = sounding.observation
-        errors = observation.error_std * factor if with_errors else observation.error_std
-        return replace(observation, velocity=observation.velocity * factor, error_std=errors)
-
-    return undo
+def _rescaled(factor: float, with_errors: bool, sounding: Sounding) -> Observation:
+    observation = sounding.observation
+    errors = observation.error_std * factor if with_errors else observation.error_std
+    return replace(observation, velocity=observation.velocity * factor, error_std=errors)
 
 
 def _at(sounding: Sounding, depth: Array) -> Observation:

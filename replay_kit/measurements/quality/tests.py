@@ -8,6 +8,7 @@ their numbers to the operator; Teledyne's commands WC, WE and its percent good; 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -24,16 +25,47 @@ _BEAMS = 3
 _MAD = 1.4826
 # bins; fewer have no median that one of them could not move
 _FEWEST = 4
+OFF = "switched off"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Check:
+    """The result of one test of a ping.
+
+    Attributes:
+        test: Its name, as in the configuration.
+        reason: What a bin is marked with that it finds suspect or fails.
+        flags: shape (n,), QARTOD flags.
+        why_not: Why it could not be made; empty when it was.
+    """
+
+    test: str
+    reason: Reason
+    flags: Flags
+    why_not: str = ""
+
+
+def check(n: int, test: str, reason: Reason, values: Array | str, limits: Limits, least: bool) -> Check:
+    """Return the result of a test of the numbers of n bins, or why there are none; see ``graded``."""
+    if limits != (None, None) and not isinstance(values, str):
+        return Check(test, reason, graded(values, limits, least))
+    return Check(test, reason, _not_evaluated(n), OFF if limits == (None, None) else str(values))
+
+
+@lru_cache(maxsize=64)
+def _not_evaluated(n: int) -> Flags:
+    return np.full(n, Flag.NOT_EVALUATED, np.int8)
 
 
 def graded(values: Array, limits: Limits, least: bool) -> Flags:
     """Return the flags of values against limits; not evaluated where a value is NaN, or without any limit.
 
     Args:
-        values: shape (n,).
+        values: shape (n,), or (n, b) of beams, of which ``worst_needed`` counts.
         limits: Suspect and fail.
         least: Whether the limits are the least that is good, else the most.
     """
+    values = values if values.ndim == 1 else worst_needed(values)
     flags = np.full(values.shape, Flag.NOT_EVALUATED, np.int8)
     if limits == (None, None):
         return flags
@@ -55,40 +87,6 @@ def worst_needed(beams: Array) -> Array:
     needed = min(_BEAMS, beams.shape[1])
     # NaN sorts last, so beams without a number stand behind all others
     return np.asarray(-np.sort(-beams, axis=1)[:, needed - 1])
-
-
-def percent_good(values: Array, turned: bool) -> Array:
-    """Return the percentage of solutions in each cell, shape (n,).
-
-    Args:
-        values: shape (n, k) [%]: one number a cell, one a beam, or Teledyne's four of velocities that the instrument turned:
-            three-beam solutions, rejected ones, cells with too few beams, four-beam solutions.
-        turned: Whether these four are what is held.
-    """
-    if turned and values.shape[1] == 4:
-        return np.asarray(values[:, 0] + values[:, 3])
-    return worst_needed(values)
-
-
-def tilt(pitch_deg: float, roll_deg: float) -> float:
-    """Return the angle between an instrument's axis and the vertical [degrees], whichever way it looks; NaN when not known."""
-    return float(np.rad2deg(np.arccos(np.abs(np.cos(np.deg2rad(pitch_deg)) * np.cos(np.deg2rad(roll_deg))))))
-
-
-def sidelobe(distance: Array, cell_size: float, boundary: float, cosine: float) -> Flags:
-    """Return the flags of bins against the echo of the surface or of the bottom: those that reach into its side lobe fail.
-
-    A beam's side lobe meets the boundary straight ahead before the beam itself does, so that the last part of the range,
-    1 - cos(beam angle) of it, is spoiled.
-
-    Args:
-        distance: shape (n,) [m], vertical, from the transducer to the bins' centres.
-        cell_size: [m]; a bin of unknown size (NaN) is spoiled when its centre is.
-        boundary: [m], vertical, from the transducer to the boundary; NaN when not known.
-        cosine: Of the angle between a beam and the instrument's axis.
-    """
-    edge = distance + (0.5 * cell_size if np.isfinite(cell_size) else 0.0)
-    return graded(edge if np.isfinite(boundary) else np.full(edge.shape, np.nan), (None, boundary * cosine), least=False)
 
 
 def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
@@ -135,16 +133,16 @@ def _median(values: Array, count: NDArray[np.intp]) -> Array:
     return np.asarray(0.5 * (ordered[rows, lower] + ordered[rows, upper]))
 
 
-def rolled_up(tests: Sequence[tuple[Reason, Flags]], missing: NDArray[np.int32], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
+def rolled_up(tests: Sequence[Check], missing: NDArray[np.int32], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
     """Return each bin's flag, the worst that a test gave, and the reasons of all tests that found it suspect or failed it.
 
     Args:
-        tests: Reason and flags, shape (n,), of each test.
+        tests: The results.
         missing: shape (n,), the reasons of bins that are missing, whatever the tests say; 0 for the others.
         use_suspect: Whether suspect bins stay suspect; else they fail.
     """
-    found = np.array([flags for _, flags in tests])
-    bits = np.array([reason for reason, _ in tests], np.int32)
+    found = np.array([test.flags for test in tests])
+    bits = np.array([test.reason for test in tests], np.int32)
     # in the order of their numbers: not evaluated, suspect, fail; a test that was not made says nothing
     bad = found >= Flag.SUSPECT
     flags = np.where(bad, found, np.int8(Flag.GOOD)).max(axis=0)

@@ -17,25 +17,20 @@ from replay_kit.measurements.messages.motion import Dvl, horizontal, water_track
 from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.ping.adcp_ping import AdcpPing, PlatformVelocity
 from replay_kit.measurements.ping.attitude import attitude_within, with_attitude
-from replay_kit.measurements.ping.earth import earth_referenced
-from replay_kit.measurements.ping.platform_velocity import lacks_motion, waits_until, with_bottom_track
+from replay_kit.measurements.ping.earth import earth_referenced, with_bottom_track
 from replay_kit.measurements.steps.position_matching import RELATIVE, WaitingPing, add, is_unwanted, observe, refuse
-from replay_kit.measurements.steps.positions import record_position
 from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
 from replay_kit.measurements.vehicle.pressure import depth_of_pressure
+from replay_kit.measurements.vehicle.vessel_velocity import waits_until
 
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
 _INCOMPLETE = "part of an incomplete ping"
 _ALSO_INVERTED = "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
 _INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
-_NO_REFERENCE = (
-    "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
-    "when the message has no place for it"
-)
 _NO_ATTITUDE = "DVL: no attitude within a second"
 _NO_DECLINATION = "DVL: whether its heading is true or magnetic is not known; state measurements.magnetic_declination, 0 for a true one"
-_NO_LAYER = "DVL: water track, whose layer's depth it does not say; state measurements.water_track_distance"
+_NO_LAYER = "DVL: water track, known layer's depth it does not say; state measurements.water_track_distance"
 _NO_BOTTOM = "DVL: water track without a bottom track, which says nothing of the current"
 
 
@@ -47,20 +42,14 @@ def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> s
 
 
 def take_stated_ping(state: MeasurementState, stated: StatedPing, source: Source, config: MeasurementConfig) -> Step:
-    """Return the state after a message with a profile, and the events; a position in it counts even where the profile does not."""
-    if stated.position is not None and stated.elsewhere:
-        ping = earth_referenced(parse_ping(stated.payload, config.reference), config)
-        here = stated.position
-        place = VehicleState(source.time_ns, here.longitude, here.latitude, here.depth, False, source)
-        return state, observe(WaitingPing(ping, source, here.depth, 0, 1, source.time_ns), place, None, config)
-    events: list[Event] = []
-    if stated.position is not None:
-        # the message counts once, as the ping that it is
-        state, (_, *events) = record_position(state, stated.position, source, config)
-    if stated.payload.get("reference") is None and config.reference is None:
-        return state, [*events, Skipped(source.topic, _NO_REFERENCE)]
-    state, more = _take_payload(state, stated.payload, source, 1, config)
-    return state, [*events, *more]
+    """Return the state after a message with a profile, and the events."""
+    if stated.place is None:
+        return _take_payload(state, stated.payload, source, 1, config)
+    # where a mooring measured tells nothing of the vehicle: its ping is taken as if nothing else were known, and in no dive
+    place = VehicleState(source.time_ns, stated.place.longitude, stated.place.latitude, stated.place.depth, False, source)
+    alone = MeasurementState(fix=place, depth=place.depth)
+    _, events = _take_payload(alone, {**stated.payload, "dive": 0}, source, 1, config)
+    return state, events
 
 
 def take_ping_frame(state: MeasurementState, frame: PingFrame, source: Source, config: MeasurementConfig) -> Step:
@@ -80,7 +69,7 @@ def take_ping_frame(state: MeasurementState, frame: PingFrame, source: Source, c
 
 
 def incomplete(frames: Mapping[Key, Mapping[str, PingFrame]]) -> list[Event]:
-    """Return the events of frames whose pings have lost others."""
+    """Return the events of frames known pings have lost others."""
     return [Skipped(topic, _INCOMPLETE) for (topic, _, _), parts in frames.items() for _ in parts]
 
 
@@ -96,15 +85,15 @@ def take_dvl(state: MeasurementState, stated: Dvl, source: Source, config: Measu
     if config.water_track_distance is None:
         return state, [Skipped(source.topic, _NO_LAYER)]
     ping = parse_ping(water_track(east, north, stated.error_std, config.water_track_distance))
-    if lacks_motion(with_bottom_track(ping, state.bottom, source.time_ns)):
+    if with_bottom_track(ping, state.bottom, source.time_ns, config.max_speed).platform_velocity is None:
         return state, [Skipped(source.topic, _NO_BOTTOM)]
     return resolve_ping(state, ping, source, 1, config)
 
 
 def _take_payload(state: MeasurementState, payload: Mapping[str, Any], source: Source, n_messages: int, config: MeasurementConfig) -> Step:
     try:
-        ping = with_attitude(parse_ping(payload, config.reference), state.orientation, source.time_ns)
-        return resolve_ping(state, ping, source, n_messages, config)
+        ping = parse_ping(payload, config.reference)
+        return resolve_ping(state, with_attitude(ping, state.orientation, source.time_ns), source, n_messages, config)
     except MeasurementError as error:
         return state, [Skipped(source.topic, str(error))] * n_messages
 
@@ -118,17 +107,19 @@ def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_mess
         MeasurementError: The ping does not say what turns its velocities to the earth's axes.
     """
     raw = raw_values(ping.velocity)
-    ping = with_bottom_track(ping, state.bottom, source.time_ns)
-    until_ns = waits_until(ping, source.time_ns, () if state.submerged else state.track)
+    ping = with_bottom_track(ping, state.bottom, source.time_ns, config.max_speed)
     ping = earth_referenced(ping, config)
+    absolute = ping.reference == "earth"
+    until_ns = source.time_ns if absolute or state.submerged else waits_until(source.time_ns, state.track)
     waiting = WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, raw)
     if until_ns == source.time_ns and is_unwanted(ping, config):
         return state, refuse(waiting, RELATIVE)
     depth = depth_of_pressure(ping.pressure, state.latitude)
     if not np.isfinite(state.depth) and np.isfinite(depth):
-        # a log whose only depth is the ping's own pressure still has dives
+        # a log known only depth is the ping's own pressure still has dives
         state = replace(at_depth(state, depth, config), depth=float("nan"))
-    waiting = replace(waiting, dive=state.dive if ping.dive is None else ping.dive)
+    dive = state.dive if ping.dive is None else ping.dive
+    waiting = replace(waiting, dive=dive, in_dive=state.submerged and state.fix is not None)
     if state.fix is not None and state.fix.time_ns == source.time_ns == until_ns:
         return state, observe(waiting, state.fix, None, config)
     return replace(state, waiting=add(state.waiting, waiting)), []

@@ -3,8 +3,10 @@
 The waiting pings are one tuple in the order of their times: to add a ping costs a copy of the tuple and no more.
 """
 
+import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -15,13 +17,17 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation, RawValues, Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
-from replay_kit.measurements.ping.earth import added_velocity
-from replay_kit.measurements.ping.platform_velocity import Fixes, fixes_around, with_gps_velocity
+from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from replay_kit.measurements.ping.profile import profile_of
-from replay_kit.measurements.quality.ping import Check, checks, flags_of
+from replay_kit.measurements.quality.ping import checks, flags_of
+from replay_kit.measurements.vehicle.vessel_velocity import Fixes, fixes_around, vessel_velocity
 
+# m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
+# the straight way between its ends, is off by this times T s (1 - s)
+_SPEED_STD = 0.1
 #: The reason of a ping that is no absolute profile, where these alone are wanted.
 RELATIVE = "velocity relative to the platform, whose own motion is not known"
+_time = attrgetter("source.time_ns")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +42,7 @@ class WaitingPing:
         n_messages: Messages that carried it: more than one in MAVLink.
         until_ns: When the fixes are there that give its place, and its platform's velocity [ns, UTC].
         raw: Of its velocities before any rotation.
+        in_dive: Whether the vehicle was in a dive, and a position before it is known.
     """
 
     ping: AdcpPing
@@ -45,6 +52,11 @@ class WaitingPing:
     n_messages: int
     until_ns: int
     raw: RawValues = RawValues()
+    in_dive: bool = False
+
+    def longest_wait(self, config: MeasurementConfig) -> float:
+        """Return how long it waits for a position [s]."""
+        return max(config.position_max_gap, config.position_max_age) if self.in_dive else config.position_max_age
 
 
 def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
@@ -86,54 +98,40 @@ def place(
     time_ns = ping.source.time_ns
     if ping.until_ns == time_ns:
         return observe(ping, before, after, config)
-    absolute = with_gps_velocity(ping.ping, time_ns, track, config)
+    motion = vessel_velocity(time_ns, track)
+    absolute = ping.ping if motion is None else earth_referenced(replace(ping.ping, platform_velocity=motion), config)
     if is_unwanted(absolute, config):
         return refuse(ping, RELATIVE)
-    return observe(replace(ping, ping=absolute), *fixes_around(track, time_ns), config)
+    # the ping was passed by positions while it waited
+    earlier, later = fixes_around(track, time_ns)
+    return observe(replace(ping, ping=absolute), earlier or before, later or after, config)
 
 
-def observe(ping: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig) -> list[Event]:
+def observe(waiting: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig) -> list[Event]:
     """Return the events of a ping whose neighbouring positions are known, one for each message that carried it.
 
     Args:
-        ping: The ping.
+        waiting: The ping.
         before: Last position before the ping, or at its time.
         after: First position after it; None when none came.
         config: How messages become observations.
     """
-    position = _interpolate(ping.source.time_ns, before, after, config.position_max_age)
+    ping, source = waiting.ping, waiting.source
+    position, position_std = _place(waiting, before, after, config)
     if position is None:
-        return refuse(ping, f"no position within {config.position_max_age:g} s")
-    try:
-        observation, found = _observation(ping, position, config)
-    except MeasurementError as error:
-        return refuse(ping, str(error))
-    topic = ping.source.topic
-    return [*[Used(topic)] * (ping.n_messages - 1), Used(topic, found), observation]
-
-
-def refuse(ping: WaitingPing, reason: str) -> list[Event]:
-    """Return the events of a ping that is not used, one for each message that carried it."""
-    return [Skipped(ping.source.topic, reason)] * ping.n_messages
-
-
-def _time(ping: WaitingPing) -> int:
-    return ping.source.time_ns
-
-
-def _observation(waiting: WaitingPing, position: tuple[float, float], config: MeasurementConfig) -> tuple[Observation, tuple[Check, ...]]:
-    longitude, latitude = position
-    ping = waiting.ping
+        return refuse(waiting, f"no position within {config.position_max_age:g} s")
     # a log that never states a depth is a surface vessel's
     as_it_is = np.isfinite(waiting.depth) or ping.needs_vehicle_depth
-    profile = profile_of(ping, waiting.depth if as_it_is else 0.0, latitude, config)
+    try:
+        profile = profile_of(ping, waiting.depth if as_it_is else 0.0, position[1], config)
+    except MeasurementError as error:
+        return refuse(waiting, str(error))
     found = checks(ping, profile, waiting.depth, waiting.dive, config)
     flags, reasons = flags_of(profile, found, config.quality.use_suspect)
     platform_velocity, common_std = added_velocity(ping, config)
     observation = Observation(
-        waiting.source.time_ns,
-        longitude,
-        latitude,
+        source.time_ns,
+        *position,
         profile.depth,
         profile.velocity,
         profile.error_std,
@@ -141,13 +139,33 @@ def _observation(waiting: WaitingPing, position: tuple[float, float], config: Me
         flags,
         reasons,
         waiting.dive,
-        waiting.source,
+        source,
         common_std,
         ping.correlation_depth if ping.correlation_depth >= 0.0 else config.correlation_depth,
         platform_velocity,
-        waiting.raw,
+        raw=waiting.raw,
+        position_std=position_std,
     )
-    return observation, found
+    return [*[Used(source.topic)] * (waiting.n_messages - 1), Used(source.topic, found), observation]
+
+
+def refuse(ping: WaitingPing, reason: str) -> list[Event]:
+    """Return the events of a ping that is not used, one for each message that carried it."""
+    return [Skipped(ping.source.topic, reason)] * ping.n_messages
+
+
+def _place(
+    waiting: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig
+) -> tuple[tuple[float, float] | None, float]:
+    """Return longitude and latitude of a ping, or None, and the standard deviation of a place that lies far from both positions [m]."""
+    time_ns = waiting.source.time_ns
+    near = _interpolate(time_ns, before, after, config.position_max_age)
+    if near is not None or not waiting.in_dive or before is None or after is None:
+        return near, 0.0
+    gap_s, since_s = (after.time_ns - before.time_ns) * 1e-9, (time_ns - before.time_ns) * 1e-9
+    if gap_s > config.position_max_gap:
+        return None, 0.0
+    return _interpolate(time_ns, before, after, math.inf), _SPEED_STD * since_s * (1.0 - since_s / gap_s)
 
 
 def _interpolate(time_ns: int, before: VehicleState | None, after: VehicleState | None, max_age_s: float) -> tuple[float, float] | None:

@@ -14,10 +14,10 @@ from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.mavlink_vehicle import GpsStatus, NavigationPosition, is_dead_reckoned
 from replay_kit.measurements.messages.position import Depth, Pose, Position, Pressure, checked
 from replay_kit.measurements.ping.attitude import Orientation
-from replay_kit.measurements.ping.platform_velocity import append_fix
 from replay_kit.measurements.steps.position_matching import place, ready
 from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
 from replay_kit.measurements.vehicle.pressure import depth_of_pressure
+from replay_kit.measurements.vehicle.vessel_velocity import append_fix
 
 _ATTITUDE = "attitude: kept for pings that do not state theirs"
 _NO_DAC = "depth-averaged current: not used (measurements.use_dac)"

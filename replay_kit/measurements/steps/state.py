@@ -11,9 +11,9 @@ from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame
 from replay_kit.measurements.messages.position import Pose
 from replay_kit.measurements.ping.adcp_ping import PlatformVelocity
 from replay_kit.measurements.ping.attitude import Orientation
-from replay_kit.measurements.ping.platform_velocity import Fixes
 from replay_kit.measurements.steps.position_matching import WaitingPing
 from replay_kit.measurements.vehicle.dives import is_submerged
+from replay_kit.measurements.vehicle.vessel_velocity import Fixes
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.measurements.vehicle.dives import is_submerged
 
-Numbers = NDArray[np.int32]
-
 
 class SegmentClass(IntEnum):
     """What a sample of a track belongs to."""
@@ -26,6 +24,9 @@ class SegmentClass(IntEnum):
     NO_DEPTH = 2
     TIME_BACK = 3
     UNDETERMINED = 4
+
+
+Numbers = NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

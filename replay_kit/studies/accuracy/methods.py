@@ -6,7 +6,7 @@ import numpy as np
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.estimator.baselines import BASELINES, build_baseline
 from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS, cell_size
@@ -21,11 +21,13 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
     Raises:
         ConfigError: The name is unknown.
     """
-    if name == "default":
-        return build_estimator(ensemble, config.model_copy(update={"preset": "default"}), GatingConfig())
-    if name not in ("paper", "paper_cells"):
+    if name not in ("default", "paper", "paper_cells"):
         return build_baseline(name, ensemble, config)
-    update: dict[str, Any] = {"preset": "paper"}
-    if name == "paper_cells":
-        update["length_horizontal"] = LENGTH_IN_CELLS * float(np.sqrt(np.prod(cell_size(ensemble.grid))))
-    return build_estimator(ensemble, config.model_copy(update=update))
+    return build_estimator(ensemble, preset_config(name, ensemble.grid, config), GatingConfig() if name == "default" else None)
+
+
+def preset_config(name: str, grid: Grid, config: EstimatorConfig) -> EstimatorConfig:
+    """Return the settings of ``default``, ``paper`` or ``paper_cells``: its preset, and its length on a grid."""
+    length = LENGTH_IN_CELLS * float(np.sqrt(np.prod(cell_size(grid))))
+    cells = {"length_horizontal": length} if name == "paper_cells" else {}
+    return config.model_copy(update={"preset": "default" if name == "default" else "paper", **cells})

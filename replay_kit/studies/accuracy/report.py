@@ -1,28 +1,21 @@
 """The comparison of methods to JSON and to the console."""
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 from rich.console import Console
 
 from replay_kit.studies.accuracy.run import FIGURES, AccuracyResult, AccuracyRow
 from replay_kit.studies.reports.tables import Cell, Table
-from replay_kit.studies.reports.write import number, plain, print_tables, versions
+from replay_kit.studies.reports.write import answer_of, number, print_tables
 
 _COLUMNS = ("truth", "method", "pings", "rel. error", "RMSE", "bound", "NIS/dof", "cov. 50", "cov. 90", "CRPS")
 
 
 def to_json(result: AccuracyResult) -> dict[str, Any]:
     """Return the JSON object of ``--json``; undefined figures are null."""
-    return {
-        **({"unfinished": True} if result.unfinished else {}),
-        "results": [_row_json(row) for row in result.rows],
-        "ensemble": result.ensemble,
-        "truth": result.truth,
-        "modes": result.modes,
-        "noise": result.noise,
-        "versions": versions("numpy", "scipy"),
-    }
+    figures = {field.name: getattr(result, field.name) for field in fields(result) if field.name != "rows"}
+    return answer_of({"unfinished": result.unfinished, "results": [_row_json(row) for row in result.rows], **figures}, "numpy", "scipy")
 
 
 def print_accuracy(result: AccuracyResult, console: Console) -> None:
@@ -39,4 +32,4 @@ def print_accuracy(result: AccuracyResult, console: Console) -> None:
 
 def _row_json(row: AccuracyRow) -> dict[str, Any]:
     left_out = {name for name, absent in (("truth", row.truth is None), ("failed", not row.failed)) if absent}
-    return {name: plain(value) for name, value in asdict(row).items() if name not in left_out}
+    return {name: value for name, value in asdict(row).items() if name not in left_out}

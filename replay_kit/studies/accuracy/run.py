@@ -5,7 +5,7 @@ pings: the estimator is online, so its estimate after n profiles is the one it w
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -17,10 +17,8 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator import Estimator
 from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs.checks import check_counts, check_names, check_not_negative, check_positive
-from replay_kit.studies.jobs.failures import EXPECTED_FAILURES, reason_of
-from replay_kit.studies.jobs.progress import Advance, Progress, counter
-from replay_kit.studies.scoring.bound import bound
-from replay_kit.studies.scoring.scores import Score, score
+from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, counter, reason_of
+from replay_kit.studies.scoring.scores import Score, bound, score
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import random_observations
 from replay_kit.studies.twins.truths import Case, cases
@@ -120,14 +118,9 @@ class _Survey:
 
 
 def run_accuracy(
-    ensemble: Ensemble,
-    truth: Ensemble | None,
-    config: EstimatorConfig,
-    job: AccuracyJob,
-    progress: Progress | None = None,
-    keep: Callable[[AccuracyResult], None] = lambda result: None,
-) -> AccuracyResult:
-    """Return how well each method estimates a truth.
+    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: AccuracyJob, progress: Progress | None = None
+) -> Iterator[AccuracyResult]:
+    """Yield how well each method estimates a truth: the result so far after each method, then the whole one.
 
     Args:
         ensemble: All members.
@@ -135,7 +128,6 @@ def run_accuracy(
         config: Of the default estimator; the other methods take the settings that apply to them.
         job: What to compare.
         progress: Called with profiles done, profiles in all, and what is being run.
-        keep: Called with the result so far, after each method.
 
     A method that fails for a reason of ``EXPECTED_FAILURES`` has rows that state it; the others go on.
 
@@ -160,10 +152,10 @@ def run_accuracy(
         for method in job.methods:
             of_method = _run_method(method, _Survey(case, at, profiles), config, job.pings, advance)
             rows += [replace(row, truth=case.member) for row in of_method] if all_in_turn else of_method
-            keep(result(True))
+            yield result(True)
     if all_in_turn:
         rows += _means(rows, job)
-    return result(False)
+    yield result(False)
 
 
 def _run_method(method: str, survey: _Survey, config: EstimatorConfig, pings: Sequence[int], advance: Advance) -> list[AccuracyRow]:

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from replay_kit.studies.dives.run import DivePrediction, DivesResult, rms_length
+from replay_kit.studies.dives.run import DivePrediction, DivesResult
 from replay_kit.studies.reports.tables import Table
-from replay_kit.studies.reports.write import number, plain, print_tables, versions
+from replay_kit.studies.reports.write import answer_of, number, print_tables
+from replay_kit.workflows.replay.scoring import rms_length
 
 _TITLES = {"profiles": "RMS length of the error of profiles", "mean": "RMS length of the error of depth-averaged currents"}
 
@@ -51,24 +52,22 @@ def _table(result: DivesResult, kind: str) -> Table:
 
 def _rmse(dive: DivePrediction, kind: str) -> dict[str, float]:
     """Return the root mean square length of a dive's error vectors [m/s], by method."""
-    return {method: rms_length([error]) for method, error in dive.errors[kind].items()}
+    return {method: rms_length(error) for method, error in dive.errors[kind].items()}
 
 
 def to_json(result: DivesResult) -> dict[str, Any]:
     """Return the result's figures for JSON; undefined ones are null, as is a scale that is infinite."""
-    answer: dict[str, Any] = plain(
-        {
-            "rmse": {kind: result.rmse(kind) for kind in _TITLES},
-            "nis_per_dof": result.nis_per_dof,
-            "coverage": {name: {f"{share:g}": value for share, value in shares.items()} for name, shares in result.coverages().items()},
-            "dives": [_dive_json(dive) for dive in result.dives],
-            "ensemble": result.ensemble,
-            "fitted": result.fitted,
-            "oscillators": result.oscillators,
-            "versions": versions("numpy"),
-        }
-    )
-    return answer
+    answer = {
+        "rmse": {kind: result.rmse(kind) for kind in _TITLES},
+        "nis_per_dof": result.nis_per_dof,
+        "coverage": {name: {f"{share:g}": value for share, value in shares.items()} for name, shares in result.coverages().items()},
+        "dives": [_dive_json(dive) for dive in result.dives],
+        "ensemble": result.ensemble,
+        "fitted": result.fitted,
+        "oscillators": result.oscillators,
+        "unfinished": result.unfinished,
+    }
+    return answer_of(answer, "numpy")
 
 
 def _dive_json(dive: DivePrediction) -> dict[str, Any]:

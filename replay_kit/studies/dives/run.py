@@ -19,6 +19,7 @@ from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
 from replay_kit.studies.dives.predict import Expected, Surfacing, expect, surfacing, withheld
 from replay_kit.studies.dives.read import Dive
 from replay_kit.studies.jobs.progress import Progress
+from replay_kit.workflows.replay.scoring import rms_length
 
 SHARES = (0.5, 0.9)
 
@@ -60,22 +61,24 @@ class DivesResult:
         ensemble: Its file.
         fitted: Whether settings were fitted to the dives before each.
         oscillators: What oscillated.
+        unfinished: Whether more dives were to follow when this was written.
     """
 
     dives: tuple[DivePrediction, ...]
     ensemble: str
     fitted: bool
     oscillators: tuple[str, ...]
+    unfinished: bool = False
 
     def rmse(self, kind: str) -> dict[str, float]:
-        """Return the root mean square length of the error vectors of each method over all dives but the first [m/s]; NaN without any.
+        """Return the root mean square length of the error vectors of each method over all dives but the first that have any [m/s].
 
         Args:
             kind: ``profiles`` or ``mean``.
         """
         of_dives = [dive.errors[kind] for dive in self.dives[1:]]
         methods = {method: None for errors in of_dives for method in errors}
-        return {method: rms_length([errors[method] for errors in of_dives if method in errors]) for method in methods}
+        return {method: rms_length(np.concatenate([errors[method] for errors in of_dives if method in errors])) for method in methods}
 
     @property
     def nis_per_dof(self) -> float:
@@ -97,16 +100,10 @@ class DivesResult:
         return out
 
 
-def rms_length(errors: Sequence[Array]) -> float:
-    """Return the root mean square length of error vectors, arrays of shape (n, 2); NaN without any."""
-    vectors = np.concatenate([np.empty((0, 2)), *errors])
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))) if len(vectors) else math.nan
-
-
 def run_dives(
     estimator: EvolvingEstimator, dives: Sequence[Dive], config: RunConfig, fit: bool, source: str, progress: Progress | None = None
-) -> DivesResult:
-    """Return each dive predicted from the dives before it.
+) -> Iterator[DivesResult]:
+    """Yield the dives predicted so far, each from the dives before it, after each dive; the last result has them all.
 
     Args:
         estimator: As configured.
@@ -123,7 +120,7 @@ def run_dives(
     settings = initial_settings(small, config.time)
     # with --fit nothing is gated: the likelihood counts every observation with the errors of the settings
     small = replace(small, gating=None) if fit else small
-    changed, done = fitted_estimator(small, config.time, settings), []
+    changed, done = fitted_estimator(small, config.time, settings), list[DivePrediction]()
     state = changed.initial()
     for k, dive in enumerate(dives):
         if progress is not None:
@@ -136,12 +133,14 @@ def run_dives(
         elif k:
             state = _after(changed, state, dives[k - 1].given, settings)
         done.append(_predicted(changed, state, dives[:k], dive, settings))
+        if k + 1 < len(dives):
+            yield DivesResult(tuple(done), source, fit, config.time.oscillators, unfinished=True)
     if not any(dive.dof or dive.errors["mean"] for dive in done):
         raise MeasurementError(
             f"{source}: none of the {len(dives)} dives has a bin or a mean current in the ensemble's region; use an ensemble of the right "
             "place, or --place-ensemble for a study"
         )
-    return DivesResult(tuple(done), source, fit, config.time.oscillators)
+    yield DivesResult(tuple(done), source, fit, config.time.oscillators)
 
 
 def _all_of(dive: Dive) -> Iterator[Measurement]:

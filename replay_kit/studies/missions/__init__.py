@@ -2,16 +2,6 @@
 
 from replay_kit.studies.missions.job import STUDIES, MissionJob
 from replay_kit.studies.missions.report import FILES, print_missions, to_csv, to_json, write_missions
-from replay_kit.studies.missions.run import MissionResult, run_missions
+from replay_kit.studies.missions.run import run_missions
 
-__all__ = [
-    "FILES",
-    "STUDIES",
-    "MissionJob",
-    "MissionResult",
-    "print_missions",
-    "run_missions",
-    "to_csv",
-    "to_json",
-    "write_missions",
-]
+__all__ = ["FILES", "STUDIES", "MissionJob", "print_missions", "run_missions", "to_csv", "to_json", "write_missions"]

@@ -2,18 +2,17 @@
 
 import math
 from functools import partial
-from typing import get_args
 
 import numpy as np
 
-from replay_kit.config.time import Bias
-from replay_kit.estimator.evolving import EvolvingEstimator
-from replay_kit.studies.missions.flights import Flight, fly_pings, measurements, pinging_seconds, staying
-from replay_kit.studies.missions.follow import Followed, Own
-from replay_kit.studies.missions.relative import KNOWN_STD
+from replay_kit.estimator.evolving import EvolvingEstimator, build_evolving
+from replay_kit.studies.missions.flights import fly_pings, measurements, pinging_seconds, staying
+from replay_kit.studies.missions.follow import Followed
+from replay_kit.studies.missions.given import KNOWN_STD
 from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
-from replay_kit.studies.missions.scene import Scene, own_estimator
-from replay_kit.studies.twins.faults import Faults
+from replay_kit.studies.missions.scene import Scene
+from replay_kit.studies.twins.adcp import Faults
+from replay_kit.studies.twins.messages import Flight
 
 HEADING_DEG, SCALE = 5.0, 0.03
 PLANTED = {"heading": math.radians(HEADING_DEG), "scale": SCALE}
@@ -31,7 +30,7 @@ def biases(scene: Scene) -> list[Figure]:
     sound = measurements(flight, Faults("platform", KNOWN_STD))
     biased = measurements(flight, Faults("platform", KNOWN_STD, HEADING_DEG, SCALE))
     time = scene.config.time.model_copy(update={"biases": ("heading", "scale")})
-    estimating = own_estimator(scene.case, scene.config.model_copy(update={"time": time}))
+    estimating = build_evolving(scene.case.forecasts, scene.config.estimator, time, scene.config.gating)
     clean = scene.errors("sound", scene.own, sound)
     figures = [
         Figure("sound, without bias states", RMSE, clean.mean()),
@@ -54,31 +53,29 @@ def biases(scene: Scene) -> list[Figure]:
 
 def _dense(scene: Scene) -> Flight:
     """Return a mission that pings every ten minutes, as an instrument does."""
-    sea, days = scene.flight.sea, min(scene.job.days, _DAYS)
-    pings = max(1, int(pinging_seconds(sea, days) / _EVERY_S))
-    return staying(partial(fly_pings, sea, pings, days, scene.job.noise), scene.flight.seed)
+    field, days = scene.flight.field, min(scene.job.days, _DAYS)
+    pings = max(1, int(pinging_seconds(field, days) / _EVERY_S))
+    return staying(partial(fly_pings, field, pings, days, scene.job.noise), scene.flight.seed)
 
 
 def _named(method: str, followed: Followed[float], planted: bool) -> list[Figure]:
     """Return which errors a run that estimates none of them names as significant."""
-    suspected = followed.state.bias_score.significant()
+    significant = followed.state.bias_score.significant()
     figures = []
     for name in PLANTED:
         unit, factor = _UNIT[name]
         least, most = (1.0, np.nan) if planted else (np.nan, 0.0)
-        figures.append(Figure(method, f"{name} is named", float(name in suspected), at_least=least, at_most=most))
-        if name in suspected:
-            figures.append(Figure(method, f"{name} as named [{unit}]", factor * suspected[name][0]))
-    figures.append(Figure(method, "shear is named, wrongly", float("shear" in suspected), at_most=0.0))
+        figures.append(Figure(method, f"{name} is named", float(name in significant), at_least=least, at_most=most))
+        if name in significant:
+            figures.append(Figure(method, f"{name} as named [{unit}]", factor * significant[name][0]))
+    figures.append(Figure(method, "shear is named, wrongly", float("shear" in significant), at_most=0.0))
     return figures
 
 
-def _found(method: str, estimator: Own, followed: Followed[float], planted: bool) -> list[Figure]:
+def _found(method: str, estimator: EvolvingEstimator, followed: Followed[float], planted: bool) -> list[Figure]:
     """Return each estimated bias, in standard deviations from zero, and its error."""
-    assert isinstance(estimator, EvolvingEstimator), "biases are estimated through time only"
     figures = []
     for name, (mean, std) in estimator.biases(followed.state).items():
-        assert name in get_args(Bias)
         unit, factor = _UNIT[name]
         true = PLANTED[name] if planted else 0.0
         least, most = (_FOUND, np.nan) if planted else (-_FOUND, _FOUND)

@@ -11,11 +11,11 @@ from replay_kit.studies.missions.flights import measurements
 from replay_kit.studies.missions.follow import follow
 from replay_kit.studies.missions.rows import Figure
 from replay_kit.studies.missions.scene import Scene
+from replay_kit.studies.twins.vehicle import DAY_NS
 
 AHEAD_DAYS = 5.0
 OBSERVED_M = 10e3
 REQUIRED = {0.5: (0.45, 0.55), 0.9: (0.86, 0.94)}
-_DAY_NS = 86_400 * 10**9
 
 
 #: Where, when, which interval, to how many components lie inside, of how many.
@@ -25,7 +25,7 @@ _Hits = dict[tuple[str, str, float], tuple[int, int]]
 def coverage(scene: Scene) -> list[Figure]:
     """Return the figures of one mission."""
     scene.report("intervals")
-    ahead_ns = int(AHEAD_DAYS * _DAY_NS)
+    ahead_ns = int(AHEAD_DAYS * DAY_NS)
     last_ns = int(scene.case.times_ns[-1])
     pinged_ns, places = scene.flight.mission.pings.time_ns, scene.flight.places
 

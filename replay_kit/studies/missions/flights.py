@@ -1,53 +1,24 @@
 """A glider's mission in a truth, and what an estimator is given of it: through the log's messages, as a replay has them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.observation import Measurement
 from replay_kit.measurements import observations
-from replay_kit.studies.twins.adcp import AdcpSettings, measure
-from replay_kit.studies.twins.faults import Faults, as_logged
+from replay_kit.studies.twins.adcp import SOUND, Faults
 from replay_kit.studies.twins.field import Field
-from replay_kit.studies.twins.glider import STEP_S, SURFACE_STEPS, GliderLimits, Schedule, mission
-from replay_kit.studies.twins.messages import Record, mission_messages
-from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
+from replay_kit.studies.twins.glider import STEP_S, SURFACE_STEPS, GliderLimits, Schedule, dive_steps, mission
+from replay_kit.studies.twins.messages import Flight, measured_on
+from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Mission
 
-SOUND = Faults()
 _USUAL = GliderLimits()
 _DAY_S = 86_400.0
 # a course begins at one of four corners, so that more attempts meet all of them
 _ATTEMPTS = 10
 _NEXT_SEED = 10_000
-_NS = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Flight:
-    """A mission flown, and the water measured on it.
-
-    Attributes:
-        sea: The truth.
-        mission: What the glider did.
-        settings: Of its instrument.
-        measured: shape (pings, cells, 2) [m/s], the water over the ground with noise, true east and north.
-        seed: Of the course, the noise, and the faults.
-    """
-
-    sea: Field
-    mission: Mission
-    settings: AdcpSettings
-    measured: Array
-    seed: int
-
-    @property
-    def places(self) -> Array:
-        """Where it pinged, shape (pings, 2) [m], local axes."""
-        return np.column_stack([self.mission.pings.east, self.mission.pings.north])
 
 
 def staying(fly: Callable[[int], Flight], seed: int) -> Flight:
@@ -68,18 +39,16 @@ def staying(fly: Callable[[int], Flight], seed: int) -> Flight:
     return fly(seed + _NEXT_SEED * (_ATTEMPTS - 1))
 
 
-def dive_seconds(sea: Field, limits: GliderLimits) -> float:
+def dive_seconds(field: Field, limits: GliderLimits) -> float:
     """Return how long a dive and the stay at the surface after it take [s]."""
-    bottom = min(limits.max_depth, float(sea.grid.levels[-1]))
-    leg = max(1, round(bottom / (limits.speed * np.sin(np.deg2rad(limits.glide_angle_deg)) * STEP_S)))
-    return float(STEP_S * (2 * leg + SURFACE_STEPS))
+    return float(STEP_S * (dive_steps(field, limits) + SURFACE_STEPS))
 
 
-def fly_pings(sea: Field, pings: int, days: float, noise: float, seed: int) -> Flight:
+def fly_pings(field: Field, pings: int, days: float, noise: float, seed: int) -> Flight:
     """Return a mission with its pings spread evenly over some days, from the truth's first time on.
 
     Args:
-        sea: The truth; one that changes ends the mission before its last time.
+        field: The truth; one that changes ends the mission before its last time.
         pings: Number of pings.
         days: Over which they are spread.
         noise: [m/s].
@@ -88,25 +57,25 @@ def fly_pings(sea: Field, pings: int, days: float, noise: float, seed: int) -> F
     Raises:
         ConfigError: The pings do not fit into the time.
     """
-    steps = int(pinging_seconds(sea, days) / pings / STEP_S)
+    steps = int(pinging_seconds(field, days) / pings / STEP_S)
     if steps < 1:
         raise ConfigError(f"--pings: {pings} pings, {STEP_S} s apart at least, take longer than {days:g} days or the truth's time")
-    return _flown(sea, noise, seed, lambda rng: mission(sea, pings, _start_ns(sea), rng, schedule=Schedule(steps, to_the_end=True)))
+    return _flown(field, noise, seed, lambda rng: mission(field, pings, _start_ns(field), rng, schedule=Schedule(steps, to_the_end=True)))
 
 
-def pinging_seconds(sea: Field, days: float) -> float:
+def pinging_seconds(field: Field, days: float) -> float:
     """Return for how long a mission of some days can ping [s]: in a truth that changes its last dive ends before the truth does."""
-    if sea.time_ns.size < 2:
+    if field.time_ns.size < 2:
         return days * _DAY_S
-    end_s = float(sea.time_ns[-1] - sea.time_ns[0]) / _NS
-    return min(days * _DAY_S, end_s - dive_seconds(sea, _USUAL) - 2 * SURFACE_STEPS * STEP_S)
+    end_s = float(field.time_ns[-1] - field.time_ns[0]) / NS_PER_S
+    return min(days * _DAY_S, end_s - dive_seconds(field, _USUAL) - 2 * SURFACE_STEPS * STEP_S)
 
 
-def fly_dives(sea: Field, dives: int, noise: float, limits: GliderLimits, seed: int) -> Flight:
+def fly_dives(field: Field, dives: int, noise: float, limits: GliderLimits, seed: int) -> Flight:
     """Return a mission of some dives; in a truth that changes it ends with the truth, where the forecast is least sure.
 
     Args:
-        sea: The truth.
+        field: The truth.
         dives: Number of dives.
         noise: [m/s], of the pings, one in ten minutes.
         limits: How it dives.
@@ -115,16 +84,16 @@ def fly_dives(sea: Field, dives: int, noise: float, limits: GliderLimits, seed: 
     Raises:
         ConfigError: The dives take longer than the truth lasts.
     """
-    seconds = dives * dive_seconds(sea, limits) + SURFACE_STEPS * STEP_S
-    start_ns = _start_ns(sea)
-    if sea.time_ns.size > 1:
-        start_ns = int(sea.time_ns[-1]) - int(seconds) * _NS
-        if start_ns < sea.time_ns[0]:
+    seconds = dives * dive_seconds(field, limits) + SURFACE_STEPS * STEP_S
+    start_ns = _start_ns(field)
+    if field.time_ns.size > 1:
+        start_ns = int(field.time_ns[-1]) - int(seconds) * NS_PER_S
+        if start_ns < field.time_ns[0]:
             raise ConfigError(f"--dives: {dives} dives take {seconds / _DAY_S:.1f} days, longer than the truth's time")
     steps = 5
     # the last ping is in the last dive
-    pings = int((seconds - 0.5 * dive_seconds(sea, limits)) / (steps * STEP_S))
-    return _flown(sea, noise, seed, lambda rng: mission(sea, pings, start_ns, rng, limits, Schedule(steps, to_the_end=True)))
+    pings = int((seconds - 0.5 * dive_seconds(field, limits)) / (steps * STEP_S))
+    return _flown(field, noise, seed, lambda rng: mission(field, pings, start_ns, rng, limits, Schedule(steps, to_the_end=True)))
 
 
 def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, mean_currents: bool = False) -> tuple[Measurement, ...]:
@@ -136,18 +105,14 @@ def measurements(flight: Flight, faults: Faults = SOUND, *, pings: bool = True, 
         pings: Whether its pings are logged.
         mean_currents: Whether the dives' mean currents are used.
     """
-    velocity, platform = as_logged(flight.measured, flight.mission.pings, flight.sea.grid.projection, faults, flight.seed)
-    record = Record(velocity, flight.settings, faults, platform) if pings else None
-    return tuple(observations(mission_messages(flight.mission, record), MeasurementConfig(use_dac=mean_currents)))
+    return tuple(observations(flight.messages(faults, pings=pings), MeasurementConfig(use_dac=mean_currents)))
 
 
-def _start_ns(sea: Field) -> int:
-    return int(sea.time_ns[0]) or EPOCH_NS
+def _start_ns(field: Field) -> int:
+    return int(field.time_ns[0]) or EPOCH_NS
 
 
-def _flown(sea: Field, noise: float, seed: int, fly: Callable[[np.random.Generator], Mission]) -> Flight:
+def _flown(field: Field, noise: float, seed: int, fly: Callable[[np.random.Generator], Mission]) -> Flight:
     """Return a mission with what its instrument measures, both from one stream of random numbers."""
     rng = np.random.default_rng(seed)
-    flown = fly(rng)
-    settings = AdcpSettings(noise=noise)
-    return Flight(sea, flown, settings, measure(sea, flown.pings, settings, rng), seed)
+    return measured_on(fly(rng), field, noise, rng, seed)

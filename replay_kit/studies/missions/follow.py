@@ -9,14 +9,12 @@ from scipy.special import chdtri
 
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
-from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
+from replay_kit.estimator import Estimator
+from replay_kit.estimator.evolving import EvolvingState
 from replay_kit.studies.missions.rows import Figure
+from replay_kit.studies.twins.vehicle import DAY_NS
 
-#: Estimators that take profiles and mean currents.
-Own = EvolvingEstimator | ReducedBasisEstimator
 Value = TypeVar("Value")
-_DAY_NS = 86_400 * 10**9
 _BAND = (0.025, 0.975)
 
 
@@ -38,7 +36,7 @@ class Followed(Generic[Value]):
         """Return the mean of the values."""
         return float(np.mean(self.values))
 
-    def doubted(self, but: frozenset[int] = frozenset()) -> int:
+    def not_accepted(self, but: frozenset[int] = frozenset()) -> int:
         """Return how many measurements were rejected or downweighted, without those of some times [ns, UTC]."""
         return sum(innovation.decision != "accepted" and innovation.time_ns not in but for innovation in self.innovations)
 
@@ -67,7 +65,7 @@ def evaluated_after(count: int, evaluations: int) -> tuple[int, ...]:
 
 
 def follow(
-    estimator: Own,
+    estimator: Estimator[Any],
     given: Sequence[Measurement],
     evaluations: int,
     evaluate: Callable[[FlowEstimate, int], Value],
@@ -76,7 +74,7 @@ def follow(
     """Return an estimator's way through a mission.
 
     Args:
-        estimator: Static, or through time.
+        estimator: One that takes profiles and mean currents.
         given: The measurements, in order of time.
         evaluations: How often the estimate is evaluated.
         evaluate: Takes the estimate and the time of the last measurement [ns, UTC].
@@ -100,5 +98,5 @@ def follow(
 
 def _inflated(state: EvolvingState, time_ns: int, daily: float) -> EvolvingState:
     """Return a state whose covariance has grown since the last measurement."""
-    days = 0.0 if state.time_ns is None else (time_ns - state.time_ns) / _DAY_NS
+    days = 0.0 if state.time_ns is None else (time_ns - state.time_ns) / DAY_NS
     return replace(state, covariance=daily**days * state.cov, open_group=None)

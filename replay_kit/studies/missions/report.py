@@ -1,14 +1,15 @@
 """The studies to the console, to CSV and to JSON."""
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from replay_kit.studies.missions.rows import MissionRow
 from replay_kit.studies.missions.run import MissionResult
-from replay_kit.studies.reports.tables import Table, named_columns
-from replay_kit.studies.reports.write import json_text, limits_text, plain, print_tables, verdict, versions, write_files
+from replay_kit.studies.reports.tables import Table
+from replay_kit.studies.reports.write import answer_of, json_text, limits_text, met_text, print_tables, write_files
 from replay_kit.studies.reports.write import to_csv as table_to_csv
 
 FILES = ("missions.csv", "missions.json")
@@ -16,13 +17,13 @@ FILES = ("missions.csv", "missions.json")
 
 def to_json(result: MissionResult) -> dict[str, Any]:
     """Return the JSON object of ``--json``; undefined figures are null."""
-    answer: dict[str, Any] = plain({**asdict(result), "versions": versions("numpy", "scipy")})
-    return answer
+    return answer_of(asdict(result), "numpy", "scipy")
 
 
 def to_csv(result: MissionResult) -> str:
     """Return the rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
-    return table_to_csv(named_columns("missions", "All figures", [asdict(row) for row in result.rows]))
+    columns = tuple(field.name for field in fields(MissionRow))
+    return table_to_csv(Table("missions", "All figures", columns, tuple(tuple(asdict(row).values()) for row in result.rows)))
 
 
 def write_missions(out: Path, result: MissionResult) -> None:
@@ -41,7 +42,7 @@ def _table(result: MissionResult, study: str) -> Table:
     times = f" of {result.times} times" if result.times > 1 else ""
     missions = f"{result.job.seeds} missions each, {result.job.pings} pings of {result.job.noise:g} m/s noise"
     rows = tuple(
-        (row.method, row.figure, row.value, limits_text(row.at_least, row.at_most), verdict(row.met), row.by_mission)
+        (row.method, row.figure, row.value, limits_text(row.at_least, row.at_most), met_text(row.met), row.by_mission)
         for row in result.rows
         if row.study == study
     )

@@ -1,24 +1,23 @@
 """All studies on all missions, as one value."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.progress import Progress
+from replay_kit.studies.jobs.progress import Advance, Progress, counter
 from replay_kit.studies.missions.bias import biases
 from replay_kit.studies.missions.coverage import coverage
-from replay_kit.studies.missions.dac import mean_currents_alone
-from replay_kit.studies.missions.flights import Flight, fly_pings, staying
+from replay_kit.studies.missions.flights import fly_pings, staying
+from replay_kit.studies.missions.given import mean_currents_alone, outliers, relative
 from replay_kit.studies.missions.job import MissionJob
-from replay_kit.studies.missions.outliers import outliers
-from replay_kit.studies.missions.relative import relative
 from replay_kit.studies.missions.rows import Figure, MissionRow, over_missions
 from replay_kit.studies.missions.scene import Scene, own_estimator, withhold
 from replay_kit.studies.missions.through_time import through_time
 from replay_kit.studies.twins.field import build_field
+from replay_kit.studies.twins.messages import Flight
 
 _STUDIES: dict[str, Callable[[Scene], list[Figure]]] = {
     "time": through_time,
@@ -41,6 +40,7 @@ class MissionResult:
         times: Number of times of the forecast; 1 when the truth stays as it is.
         job: The options.
         lost: Of each mission that was left out, why: the current carried the glider away.
+        unfinished: Whether more missions were to follow when this was written.
     """
 
     rows: tuple[MissionRow, ...]
@@ -49,10 +49,13 @@ class MissionResult:
     times: int
     job: MissionJob
     lost: tuple[str, ...]
+    unfinished: bool = False
 
 
-def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None) -> MissionResult:
-    """Return the studies on an ensemble.
+def run_missions(
+    series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None
+) -> Iterator[MissionResult]:
+    """Yield the studies on an ensemble: the result so far after each study of a mission, then the whole one.
 
     Args:
         series: The forecast at its times, in order; one alone may have no time, and the truth then stays as it is.
@@ -71,32 +74,34 @@ def run_missions(series: Sequence[Ensemble], config: RunConfig, job: MissionJob,
             "file of leads, or choose other studies"
         )
     members = job.members(series[0].n_members)
-    total = len(members) * job.seeds * len(job.studies)
+    advance = counter(len(members) * job.seeds * len(job.studies), progress)
     by_study: dict[str, list[list[Figure]]] = {study: [] for study in job.studies}
-    done, lost = 0, list[str]()
+    lost = list[str]()
+
+    def result(unfinished: bool) -> MissionResult:
+        rows = tuple(row for study in job.studies for row in over_missions(study, by_study[study]))
+        return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost), unfinished)
+
     for member in members:
         case = withhold(series, member)
-        own, sea = own_estimator(case, config), build_field(*case.truths)
+        own, field = own_estimator(case, config), build_field(*case.truths)
         for seed in range(job.seeds):
             flight: Flight | None = None
             for study in job.studies:
+                what = f"member {member}, {study}"
+                report = partial(_report, advance, what)
                 try:
-                    flight = flight or staying(partial(fly_pings, sea, job.pings, job.days, job.noise), 100 * member + seed)
-                    report = partial(_report, progress or _silent, (done, total), f"member {member}, {study}")
+                    flight = flight or staying(partial(fly_pings, field, job.pings, job.days, job.noise), 100 * member + seed)
                     by_study[study].append(_STUDIES[study](Scene(case, flight, own, config, job, report)))
                 except ForecastError as error:
                     # one mission less is no reason to lose the others
                     lost.append(f"member {member}, seed {seed}, {study}: {error}")
-                done += 1
-    rows = tuple(row for study in job.studies for row in over_missions(study, by_study[study]))
-    if not rows:
+                advance(what)
+                yield result(True)
+    if not any(by_study.values()):
         raise ForecastError(f"no mission is left; {lost[0]}")
-    return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost))
+    yield result(False)
 
 
-def _report(progress: Progress, steps: tuple[int, int], study: str, what: str) -> None:
-    progress(*steps, f"{study}: {what}")
-
-
-def _silent(done: int, total: int, what: str) -> None:
-    """Report nothing."""
+def _report(advance: Advance, study: str, what: str) -> None:
+    advance(f"{study}: {what}", 0)

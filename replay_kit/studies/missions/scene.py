@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,10 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement
-from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.estimator.evolving import EvolvingEstimator
-from replay_kit.studies.missions.flights import Flight
-from replay_kit.studies.missions.follow import Followed, Own, follow
+from replay_kit.estimator import Estimator
+from replay_kit.studies.missions.follow import Followed, follow
 from replay_kit.studies.missions.job import MissionJob
+from replay_kit.studies.twins.messages import Flight
 from replay_kit.studies.twins.truths import leave_out
 from replay_kit.workflows.replay.build import Forecasts, build
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
@@ -88,17 +88,17 @@ class Scene:
 
     case: Withheld
     flight: Flight
-    own: Own
+    own: Estimator[Any]
     config: RunConfig
     job: MissionJob
     report: Callable[[str], None]
 
     def errors(
-        self, what: str, estimator: Own, given: Sequence[Measurement], evaluations: int | None = None, daily_inflation: float = 1.0
+        self, what: str, estimator: Estimator[Any], given: Sequence[Measurement], evaluations: int | None = None, inflation: float = 1.0
     ) -> Followed[float]:
-        """Return an estimator's errors on the way through a mission, and its innovations."""
+        """Return an estimator's errors on the way through a mission, and its innovations; its covariance may grow by a factor a day."""
         self.report(what)
-        return follow(estimator, given, evaluations or self.job.evaluations, self.case.flow_rmse, daily_inflation)
+        return follow(estimator, given, evaluations or self.job.evaluations, self.case.flow_rmse, inflation)
 
 
 def withhold(series: Sequence[Ensemble], member: int) -> Withheld:
@@ -119,7 +119,7 @@ def withhold(series: Sequence[Ensemble], member: int) -> Withheld:
     return Withheld(member, tuple(case.truth for case in cases), tuple(case.ensemble for case in cases), at, truth, mean, times_ns)
 
 
-def own_estimator(case: Withheld, config: RunConfig) -> Own:
+def own_estimator(case: Withheld, config: RunConfig) -> Estimator[Any]:
     """Return the estimator that a replay takes: through time where the forecast goes through time or the settings ask for it.
 
     Raises:
@@ -130,8 +130,10 @@ def own_estimator(case: Withheld, config: RunConfig) -> Own:
         raise ConfigError(
             f"missions: expected the project's own estimator, got {name}, preset {preset}; leave them out of the configuration"
         )
-    scale, time = config.time.scale, config.time
-    asked = scale not in ("auto", "static") or bool(time.oscillators or time.biases)
-    built = build(Forecasts(case.forecasts, case.forecasts[0], asked or (case.changes and scale == "auto")), config, None)
-    assert isinstance(built, EvolvingEstimator | ReducedBasisEstimator)
-    return built
+    return build(Forecasts(case.forecasts, case.forecasts[0], goes_through_time(case, config)), config, None)
+
+
+def goes_through_time(case: Withheld, config: RunConfig) -> bool:
+    """Return whether a replay of a forecast goes through time."""
+    scale = config.time.scale
+    return bool(config.time.oscillators or config.time.biases) or (case.changes if scale == "auto" else scale != "static")

@@ -8,12 +8,12 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.evolving import EvolvingEstimator, build_evolving
+from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth
 from replay_kit.studies.missions.flights import measurements
 from replay_kit.studies.missions.follow import evaluated_after
 from replay_kit.studies.missions.rows import RMSE, Figure, error_figures
-from replay_kit.studies.missions.scene import Scene
+from replay_kit.studies.missions.scene import Scene, goes_through_time
 
 # a day; the best one is chosen with the truth, which no real static filter could
 INFLATIONS = (1.02, 1.05, 1.1, 1.2, 1.4, 2.0)
@@ -40,7 +40,7 @@ def through_time(scene: Scene) -> list[Figure]:
         *error_figures("through time", error, "the best static one's", static, _OVER_STATIC),
         Figure("through time", "RMSE over the best inflated one's", error, peer, at_most=_OVER_INFLATED),
         *own.nis("through time", required=True),
-        Figure("through time", "rejected or softened", own.doubted(), len(own.innovations)),
+        Figure("through time", "rejected or softened", own.not_accepted(), len(own.innovations)),
         *_smoothed(scene, given, times_ns, error),
     ]
 
@@ -65,9 +65,10 @@ def _best_inflated(scene: Scene, forecast: Ensemble, given: Sequence[Measurement
 
 
 def _smoothed(scene: Scene, given: Sequence[Measurement], times_ns: Sequence[int], filtered: float) -> list[Figure]:
-    if not isinstance(scene.own, EvolvingEstimator):
+    if not goes_through_time(scene.case, scene.config):
         return []
     scene.report("smoother")
-    flows = smooth(scene.own, given, times_ns)
+    estimator = build_evolving(scene.case.forecasts, scene.config.estimator, scene.config.time, scene.config.gating)
+    flows = smooth(estimator, given, times_ns)
     errors = [scene.case.flow_rmse(flow, time_ns) for flow, time_ns in zip(flows, times_ns, strict=True)]
     return error_figures("smoother", float(np.mean(errors)), "the filter's", filtered, 1.0)

@@ -10,15 +10,14 @@ from matplotlib.figure import Figure
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
-from replay_kit.estimator import ReducedBasisEstimator
-from replay_kit.estimator.basis.modes import Basis
-from replay_kit.studies.accuracy.methods import build_method
+from replay_kit.estimator.basis.modes import Basis, build_basis
+from replay_kit.studies.accuracy.methods import preset_config
 from replay_kit.studies.paper.figures_flow import glides_3d, glides_top, truth_3d, truth_top
 from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.paper.tables import methods_with_modes
 from replay_kit.studies.paper.views import from_above, in_3d, metres, shape_of, slice_3d
 from replay_kit.studies.reports.flows import EAST, FLOW_STYLES, LABELS, NORTH
-from replay_kit.studies.reports.pictures import saved
+from replay_kit.studies.reports.write import saved
 
 _MODES_SHOWN = (1, 2, 10, 30)
 # What is smaller than this over the largest is rounding, no property of the slices.
@@ -54,12 +53,10 @@ def _bases(shown: Shown) -> dict[str, Basis]:
     bases = {}
     for method in methods_with_modes(ensemble.grid):
         try:
-            estimator = build_method(method, ensemble, config)
+            bases[method] = build_basis(ensemble, preset_config(method, ensemble.grid, config))
         except ValueError:
             # the tables' rows say why; the figures show what there is
             continue
-        assert isinstance(estimator, ReducedBasisEstimator)
-        bases[method] = estimator.basis
     return bases
 
 

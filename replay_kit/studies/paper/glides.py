@@ -12,10 +12,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.paper.rows import GlideRow
-from replay_kit.studies.scoring.bootstrap import bootstrap_median
+from replay_kit.studies.scoring.scores import miss_figures
 from replay_kit.studies.twins.reachable import Pair
-
-NEAR = 250.0  # m, a target passed this close counts as reached
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,8 +56,6 @@ def _glides_on(
         tracks.append(track)
         distances.append(distance)
         advance(1)
-    lower, median, upper = (float(quartile) for quartile in np.quantile(distances, [0.25, 0.5, 0.75]))
-    low, high = bootstrap_median(np.array(distances))
-    within = int(np.sum(np.array(distances) <= NEAR))
     seconds = time.perf_counter() - began
-    return Glides(GlideRow(name, len(pairs), median, lower, upper, low, high, within, seconds, tuple(distances)), tuple(tracks))
+    row = GlideRow(name, len(pairs), **miss_figures(np.array(distances)), seconds=seconds, closest_approach=tuple(distances))
+    return Glides(row, tuple(tracks))

@@ -12,7 +12,7 @@ from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.tables import Table, named_columns
-from replay_kit.studies.reports.write import json_text, markdown, number, plain, print_tables, to_csv, versions, write_files
+from replay_kit.studies.reports.write import answer_of, json_text, markdown, number, print_tables, to_csv, write_files
 
 _TABLES = ("table1", "table2", "table3", "sparse")
 _RUNGS = {"full": "full rank", "members": "one a member"}
@@ -36,9 +36,7 @@ FILES = (
 
 def to_json(tables: PaperTables) -> dict[str, Any]:
     """Return the JSON object of ``paper.json`` and ``--json``; undefined figures are null."""
-    about = {"figures": FIGURES, "versions": versions("numpy", "scipy", "casadi", "matplotlib")}
-    answer: dict[str, Any] = plain({**asdict(tables), **about})
-    return answer
+    return answer_of({**asdict(tables), "figures": FIGURES}, "numpy", "scipy", "casadi", "matplotlib")
 
 
 def print_paper(tables: PaperTables, console: Console) -> None:
@@ -48,20 +46,25 @@ def print_paper(tables: PaperTables, console: Console) -> None:
 
 
 def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
-    """Write all ``FILES`` into a folder, each whole or not at all; existing ones are replaced.
+    """Write ``FILES`` into a folder, each whole or not at all; existing ones are replaced.
+
+    Of an unfinished study, these are ``paper.json`` and the tables that have rows.
 
     Args:
         out: The folder; it exists.
         tables: The results.
         shown: What the figures show.
     """
+    write_files(out, {f"{name}.csv": rows_to_csv(getattr(tables, name)) for name in _TABLES if getattr(tables, name)})
+    write_files(out, {"paper.json": json_text(to_json(tables))})
+    if tables.unfinished:
+        return
     # matplotlib takes half a second to load, and nothing but this needs it
     from replay_kit.studies.paper.figures import draw
 
-    write_files(out, {f"{name}.csv": rows_to_csv(getattr(tables, name)) for name in _TABLES})
     for name, ending, content in draw(tables, shown):
         write_files(out, {f"{name}.{ending}": content})
-    write_files(out, {"paper.json": json_text(to_json(tables)), "report.md": to_markdown(tables)})
+    write_files(out, {"report.md": to_markdown(tables)})
 
 
 def rows_to_csv(rows: Sequence[ErrorRow | GlideRow | SparseRow]) -> str:

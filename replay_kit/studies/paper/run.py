@@ -1,8 +1,8 @@
 """The study of the paper on any ensemble: tables, figures, and a report with their findings."""
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from math import inf
 
 from replay_kit.config.run import EstimatorConfig
@@ -53,7 +53,7 @@ class PaperJob:
         check_not_negative(seed=self.seed)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PaperTables:
     """All results of the study; what ``paper.json`` holds.
 
@@ -77,17 +77,18 @@ class PaperTables:
         level_correlation: Least and largest, of the members' anomalies at neighbouring levels.
         depth_kernel: The paper's Gaussians on these levels.
         seconds: Wall time of each stage [s].
+        unfinished: Whether more was to follow when this was written.
     """
 
-    table1: tuple[ErrorRow, ...]
-    table2: tuple[ErrorRow, ...]
-    table3: tuple[GlideRow, ...]
-    sparse: tuple[SparseRow, ...]
+    table1: tuple[ErrorRow, ...] = ()
+    table2: tuple[ErrorRow, ...] = ()
+    table3: tuple[GlideRow, ...] = ()
+    sparse: tuple[SparseRow, ...] = ()
     ensemble: str
     truth: str
     shown_truth: str
     members: int
-    truths: int
+    truths: int = 0
     grid: tuple[int, int]
     levels: tuple[float, ...]
     plan_modes: int | None
@@ -97,7 +98,8 @@ class PaperTables:
     coherence: float
     level_correlation: tuple[float, float]
     depth_kernel: DepthKernel
-    seconds: Mapping[str, float]
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    unfinished: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,13 +135,9 @@ class _OfCase:
 
 
 def run_paper(
-    ensemble: Ensemble,
-    truth: Ensemble | None,
-    config: EstimatorConfig,
-    job: PaperJob,
-    progress: Progress | None = None,
-) -> tuple[PaperTables, Shown]:
-    """Return the study's tables, and what its figures show.
+    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PaperJob, progress: Progress | None = None
+) -> Iterator[tuple[PaperTables, Shown]]:
+    """Yield the study's tables, and what its figures show: those so far after each truth's Tables I and II, then the whole ones.
 
     Args:
         ensemble: All members.
@@ -161,21 +159,29 @@ def run_paper(
     truth_flow = embed_member(case.truth, 0, config)
     # before the hours of work, because this fails where the region is too small
     pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
+    shown = Shown(case, truth_flow, (), pairs, (), config)
     advance = counter(_total(each, job), progress)
-    tables, shown_of = [], None
+    tables, done, planned = _without_tables(shown, ensemble, job), list[_OfCase](), dict[str, FlowEstimate | None]()
     for k, case in enumerate(each):
         of_case = _run_case(case, config, job, advance)
         if k == shown_at:
-            shown_of = of_case
+            planned, shown = dict(of_case.planned), replace(shown, observations=of_case.observations)
         # only the shown truth's profiles and estimates are needed later
-        tables.append(replace(of_case, planned={}, observations=()))
-    assert shown_of is not None
+        done.append(replace(of_case, planned={}, observations=()))
+        tables = replace(
+            tables,
+            table1=over_truths([of.table1 for of in done]),
+            table2=over_truths([of.table2 for of in done]),
+            sparse=sparse_over_truths([of.sparse for of in done]),
+            truths=len(done),
+            seconds={"tables": time.perf_counter() - began},
+        )
+        yield tables, shown
     measured = time.perf_counter()
-    flows = {TRUTH: truth_flow, AVERAGED: average_over_depth(truth_flow, pairs[0].target.depth), **shown_of.planned}
-    glides = run_glides(flows, truth_flow, pairs, advance)
-    shown = Shown(each[shown_at], truth_flow, shown_of.observations, pairs, glides, config)
-    seconds = {"tables": measured - began, "glides": time.perf_counter() - measured}
-    return _tables(tables, shown, ensemble, job, seconds), shown
+    flows = {TRUTH: truth_flow, AVERAGED: average_over_depth(truth_flow, pairs[0].target.depth), **planned}
+    shown = replace(shown, glides=run_glides(flows, truth_flow, pairs, advance))
+    seconds = {**tables.seconds, "glides": time.perf_counter() - measured}
+    yield replace(tables, table3=tuple(glides.row for glides in shown.glides), seconds=seconds, unfinished=False), shown
 
 
 def _total(each: list[Case], job: PaperJob) -> int:
@@ -202,19 +208,15 @@ def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advan
     return _OfCase(table1, tuple(rows), sparse, {name: run.flow for name, run in planned.items()}, noisy.observations)
 
 
-def _tables(tables: list[_OfCase], shown: Shown, ensemble: Ensemble, job: PaperJob, seconds: Mapping[str, float]) -> PaperTables:
+def _without_tables(shown: Shown, ensemble: Ensemble, job: PaperJob) -> PaperTables:
+    """Return what is known of the study before its tables are computed."""
     grid = shown.case.ensemble.grid
     depth = shown.pairs[0].target.depth
     return PaperTables(
-        table1=over_truths([of_case.table1 for of_case in tables]),
-        table2=over_truths([of_case.table2 for of_case in tables]),
-        table3=tuple(glides.row for glides in shown.glides),
-        sparse=sparse_over_truths([of_case.sparse for of_case in tables]),
         ensemble=ensemble.source,
         truth="all" if job.leave_out == "all" else shown.case.truth.source,
         shown_truth=shown.case.truth.source,
         members=shown.case.ensemble.n_members,
-        truths=len(tables),
         grid=(grid.east.shape[0], grid.east.shape[1]),
         levels=tuple(float(level) for level in grid.levels),
         plan_modes=job.plan_modes,
@@ -224,5 +226,4 @@ def _tables(tables: list[_OfCase], shown: Shown, ensemble: Ensemble, job: PaperJ
         coherence=coherence(shown.truth, depth),
         level_correlation=level_correlation(shown.case.ensemble),
         depth_kernel=depth_kernel(grid.levels, shown.config.length_vertical),
-        seconds=seconds,
     )

@@ -16,7 +16,7 @@ from replay_kit.estimator.basis.modes import cell_size
 from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow
-from replay_kit.studies.scoring.bound import bound
+from replay_kit.studies.scoring.scores import bound
 from replay_kit.studies.twins.truths import Case
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
 

@@ -10,9 +10,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Place
 from replay_kit.studies.reports.flows import AVERAGED, LABELS, TRUTH
 from replay_kit.studies.reports.tables import Cell, Criterion, Table, named_columns
-from replay_kit.studies.scoring.bootstrap import bootstrap_median, bootstrap_ratio
-
-NEAR = 250.0  # m, a goal met this closely counts as reached
+from replay_kit.studies.scoring.scores import bootstrap_ratio, miss_figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +61,16 @@ def tables_of(study: str, title: str, arrivals: Sequence[Arrival]) -> tuple[Tabl
 
 
 def _summary(flow: str, alike: Sequence[Arrival]) -> dict[str, Cell]:
-    miss = np.array([one.miss for one in alike])
-    low, high = bootstrap_median(miss)
-    lower, upper = (float(quartile) for quartile in np.quantile(miss, [0.25, 0.75]))
+    figures = miss_figures(np.array([one.miss for one in alike]))
     return {
         "planned on": LABELS[flow],
         "cases": len(alike),
-        "median [m]": float(np.median(miss)),
-        "low [m]": low,
-        "high [m]": high,
-        "lower quartile [m]": lower,
-        "upper quartile [m]": upper,
-        "within 250 m": int(np.sum(miss <= NEAR)),
+        "median [m]": figures["median"],
+        "low [m]": figures["median_low"],
+        "high [m]": figures["median_high"],
+        "lower quartile [m]": figures["lower_quartile"],
+        "upper quartile [m]": figures["upper_quartile"],
+        "within 250 m": figures["within_250"],
         "relative error": float(np.median([one.rel_error for one in alike])),
         "reported as reached": sum(one.status == "reached" for one in alike),
         "seconds a plan": float(np.median([one.seconds for one in alike])),

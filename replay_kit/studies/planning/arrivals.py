@@ -11,13 +11,14 @@ from planners.mission.flights import fly_mission
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Plan
 from replay_kit.studies.paper.diagnostics import coherence
-from replay_kit.studies.planning.arrival_tables import NEAR, Arrival, order_of, place_of_average, place_of_mean, tables_of
+from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average, place_of_mean, tables_of
 from replay_kit.studies.planning.flights import draw_missions
+from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.pictures import draw_misses
-from replay_kit.studies.planning.result import StudyReport
 from replay_kit.studies.planning.world import Withheld, World, timed
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.tables import NAN, Picture
+from replay_kit.studies.scoring.scores import NEAR
 from replay_kit.studies.twins.reachable import TARGET_DEPTH, Pair, draw_pairs
 
 _CAPTION = (

@@ -1,6 +1,5 @@
 """Problems without a solution: planning for each has to end soon and name the reason."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -8,13 +7,12 @@ import numpy as np
 
 import planners
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place, Plan
 from replay_kit.estimator.basis.modes import embed
+from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.masks import with_land
-from replay_kit.studies.planning.result import StudyReport
-from replay_kit.studies.planning.world import World, timed
+from replay_kit.studies.planning.world import World, attempted
 from replay_kit.studies.reports.tables import Criterion, Table
 from replay_kit.studies.twins.reachable import SPEED, place_at
 
@@ -58,8 +56,9 @@ def infeasible(world: World) -> StudyReport:
     for case in cases(flow, world.truths[0].config.nugget):
         for kind, plan in (("glide", glide), ("mission", mission)):
             world.advance(f"infeasible, {case.name}, {kind}")
-            (status, named, reason), seconds = timed(partial(_ended, case, plan))
-            rows.append((case.name, kind, status, named, seconds, reason))
+            made, reason, seconds = attempted(partial(plan, case.flow, case.start, case.goal))
+            status = "refused" if made is None else made.status
+            rows.append((case.name, kind, status, status != "reached" and any(word in reason for word in case.words), seconds, reason))
     columns = ("problem", "kind of plan", "status", "reason named", "seconds", "reason")
     unnamed, longest = sum(not row[3] for row in rows), max(row[4] for row in rows)
     return StudyReport(
@@ -68,16 +67,6 @@ def infeasible(world: World) -> StudyReport:
         (Table(NAME, "How they end; the times include building the planner's graphs", columns, tuple(rows)),),
         (Criterion("cases that end without a named reason", unnamed, at_most=0), Criterion("longest [s]", longest, at_most=_SECONDS)),
     )
-
-
-def _ended(case: Impossible, plan: Callable[[FlowEstimate, Place, Place], Plan | planners.MissionPlan]) -> tuple[str, bool, str]:
-    """Return the status of a plan for a problem, whether its reason is named, and the reason."""
-    try:
-        made = plan(case.flow, case.start, case.goal)
-        status, reason = str(made.status), str(made.message)
-    except PlanError as error:
-        status, reason = "refused", str(error)
-    return status, status != "reached" and any(word in reason for word in case.words), reason
 
 
 def cases(flow: FlowEstimate, nugget: float) -> tuple[Impossible, ...]:

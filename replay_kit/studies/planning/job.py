@@ -1,11 +1,13 @@
-"""The options of the studies of planning."""
+"""The options of the studies of planning, and what they result in: tables, figures beside their limits, findings and pictures."""
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from replay_kit.studies.jobs.checks import check_names, check_not_negative, check_positive
+from replay_kit.studies.reports.tables import Criterion, Picture, Table
 from replay_kit.studies.twins.truths import members_named
 
 # Members that are the truth in turn when none are named.
@@ -56,6 +58,11 @@ class PlanningJob:
         check_positive(**{name: getattr(self, name) for name in counts})
         check_not_negative(seed=self.seed)
 
+    @property
+    def most_legs(self) -> int:
+        """Limit on the legs of a replanned mission."""
+        return math.ceil(1.5 * self.legs)
+
     def members(self, n_members: int) -> tuple[int, ...]:
         """Return the positions of the members left out in turn.
 
@@ -66,3 +73,51 @@ class PlanningJob:
             count = min(_TRUTHS, n_members, max(self.pairs, self.scenarios))
             return tuple(int(k) for k in (np.arange(count) + 0.5) * n_members / count)
         return members_named(self.leave_out, n_members)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudyReport:
+    """The outcome of one study.
+
+    Attributes:
+        study: Its name; names of tables and pictures begin with it.
+        title: What it is about.
+        tables: Its tables.
+        criteria: Figures beside the limits that they should keep to.
+        findings: What the tables show, a paragraph each.
+        pictures: To be drawn.
+        failed: Why the study has no outcome; empty when it has.
+    """
+
+    study: str
+    title: str
+    tables: tuple[Table, ...]
+    criteria: tuple[Criterion, ...] = ()
+    findings: tuple[str, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    failed: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanningResult:
+    """The outcomes of the chosen studies, and what they were made on.
+
+    Attributes:
+        reports: Study by study; those of the job that are missing were not done when this was written.
+        ensemble: Its file.
+        truths: Their files, or the members left out in turn.
+        n_members: Of the ensemble.
+        levels: [m].
+        modes: Limit on the basis flows of a level; None for all.
+        job: The options.
+        seconds: Wall time of each study [s].
+    """
+
+    reports: tuple[StudyReport, ...]
+    ensemble: str
+    truths: tuple[str, ...]
+    n_members: int
+    levels: tuple[float, ...]
+    modes: int | None
+    job: PlanningJob
+    seconds: Mapping[str, float]

@@ -12,18 +12,15 @@ from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, t
 from replay_kit.core.observation import Measurement
 from replay_kit.core.plan import Place
 from replay_kit.measurements import observations
-from replay_kit.studies.twins.adcp import AdcpSettings, measure
-from replay_kit.studies.twins.faults import Faults
 from replay_kit.studies.twins.field import Field
-from replay_kit.studies.twins.messages import Record, mission_messages
-from replay_kit.studies.twins.vehicle import Mission, Pings, advected, dead_reckoned, log_position
+from replay_kit.studies.twins.messages import measured_on
+from replay_kit.studies.twins.vehicle import NS_PER_MS, Mission, Pings, Track, advected, dead_reckoned
 from replay_kit.workflows.planning import MissionPlanner
 from replay_kit.workflows.replay.planner import PlanResult
 
 # Longest step of a flight, and from one ping to the next [s]; the first ping comes half as long after the surface was left.
 _STEP_S = 120.0
 _PING_S = 600.0
-_NS_PER_MS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,36 +59,6 @@ class PlannedLegs:
     planned: PlanResult
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LegFlight:
-    """A leg flown.
-
-    Attributes:
-        start_ns: When it began [ns, UTC].
-        seconds: shape (n,) [s], since then.
-        place: shape (n, 2) [m], local east and north of the truth.
-        depth: shape (n,) [m].
-        through_water: shape (2,) [m/s], local east and north, under water.
-        surfaced: Number of the point at which the surface was reached; the drift comes after it.
-    """
-
-    start_ns: int
-    seconds: Array
-    place: Array
-    depth: Array
-    through_water: Array
-    surfaced: int
-
-    @property
-    def end_ns(self) -> int:
-        """When it ended, its drift included [ns, UTC]."""
-        return self.time_ns(-1)
-
-    def time_ns(self, point: int) -> int:
-        """Return the time of a point, to the millisecond [ns, UTC]."""
-        return self.start_ns + round(float(self.seconds[point]) * 1e3) * _NS_PER_MS
-
-
 def plan_legs(
     planner: MissionPlanner,
     flow: FlowEstimate,
@@ -126,11 +93,11 @@ def plan_legs(
     return PlannedLegs(legs, ends, float(mission.closest_approach[-1]), planned)
 
 
-def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> LegFlight:
+def fly_leg(field: Field, place: Array, start_ns: int, leg: Leg) -> Track:
     """Return a leg flown in a truth, by the midpoint rule with steps of two minutes at most.
 
     Args:
-        sea: The truth.
+        field: The truth.
         place: shape (2,) [m], local east and north.
         start_ns: When it begins [ns, UTC].
         leg: What the glider is commanded.
@@ -138,8 +105,8 @@ def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> LegFlight:
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
     """
-    longitude, latitude = to_geographic(sea.grid.projection, *place)
-    heading = np.deg2rad(leg.heading_deg) + float(grid_bearing_of_true_north(sea.grid.projection, longitude, latitude))
+    longitude, latitude = to_geographic(field.grid.projection, *place)
+    heading = np.deg2rad(leg.heading_deg) + float(grid_bearing_of_true_north(field.grid.projection, longitude, latitude))
     through_water = leg.along * np.array([np.sin(heading), np.cos(heading)])
     depth, seconds = [leg.depths[0]], [0.0]
     for begin, end in pairwise(leg.depths):
@@ -147,22 +114,19 @@ def fly_leg(sea: Field, place: Array, start_ns: int, leg: Leg) -> LegFlight:
         shares = np.arange(1, int(np.ceil(duration / _STEP_S)) + 1) / np.ceil(duration / _STEP_S)
         depth += (begin + (end - begin) * shares).tolist()
         seconds += (seconds[-1] + duration * shares).tolist()
-    surfaced = len(depth) - 1
     drifts = int(np.ceil(leg.drift / _STEP_S))
     depth += [depth[-1]] * drifts
     seconds += [seconds[-1] + leg.drift * (k + 1) / drifts for k in range(drifts)]
-    by_step = np.where(np.arange(len(depth) - 1)[:, None] < surfaced, through_water, 0.0)
-    track = advected(sea, place, start_ns, np.array(seconds), np.array(depth), by_step)
-    return LegFlight(start_ns, np.array(seconds), track, np.array(depth), through_water, surfaced)
+    return advected(field, place, start_ns, np.array(seconds), np.array(depth), through_water)
 
 
-def measured(sea: Field, flight: LegFlight, noise: float, rng: np.random.Generator) -> tuple[Measurement, ...]:
+def measured(field: Field, flight: Track, noise: float, rng: np.random.Generator) -> tuple[Measurement, ...]:
     """Return what an estimator is given of a leg at its end: a profile every ten minutes, and the leg's mean current.
 
     They go through the messages that a glider logs; between its fixes the positions are dead-reckoned as a shore station does.
 
     Args:
-        sea: The truth.
+        field: The truth.
         flight: The leg, from one surfacing to the next.
         noise: Error of each component of each bin [m/s].
         rng: Of the noise.
@@ -171,23 +135,14 @@ def measured(sea: Field, flight: LegFlight, noise: float, rng: np.random.Generat
     east, north, depth = (np.interp(seconds, flight.seconds, values) for values in (*flight.place.T, flight.depth))
     sinks = np.interp(seconds, flight.seconds[1:], np.diff(flight.depth)) > 0.0
     heading = np.mod(np.rad2deg(np.arctan2(*flight.through_water)), 360.0)
-    times = flight.start_ns + np.round(seconds * 1e3).astype(np.int64) * _NS_PER_MS
+    times = flight.start_ns + np.round(seconds * 1e3).astype(np.int64) * NS_PER_MS
     pings = Pings(times, east, north, depth, np.full(seconds.size, heading), np.where(sinks, -20.0, 20.0))
-    settings = AdcpSettings(noise=noise)
-    record = Record(measure(sea, pings, settings, rng), settings, Faults(), None)
-    return tuple(observations(mission_messages(_logged(sea, flight, pings), record), MeasurementConfig()))
+    dive, reckoned = dead_reckoned(field, 1, flight, times, depth)
+    flown = measured_on(Mission(pings, (dive.start, *reckoned, dive.end), (dive,)), field, noise, rng)
+    return tuple(observations(flown.messages(), MeasurementConfig()))
 
 
-def _logged(sea: Field, flight: LegFlight, pings: Pings) -> Mission:
-    """Return the mission of one dive: fixes at both ends, dead-reckoned positions at the pings, the mean current."""
-    track = flight.place[[0, flight.surfaced]]
-    before, after = (log_position(sea, flight.time_ns(k), flight.place[k], 0.0, False) for k in (0, flight.surfaced))
-    current = (track[1] - track[0]) / float(flight.seconds[flight.surfaced]) - flight.through_water
-    dive, reckoned = dead_reckoned(sea, 1, (before, after), track, current, (pings.time_ns, pings.depth))
-    return Mission(pings, (before, *reckoned, after), (dive,))
-
-
-def distance_to(sea: Field, point: Array, goal: Place) -> float:
+def distance_to(field: Field, point: Array, goal: Place) -> float:
     """Return the distance [m] of a local point, shape (2,) [m], from a place."""
-    east, north = to_local(sea.grid.projection, goal.longitude, goal.latitude)
+    east, north = to_local(field.grid.projection, goal.longitude, goal.latitude)
     return float(np.hypot(point[0] - east, point[1] - north))

@@ -8,13 +8,11 @@ import numpy as np
 
 import planners
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import PlanError
-from replay_kit.studies.planning.flights import fly_plan
+from replay_kit.studies.planning.flights import crossed, fly_plan
+from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.masks import Masked, draw_masked
-from replay_kit.studies.planning.pictures import MaskedView, draw_masked_cases
-from replay_kit.studies.planning.recheck import crossed, ends_of
-from replay_kit.studies.planning.result import StudyReport
-from replay_kit.studies.planning.world import World, timed
+from replay_kit.studies.planning.pictures import draw_masked_cases
+from replay_kit.studies.planning.world import World, attempted
 from replay_kit.studies.reports.tables import NAN, Cell, Criterion, Picture, Table, named_columns
 
 NAME = "masked"
@@ -77,7 +75,7 @@ _COLUMNS = (
 def masked(world: World) -> StudyReport:
     """Return the outcome of missions in random masked cases, their paths recomputed and checked independently."""
     rows: list[_Row] = []
-    views: list[MaskedView] = []
+    views: list[tuple[Masked, Array, str]] = []
     for withheld, count in zip(world.truths, world.shares(world.job.masks), strict=True):
         for k in range(count):
             rng = np.random.default_rng((world.job.seed, 3, withheld.member, k))
@@ -86,7 +84,7 @@ def masked(world: World) -> StudyReport:
             row, track = _planned(world, case, (withheld.member, k))
             rows.append(row)
             if case.blocked and len(views) < _SHOWN and track is not None:
-                views.append(MaskedView(case.flow, case.areas, track, ends_of(case.flow.grid, case.pair), row.status))
+                views.append((case, track, row.status))
     every = Table("masked_cases", "Each case", _COLUMNS, tuple(tuple(asdict(row).values()) for row in rows), shown=False)
     return StudyReport(
         NAME,
@@ -104,19 +102,11 @@ def _planned(world: World, case: Masked, number: tuple[int, int]) -> tuple[_Row,
     areas = tuple(planners.NoGo(area, f"area {k + 1}") for k, area in enumerate(case.areas))
     row = partial(_Row, *number, blocked=case.blocked, distance=case.pair.distance)
 
-    def make() -> planners.MissionPlan | PlanError:
-        try:
-            ends = case.pair.start, (case.pair.target,)
-            return planners.plan_mission(case.flow, planners.MissionRequest(*ends, world.glider, settings, areas))
-        except PlanError as error:
-            return error
-
-    plan, seconds = timed(make)
-    if isinstance(plan, PlanError):
-        return row(status="refused", seconds=seconds, message=str(plan)), None
-    legs = len(plan.headings_deg)
-    if not legs:
-        return row(status=plan.status, seconds=seconds, message=plan.message), None
+    request = planners.MissionRequest(case.pair.start, (case.pair.target,), world.glider, settings, areas)
+    plan, message, seconds = attempted(partial(planners.plan_mission, case.flow, request))
+    legs = 0 if plan is None else len(plan.headings_deg)
+    if plan is None or not legs:
+        return row(status="refused" if plan is None else plan.status, seconds=seconds, message=message), None
     recomputed = fly_plan(case.flow, plan, world.depth)
     figures: dict[str, Any] = {
         "miss": float(plan.closest_approach[-1]),
@@ -124,7 +114,7 @@ def _planned(world: World, case: Masked, number: tuple[int, int]) -> tuple[_Row,
         "recomputed_crosses": crossed(case.flow.grid, case.areas, recomputed) or "",
         "apart": float(np.linalg.norm(recomputed[-1] - plan.track[-1])),
     }
-    return row(status=plan.status, legs=legs, seconds=seconds, message=plan.message, **figures), plan.track
+    return row(status=plan.status, legs=legs, seconds=seconds, message=message, **figures), plan.track
 
 
 def _counts(rows: list[_Row]) -> Table:

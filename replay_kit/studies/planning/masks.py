@@ -11,7 +11,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.grid import Grid
 from replay_kit.estimator.basis.modes import embed
-from replay_kit.studies.planning.recheck import Polygon, corners_of, crossed, polygon_of
+from replay_kit.studies.planning.flights import Polygon, corners_of, crossed, polygon_of
 from replay_kit.studies.twins.reachable import Pair, place_at
 
 _ISLANDS, _AREAS = (1, 5), (1, 4)  # at least, and fewer than

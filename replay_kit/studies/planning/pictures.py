@@ -9,31 +9,12 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.studies.planning.arrival_tables import Arrival
-from replay_kit.studies.planning.recheck import Polygon, corners_of
-from replay_kit.studies.planning.replan_rows import NEAR, ReplanRow
+from replay_kit.studies.planning.flights import corners_of, ends_of
+from replay_kit.studies.planning.masks import Masked
 from replay_kit.studies.reports.flows import BLACK, BLUE, EAST, FLOW_STYLES, GREY, NORTH, VERMILION
 
 # Miss distances and errors below these are drawn at these.
 _LEAST_MISS, _LEAST_ERROR = 1.0, 1e-3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MaskedView:
-    """A mission among islands and areas.
-
-    Attributes:
-        flow: The estimate among islands.
-        areas: Longitudes and latitudes of their corners [degrees].
-        track: shape (n, 3) [m], its path.
-        ends: shape (2, 2) [m], start and goal.
-        status: Of the plan.
-    """
-
-    flow: FlowEstimate
-    areas: tuple[Polygon, ...]
-    track: Array
-    ends: Array
-    status: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,26 +59,26 @@ def draw_misses(arrivals: Sequence[Arrival], figure: Any) -> None:
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=10)
 
 
-def draw_masked_cases(views: Sequence[MaskedView], figure: Any) -> None:
-    """Draw some missions among islands and areas."""
-    if not views:
+def draw_masked_cases(cases: Sequence[tuple[Masked, Array, str]], figure: Any) -> None:
+    """Draw some missions among islands and areas, each with its path, shape (n, 3) [m], and the status of its plan."""
+    if not cases:
         figure.text(0.5, 0.5, "no case is blocked", ha="center")
         return
-    columns = min(3, len(views))
-    panels = figure.subplots(-(-len(views) // columns), columns, squeeze=False).ravel()
-    for axes, view in zip(panels, views, strict=False):
-        grid = view.flow.grid
+    columns = min(3, len(cases))
+    panels = figure.subplots(-(-len(cases) // columns), columns, squeeze=False).ravel()
+    for axes, (case, track, status) in zip(panels, cases, strict=False):
+        grid, ends = case.flow.grid, ends_of(case.flow.grid, case.pair)
         axes.pcolormesh(
             grid.east / 1e3, grid.north / 1e3, np.where(grid.wet[0], np.nan, 1.0), cmap="Greys", vmin=0.0, vmax=2.0, shading="nearest"
         )
-        for area in view.areas:
+        for area in case.areas:
             axes.fill(*(corners_of(grid, area) / 1e3).T, color=VERMILION, alpha=0.5, linewidth=0.0)
-        _current(axes, view.flow)
-        axes.plot(*(view.track[:, :2] / 1e3).T, color=BLUE, linewidth=2.0)
-        _mark(axes, view.ends)
-        _around(axes, np.vstack([view.track[:, :2], view.ends]) / 1e3)
-        axes.set(title=view.status, xlabel=EAST, ylabel=NORTH)
-    for axes in panels[len(views) :]:
+        _current(axes, case.flow)
+        axes.plot(*(track[:, :2] / 1e3).T, color=BLUE, linewidth=2.0)
+        _mark(axes, ends)
+        _around(axes, np.vstack([track[:, :2], ends]) / 1e3)
+        axes.set(title=status, xlabel=EAST, ylabel=NORTH)
+    for axes in panels[len(cases) :]:
         axes.remove()
 
 
@@ -139,16 +120,14 @@ def _around(axes: Any, points: Array) -> None:
     axes.set_aspect("equal")
 
 
-def draw_replanned(rows: Sequence[ReplanRow], figure: Any) -> None:
-    """Draw the miss distance of each replanned mission against that of its single plan."""
+def draw_replanned(misses: Array, near: float, figure: Any) -> None:
+    """Draw the miss distances [m] of missions replanned against those with a single plan, shape (n, 2), the latter first."""
     axes = figure.subplots()
-    single, replanned = (
-        np.maximum(misses, _LEAST_MISS) for misses in zip(*((row.single.miss, row.replanned.miss) for row in rows), strict=True)
-    )
+    single, replanned = np.maximum(misses, _LEAST_MISS).T
     axes.scatter(single, replanned, s=28, color=BLUE)
     ends = 0.7 * min(single.min(), replanned.min()), 1.4 * max(single.max(), replanned.max())
     axes.plot(ends, ends, color=BLACK, linewidth=1.0)
-    axes.axhline(NEAR, color=GREY, linestyle="--", linewidth=1.0)
+    axes.axhline(near, color=GREY, linestyle="--", linewidth=1.0)
     axes.set(
         xscale="log", yscale="log", xlabel="miss distance, single plan [m]", ylabel="miss distance, replanned [m]", xlim=ends, ylim=ends
     )

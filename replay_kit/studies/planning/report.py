@@ -1,15 +1,14 @@
 """The studies of planning to the console and to files: a report in Markdown, a CSV for each table, JSON, pictures."""
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from replay_kit.studies.planning.result import PlanningResult, StudyReport
-from replay_kit.studies.reports.pictures import drawn
+from replay_kit.studies.planning.job import PlanningResult, StudyReport
 from replay_kit.studies.reports.tables import Table
-from replay_kit.studies.reports.write import criteria_table, json_text, markdown, plain, print_tables, to_csv, versions, write_files
+from replay_kit.studies.reports.write import answer_of, criteria_table, drawn, json_text, markdown, print_tables, to_csv, write_files
 
 
 def replaced_files(out: Path, studies: tuple[str, ...]) -> list[Path]:
@@ -20,19 +19,9 @@ def replaced_files(out: Path, studies: tuple[str, ...]) -> list[Path]:
 
 def to_json(result: PlanningResult) -> dict[str, Any]:
     """Return the JSON object of ``planning.json`` and ``--json``; undefined figures are null."""
-    answer: dict[str, Any] = plain(
-        {
-            "studies": {report.study: _study_json(report, result.seconds[report.study]) for report in result.reports},
-            "ensemble": result.ensemble,
-            "truths": result.truths,
-            "n_members": result.n_members,
-            "levels": result.levels,
-            "modes": result.modes,
-            "job": asdict(result.job),
-            "versions": versions("numpy", "scipy", "casadi", "matplotlib"),
-        }
-    )
-    return answer
+    figures = {field.name: getattr(result, field.name) for field in fields(result) if field.name not in ("reports", "seconds")}
+    studies = {report.study: _study_json(report, result.seconds[report.study]) for report in result.reports}
+    return answer_of({"studies": studies, **figures, "job": asdict(result.job)}, "numpy", "scipy", "casadi", "matplotlib")
 
 
 def _study_json(report: StudyReport, seconds: float) -> dict[str, Any]:

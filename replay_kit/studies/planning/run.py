@@ -1,19 +1,17 @@
 """The chosen studies on one ensemble, as one value."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.failures import EXPECTED_FAILURES, reason_of
-from replay_kit.studies.jobs.progress import Progress, counter
+from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Progress, counter, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.infeasible import infeasible
-from replay_kit.studies.planning.job import PlanningJob
+from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
 from replay_kit.studies.planning.masked import masked
 from replay_kit.studies.planning.replanning import replanning
-from replay_kit.studies.planning.result import PlanningResult, StudyReport
 from replay_kit.studies.planning.scenarios import scenarios
 from replay_kit.studies.planning.world import FLOWS, World, build_world
 
@@ -42,14 +40,11 @@ STUDIES: Mapping[str, Study] = {
 
 
 def run_planning(
-    ensemble: Ensemble,
-    truth: Ensemble | None,
-    config: EstimatorConfig,
-    job: PlanningJob,
-    progress: Progress | None = None,
-    keep: Callable[[PlanningResult], None] = lambda result: None,
-) -> PlanningResult:
-    """Return the chosen studies, on a truth or on each member left out in turn.
+    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PlanningJob, progress: Progress | None = None
+) -> Iterator[PlanningResult]:
+    """Yield the chosen studies so far, on a truth or on each member left out in turn.
+
+    The first result is without a study and comes once the options are known to be right; each further one has one study more.
 
     Args:
         ensemble: All members.
@@ -57,7 +52,6 @@ def run_planning(
         config: Everything but the preset.
         job: What to study.
         progress: Called with steps done, steps in all, and what is being run.
-        keep: Called with the result so far: without a study once the options are known to be right, then after each study.
 
     A study that fails for a reason of ``EXPECTED_FAILURES`` states it in its report; the others go on.
 
@@ -72,9 +66,9 @@ def run_planning(
     levels = tuple(float(level) for level in ensemble.grid.levels)
 
     def result() -> PlanningResult:
-        return PlanningResult(tuple(reports), ensemble.source, truths, ensemble.n_members, levels, job, config.modes, dict(seconds))
+        return PlanningResult(tuple(reports), ensemble.source, truths, ensemble.n_members, levels, config.modes, job, dict(seconds))
 
-    keep(result())
+    yield result()
     for name in job.studies:
         began = time.perf_counter()
         try:
@@ -83,5 +77,4 @@ def run_planning(
             why = reason_of(error)
             reports.append(StudyReport(name, name.capitalize(), (), findings=(f"The study failed: {why}",), failed=why))
         seconds[name] = time.perf_counter() - began
-        keep(result())
-    return result()
+        yield result()

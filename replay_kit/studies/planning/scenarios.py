@@ -1,6 +1,6 @@
 """Missions planned for samples of the estimate: their 90th percentile of miss distances, and how many enter an area downstream."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -10,12 +10,11 @@ import planners
 from planners.mission.flights import fly_mission
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.studies.planning.flights import draw_missions
+from replay_kit.studies.planning.flights import Polygon, corners_of, draw_missions, ends_of, polygon_of, winds_around
+from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.pictures import ScenarioView, draw_scenarios
-from replay_kit.studies.planning.recheck import Polygon, corners_of, ends_of, polygon_of, winds_around
-from replay_kit.studies.planning.result import StudyReport
 from replay_kit.studies.planning.world import Withheld, World, timed
-from replay_kit.studies.reports.tables import Criterion, Picture, Table
+from replay_kit.studies.reports.tables import Cell, Criterion, Picture, Table, named_columns
 from replay_kit.studies.twins.reachable import Pair
 
 NAME = "scenarios"
@@ -55,43 +54,6 @@ class _Case:
         return float(np.quantile(fly_mission(self.fresh, plan).miss[:, -1], 0.9))
 
 
-@dataclass(frozen=True, slots=True)
-class _Open:
-    """One mission without areas: 90th percentiles of the miss distances in fresh samples [m], ratios to the deterministic plan's."""
-
-    truth: int
-    deterministic: float
-    scenarios: float
-    corrected: float
-    scenarios_ratio: float
-    corrected_ratio: float
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Beside:
-    """One mission past an area: status of both plans, shares of fresh samples that enter the area, ratios of miss and duration."""
-
-    truth: int
-    deterministic: str
-    scenarios: str
-    deterministic_share: float
-    scenarios_share: float
-    miss_ratio: float
-    duration_ratio: float
-    seconds: float
-
-
-_OPEN_COLUMNS = (
-    *("truth", "deterministic: 90 % miss by [m]", "scenarios: 90 % miss by [m]", "corrected: 90 % miss by [m]"),
-    *("ratio of scenarios", "ratio of corrected", "seconds"),
-)
-_BESIDE_COLUMNS = (
-    *("truth", "deterministic", "scenarios", "deterministic: share in the area", "scenarios: share in the area"),
-    *("ratio of 90 % misses", "ratio of durations", "seconds"),
-)
-
-
 def scenarios(world: World) -> StudyReport:
     """Return the outcome of scenario plans beside plans made on the estimate alone."""
     free, beside, views = [], [], []
@@ -99,14 +61,13 @@ def scenarios(world: World) -> StudyReport:
         for case in _cases(world, withheld, count):
             world.advance(f"scenarios, truth {withheld.member}")
             plain = case.plan()
-            free.append(_compared(world, case, plain, withheld.member))
-            row, view = _past(world, case, area_downstream(case.flow, plain), withheld.member)
-            beside.append(row)
+            free.append({"truth": withheld.member, **_compared(world, case, plain)})
+            row, view = _past(world, case, area_downstream(case.flow, plain))
+            beside.append({"truth": withheld.member, **row})
             views.append(view)
-    open_title = "No areas: 90th percentile of the miss distances in fresh samples"
     tables = (
-        Table("scenarios_open", open_title, _OPEN_COLUMNS, tuple(tuple(asdict(row).values()) for row in free)),
-        Table("scenarios_area", "An area downstream of the path", _BESIDE_COLUMNS, tuple(tuple(asdict(row).values()) for row in beside)),
+        named_columns("scenarios_open", "No areas: 90th percentile of the miss distances in fresh samples", free),
+        named_columns("scenarios_area", "An area downstream of the path", beside),
     )
     caption = (
         "The mission whose deterministic plan enters the area in the most samples, flown in fresh samples from dot to star, past an area "
@@ -115,7 +76,7 @@ def scenarios(world: World) -> StudyReport:
     worst = max(views, key=lambda view: view.shares[0])
     picture = Picture("scenarios_area", caption, (11.0, 5.0), partial(draw_scenarios, worst))
     title = "Missions planned for samples of the estimate"
-    return StudyReport(NAME, title, tables, _criteria(world, free, beside), (_findings(world),), (picture,))
+    return StudyReport(NAME, title, tables, _criteria(world, *tables), (_findings(world),), (picture,))
 
 
 def _cases(world: World, withheld: Withheld, count: int) -> list[_Case]:
@@ -129,24 +90,38 @@ def _cases(world: World, withheld: Withheld, count: int) -> list[_Case]:
     return [_Case(flow, samples[: job.samples], samples[job.samples :], pair, how) for pair in pairs]
 
 
-def _compared(world: World, case: _Case, plain: planners.MissionPlan, member: int) -> _Open:
-    """Return the row of a mission without areas: the deterministic plan, the scenario plan, and the former corrected by a pilot."""
+def _compared(world: World, case: _Case, plain: planners.MissionPlan) -> dict[str, Cell]:
+    """Return the figures of a mission without areas: the deterministic plan, the scenario plan, the former corrected by a pilot."""
     plan, seconds = case.plan_scenarios(world.job.allowed)
     deterministic, robust = case.miss(plain), case.miss(plan)
     corrected = float(planners.fly_scenarios(case.flow, case.fresh, plain, pilot=planners.Pilot()).miss_90_percent)
-    return _Open(member, deterministic, robust, corrected, robust / deterministic, corrected / deterministic, seconds)
+    return {
+        "deterministic: 90 % miss by [m]": deterministic,
+        "scenarios: 90 % miss by [m]": robust,
+        "corrected: 90 % miss by [m]": corrected,
+        "ratio of scenarios": robust / deterministic,
+        "ratio of corrected": corrected / deterministic,
+        "seconds": seconds,
+    }
 
 
-def _past(world: World, case: _Case, area: Polygon, member: int) -> tuple[_Beside, ScenarioView]:
-    """Return the row of a mission past an area, and what to draw of it."""
+def _past(world: World, case: _Case, area: Polygon) -> tuple[dict[str, Cell], ScenarioView]:
+    """Return the figures of a mission past an area, shares being of the fresh samples, and what to draw of it."""
     no_go = planners.NoGo(area, "area downstream")
     plain, (robust, seconds) = case.plan(no_go), case.plan_scenarios(world.job.allowed, no_go)
     flown = [fly_mission(case.fresh, plan) for plan in (plain, robust)]
     corners = corners_of(case.flow.grid, area)
     shares = [float(np.mean(entering(corners, flights.place))) for flights in flown]
     misses = [float(np.quantile(flights.miss[:, -1], 0.9)) for flights in flown]
-    longer = robust.duration / plain.duration
-    row = _Beside(member, plain.status, robust.status, shares[0], shares[1], misses[1] / misses[0], longer, seconds)
+    row: dict[str, Cell] = {
+        "deterministic": plain.status,
+        "scenarios": robust.status,
+        "deterministic: share in the area": shares[0],
+        "scenarios: share in the area": shares[1],
+        "ratio of 90 % misses": misses[1] / misses[0],
+        "ratio of durations": robust.duration / plain.duration,
+        "seconds": seconds,
+    }
     places = tuple(flights.place[:: max(len(flights.place) // 100, 1)] for flights in flown)
     return row, ScenarioView(case.flow, corners, ends_of(case.flow.grid, case.pair), places, tuple(shares))
 
@@ -189,20 +164,23 @@ def area_downstream(flow: FlowEstimate, plan: planners.MissionPlan) -> Polygon:
         out /= 2.0
 
 
-def _criteria(world: World, free: list[_Open], beside: list[_Beside]) -> tuple[Criterion, ...]:
-    ratios, corrected = [row.scenarios_ratio for row in free], [row.corrected_ratio for row in free]
-    robust = [row.scenarios_share for row in beside]
+def _criteria(world: World, free: Table, beside: Table) -> tuple[Criterion, ...]:
     quantile, share = "90th percentile of the miss over the deterministic plan's", f"share in the area, {world.job.allowed:.0%} allowed"
-    seconds = [row.seconds for row in free] + [row.seconds for row in beside]
     duration = f"seconds for a scenario plan of {world.job.samples} samples and {world.job.legs} dives, median"
-    least = min(row.deterministic_share for row in beside)
+    corrected = "corrected at each surfacing, median over the missions"
+    seconds = np.concatenate([free.column("seconds"), beside.column("seconds")])
+    limited = (
+        (f"{quantile}, median over the missions", "the same, worst mission", free.column("ratio of scenarios"), _RATIO),
+        (f"the same, {corrected}", "corrected at each surfacing, worst mission", free.column("ratio of corrected"), _CORRECTED),
+        (f"{share}, median over the missions", "the same, worst mission", beside.column("scenarios: share in the area"), _KEPT),
+    )
+    least = float(beside.column("deterministic: share in the area").min())
     return (
-        Criterion(f"{quantile}, median over the missions", float(np.median(ratios)), at_most=_RATIO),
-        Criterion("the same, worst mission", max(ratios), at_most=_RATIO),
-        Criterion("the same, corrected at each surfacing, median over the missions", float(np.median(corrected)), at_most=_CORRECTED),
-        Criterion("corrected at each surfacing, worst mission", max(corrected), at_most=_CORRECTED),
-        Criterion(f"{share}, median over the missions", float(np.median(robust)), at_most=_KEPT),
-        Criterion("the same, worst mission", max(robust), at_most=_KEPT),
+        *(
+            Criterion(what, float(of(values)), at_most=most)
+            for median, worst, values, most in limited
+            for what, of in ((median, np.median), (worst, np.max))
+        ),
         Criterion("share in the area under the deterministic plan, least of the missions", least, at_least=_KEPT),
         Criterion(duration, float(np.median(seconds)), at_most=_SECONDS),
     )

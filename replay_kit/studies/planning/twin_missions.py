@@ -15,22 +15,73 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
-from replay_kit.studies.jobs.progress import Progress, counter
+from replay_kit.estimator import Estimator
+from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.missions.scene import own_estimator, withhold
-from replay_kit.studies.planning.legs import Leg, LegFlight, PlannedLegs, distance_to, fly_leg, measured, plan_legs
-from replay_kit.studies.planning.replan_rows import Outcome, ReplanJob, ReplanRow
+from replay_kit.studies.planning.job import PlanningJob
+from replay_kit.studies.planning.legs import Leg, PlannedLegs, distance_to, fly_leg, measured, plan_legs
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.reachable import place_at
-from replay_kit.studies.twins.vehicle import EPOCH_NS, random_places
+from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Track, random_places
 from replay_kit.workflows.planning import MissionPlanner
 from replay_kit.workflows.replay.build import flow_at
 
+#: A replanned mission ends this near to its goal [m].
+TOLERANCE = 250.0
+# Least and greatest glide angle [degrees] of the missions drawn, and their speed through water [m/s].
+_ANGLES, _SPEED = (15.0, 35.0), 0.3
 # A mission drawn keeps this far from the edge of the truth's water [m], so that plans may err without leaving it.
 _MARGIN = 5_000.0
 # Legs of a mission drawn turn from its course by no more than this [degrees].
 _TURNS = 60.0
 _MAX_DRAWS = 200
-_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The outcome of a mission.
+
+    Attributes:
+        miss: Between the goal and the last surfacing [m].
+        closest: Between the goal and the surfacing, or the start, nearest to it [m].
+        duration: To the last surfacing [s].
+        legs: Flown.
+        ended: Why no further leg was flown: ``arrived``, ``plan ended``, ``legs used up``, or the reason in words.
+    """
+
+    miss: float
+    closest: float
+    duration: float
+    legs: int
+    ended: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReplanRow:
+    """One twin mission.
+
+    Attributes:
+        member: The truth, position from 0.
+        seed: Of its start, goal and noise.
+        distance: Between start and goal [m].
+        truth_duration: Of the mission drawn, which reaches the goal in the truth [s].
+        single: With the single plan made at the start.
+        replanned: With a new plan at each surfacing.
+        prediction_errors: Between each leg's predicted surfacing and the actual one, of the replanned mission [m].
+    """
+
+    member: int
+    seed: int
+    distance: float
+    truth_duration: float
+    single: Outcome
+    replanned: Outcome
+    prediction_errors: tuple[float, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Miss distance of the replanned mission over that with the single plan."""
+        return self.replanned.miss / self.single.miss
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +89,7 @@ class _Way:
     """A glider on its way to a goal in a truth.
 
     Attributes:
-        sea: The truth.
+        field: The truth.
         goal: Where it should surface last.
         start_ns: When the mission began [ns, UTC].
         place: shape (2,) [m], where it is at the surface, local east and north.
@@ -46,27 +97,27 @@ class _Way:
         misses: Distances from the goal [m], at the start and at each surfacing.
     """
 
-    sea: Field
+    field: Field
     goal: Place
     start_ns: int
     place: Array
     time_ns: int
     misses: tuple[float, ...]
 
-    def fly(self, leg: Leg) -> tuple[LegFlight, "_Way"]:
+    def fly(self, leg: Leg) -> tuple[Track, "_Way"]:
         """Return a leg flown from here, and the way after it.
 
         Raises:
             ForecastError: The current carried the glider out of the truth's water.
         """
-        flight = fly_leg(self.sea, self.place, self.time_ns, leg)
+        flight = fly_leg(self.field, self.place, self.time_ns, leg)
         place = flight.place[-1]
-        misses = (*self.misses, distance_to(self.sea, place, self.goal))
+        misses = (*self.misses, distance_to(self.field, place, self.goal))
         return flight, replace(self, place=place, time_ns=flight.end_ns, misses=misses)
 
     def outcome(self, ended: str) -> Outcome:
         """Return the outcome of a mission that ends here."""
-        return Outcome(self.misses[-1], min(self.misses), (self.time_ns - self.start_ns) / _NS, len(self.misses) - 1, ended)
+        return Outcome(self.misses[-1], min(self.misses), (self.time_ns - self.start_ns) / NS_PER_S, len(self.misses) - 1, ended)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,59 +125,50 @@ class _Twin:
     """What missions in one truth are replanned with: estimator, job, planner, and the random generator of the noise."""
 
     # Any: each kind of estimator has a state of its own
-    estimator: Any
-    job: ReplanJob
+    estimator: Estimator[Any]
+    job: PlanningJob
     planner: MissionPlanner
     rng: np.random.Generator
 
     def plan(self, state: Any, way: _Way, most_legs: int, warm: PlannedLegs | None = None) -> PlannedLegs:
         """Return the plan on an estimate from where a glider is."""
-        places = place_at(way.sea.grid, way.place), way.goal
+        places = place_at(way.field.grid, way.place), way.goal
         return plan_legs(self.planner, flow_at(self.estimator, state, way.time_ns), places, way.time_ns, most_legs, warm)
 
 
 def run_replanning(
-    series: Sequence[Ensemble], config: RunConfig, job: ReplanJob, planner: MissionPlanner, progress: Progress | None = None
+    series: Sequence[Ensemble], config: RunConfig, job: PlanningJob, members: Sequence[int], planner: MissionPlanner, advance: Advance
 ) -> tuple[ReplanRow, ...]:
     """Return the twin missions.
 
     Args:
         series: The forecast at its times, in order; one alone may have no time, and the truth then stays as it is.
         config: Settings of the estimator.
-        job: Which missions.
-        planner: Plans them.
-        progress: Called with missions done, missions in all, and what is being run.
+        job: How many missions, of how many legs, to which depth.
+        members: Positions of the members that are the truth, in turn.
+        planner: Plans the missions.
+        advance: Counts missions as steps.
 
     Raises:
-        ConfigError: An option is wrong.
+        ConfigError: A member does not exist.
         ForecastError: No mission that stays in the truth's water was found.
         PlanError: The planner cannot plan at a mission's start.
     """
-    job.check()
-    n_members, rows = series[0].n_members, []
-    spread = min(job.missions, n_members)
-    members = job.members or [k * n_members // spread for k in range(spread)]
-    advance = counter(job.missions, progress)
-    for k in range(job.missions):
-        member = members[k % len(members)]
-        rows.append(_mission(series, config, job, planner, (member, job.seed + k)))
-        advance(f"mission {k}, member {member}")
+    rows = []
+    for k in range(job.replans):
+        member, seed = members[k % len(members)], job.seed + k
+        case = withhold(series, member)
+        field, rng = build_field(*case.truths), np.random.default_rng((seed, member))
+        twin = _Twin(own_estimator(case, config), job, planner, rng)
+        # in a sea that changes it begins in the middle of the forecast, which errs by then, and goes on long enough
+        start_ns = (int(field.time_ns[0]) + int(field.time_ns[-1])) // 2 or EPOCH_NS
+        start, goal, truth_duration = _drawn(field, job, start_ns, rng)
+        way = _Way(field, goal, start_ns, start, start_ns, (distance_to(field, start, goal),))
+        first = twin.plan(twin.estimator.initial(), way, job.most_legs)
+        replanned, errors = _fly_replanned(twin, way, first)
+        rows.append(ReplanRow(member, seed, way.misses[0], truth_duration, _fly_single(way, first), replanned, errors))
+        advance(f"replanning, mission {k}, member {member}")
     return tuple(rows)
-
-
-def _mission(series: Sequence[Ensemble], config: RunConfig, job: ReplanJob, planner: MissionPlanner, number: tuple[int, int]) -> ReplanRow:
-    """Return the twin mission of a member and a seed."""
-    member, seed = number
-    case = withhold(series, member)
-    sea, rng = build_field(*case.truths), np.random.default_rng((seed, member))
-    twin = _Twin(own_estimator(case, config), job, planner, rng)
-    # in a sea that changes it begins in the middle of the forecast, which errs by then, and goes on long enough
-    start_ns = (int(sea.time_ns[0]) + int(sea.time_ns[-1])) // 2 or EPOCH_NS
-    start, goal, truth_duration = _drawn(sea, job, start_ns, rng)
-    way = _Way(sea, goal, start_ns, start, start_ns, (distance_to(sea, start, goal),))
-    first = twin.plan(twin.estimator.initial(), way, job.most_legs)
-    replanned, errors = _fly_replanned(twin, way, first)
-    return ReplanRow(member, seed, way.misses[0], truth_duration, _fly_single(way, first), replanned, errors)
 
 
 def _fly_single(way: _Way, planned: PlannedLegs) -> Outcome:
@@ -150,10 +192,10 @@ def _fly_replanned(twin: _Twin, way: _Way, planned: PlannedLegs) -> tuple[Outcom
             return way.outcome("no plan leads nearer"), tuple(errors)
         try:
             flight, way = way.fly(planned.legs[0])
-            errors.append(distance_to(way.sea, way.place, planned.ends[0]))
-            if way.misses[-1] <= twin.job.tolerance:
+            errors.append(distance_to(way.field, way.place, planned.ends[0]))
+            if way.misses[-1] <= TOLERANCE:
                 return way.outcome("arrived"), tuple(errors)
-            for step in twin.estimator.steps(state, measured(way.sea, flight, twin.job.noise, twin.rng)):
+            for step in twin.estimator.steps(state, measured(way.field, flight, twin.job.noise, twin.rng)):
                 state = step[0]
             planned = twin.plan(state, way, max(1, twin.job.most_legs - len(errors)), planned)
         except (ForecastError, PlanError) as error:
@@ -161,28 +203,30 @@ def _fly_replanned(twin: _Twin, way: _Way, planned: PlannedLegs) -> tuple[Outcom
     return way.outcome("legs used up"), tuple(errors)
 
 
-def _drawn(sea: Field, job: ReplanJob, start_ns: int, rng: np.random.Generator) -> tuple[Array, Place, float]:
+def _drawn(field: Field, job: PlanningJob, start_ns: int, rng: np.random.Generator) -> tuple[Array, Place, float]:
     """Return a start, shape (2,) [m], a goal, and the time [s] from one to the other in the truth, leg by leg at random headings."""
-    depth = min(job.depth, float(sea.grid.levels[-1]))
+    depth = min(job.depth, float(field.grid.levels[-1]))
     for _ in range(_MAX_DRAWS):
-        place, now = random_places(sea, 1, rng)[0], start_ns
+        place, now = random_places(field, 1, rng)[0], start_ns
         start, course = place, rng.uniform(0.0, 360.0)
         try:
-            _require_room(sea, start)
+            _require_room(field, start)
             for _ in range(job.legs):
-                angle = np.deg2rad(rng.uniform(*job.angles))
-                speeds = job.speed * float(np.cos(angle)), job.speed * float(np.sin(angle))
-                flight = fly_leg(sea, place, now, Leg(course + rng.uniform(-_TURNS, _TURNS), *speeds, (0.0, depth, 0.0)))
+                angle = np.deg2rad(rng.uniform(*_ANGLES))
+                speeds = _SPEED * float(np.cos(angle)), _SPEED * float(np.sin(angle))
+                flight = fly_leg(field, place, now, Leg(course + rng.uniform(-_TURNS, _TURNS), *speeds, (0.0, depth, 0.0)))
                 place, now = flight.place[-1], flight.end_ns
-                _require_room(sea, place)
+                _require_room(field, place)
         except ForecastError:
             continue
-        return start, place_at(sea.grid, place), (now - start_ns) / _NS
-    raise ForecastError(f"{sea.grid.projection}: found no mission of {job.legs} legs that stays in the truth's water; use a larger region")
+        return start, place_at(field.grid, place), (now - start_ns) / NS_PER_S
+    raise ForecastError(
+        f"{field.grid.projection}: found no mission of {job.legs} legs that stays in the truth's water; use a larger region"
+    )
 
 
-def _require_room(sea: Field, place: Array) -> None:
+def _require_room(field: Field, place: Array) -> None:
     """Raise ForecastError when there is no water on all sides."""
     around = place + _MARGIN * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    if not np.isfinite(sea.velocity(around[:, 0], around[:, 1], 0.0, sea.time_ns[0])).all():
+    if not np.isfinite(field.velocity(around[:, 0], around[:, 1], 0.0, field.time_ns[0])).all():
         raise ForecastError("too near to the edge of the truth's water")

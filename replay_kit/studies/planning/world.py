@@ -10,10 +10,11 @@ import numpy as np
 
 import planners
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
+from replay_kit.core.plan import Plan
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.accuracy.methods import build_method
@@ -32,6 +33,7 @@ FLOWS = (TRUTH, AVERAGED, *METHODS)
 # Least and greatest glide angle of a mission [degrees].
 _ANGLES = (15.0, 35.0)
 _Made = TypeVar("_Made")
+_Planned = TypeVar("_Planned", bound=Plan | planners.MissionPlan)
 # The naive basis has the paper's errors of a bin, under which it was published.
 _PRESETS = {"naive3d": "paper"}
 
@@ -135,6 +137,16 @@ def timed(make: Callable[[], _Made]) -> tuple[_Made, float]:
     """Return what a function returns, and the seconds it took."""
     began = time.perf_counter()
     return make(), time.perf_counter() - began
+
+
+def attempted(make: Callable[[], _Planned]) -> tuple[_Planned | None, str, float]:
+    """Return a plan and its message, or None and why the planner refused the problem, and the seconds it took."""
+    began = time.perf_counter()
+    try:
+        made = make()
+    except PlanError as error:
+        return None, str(error), time.perf_counter() - began
+    return made, made.message, time.perf_counter() - began
 
 
 def build_world(ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PlanningJob, advance: Advance) -> World:

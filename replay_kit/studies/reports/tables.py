@@ -5,6 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from replay_kit.core.arrays import Array
+
 NAN = math.nan
 
 Cell = str | int | float | bool | tuple[float, ...] | None
@@ -27,6 +31,10 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     shown: bool = True
+
+    def column(self, name: str) -> Array:
+        """Return the numbers of a column, shape (rows,)."""
+        return np.array([row[self.columns.index(name)] for row in self.rows], dtype=np.float64)
 
 
 def named_columns(name: str, title: str, rows: Sequence[Mapping[str, Cell]], shown: bool = True) -> Table:

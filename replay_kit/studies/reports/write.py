@@ -1,10 +1,10 @@
-"""Tables to CSV, Markdown and the console; results to JSON; files into a folder."""
+"""Tables to CSV, Markdown and the console; results to JSON; figures to PNG and SVG; files into a folder."""
 
 import csv
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,17 @@ from rich.console import Console
 from rich.table import Table as ConsoleTable
 
 from replay_kit.core.atomic import atomic_file
-from replay_kit.core.errors import ConfigError
 from replay_kit.core.version import __version__
-from replay_kit.studies.reports.tables import Cell, Criterion, Table
+from replay_kit.studies.reports.tables import Cell, Criterion, Picture, Table
+
+_STYLE: Any = {
+    "font.size": 12.0,
+    "axes.titlesize": 12.0,
+    "figure.dpi": 110.0,
+    # ids in an SVG are salted hashes; words stay words, so that they can be searched and read aloud
+    "svg.hashsalt": "replay-kit",
+    "svg.fonttype": "none",
+}
 
 
 def plain(value: Any) -> Any:
@@ -27,9 +35,10 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def versions(*packages: str) -> dict[str, str]:
-    """Return the version of this package and of others, by name."""
-    return {"replay-kit": __version__, **{name: version(name) for name in packages}}
+def answer_of(figures: Mapping[str, Any], *packages: str) -> dict[str, Any]:
+    """Return figures for JSON, with the versions of this package and of others; ``unfinished`` is left out where it does not hold."""
+    versions = {"replay-kit": __version__, **{name: version(name) for name in packages}}
+    return {name: plain(value) for name, value in {**figures, "versions": versions}.items() if name != "unfinished" or value}
 
 
 def json_text(answer: Mapping[str, Any]) -> str:
@@ -86,7 +95,7 @@ def limits_text(at_least: float, at_most: float) -> str:
     return f">= {to_text(at_least)}" if math.isfinite(at_least) else f"<= {to_text(at_most)}" if math.isfinite(at_most) else ""
 
 
-def verdict(met: bool | None) -> str:
+def met_text(met: bool | None) -> str:
     """Return whether a limit is met, in words; empty when there is none."""
     return {None: "", True: "met", False: "NOT MET"}[met]
 
@@ -99,19 +108,11 @@ def criteria_table(title: str, criteria: Sequence[Criterion]) -> Table:
             one.value,
             f"{to_text(one.low)} to {to_text(one.high)}" if math.isfinite(one.low) else "",
             limits_text(one.at_least, one.at_most),
-            verdict(one.met),
+            met_text(one.met),
         )
         for one in criteria
     )
     return Table("criteria", title, ("figure", "value", "90 % interval", "required", ""), rows, shown=bool(rows))
-
-
-def check_folder(out: Path) -> None:
-    """Raise ConfigError when a folder for results cannot be made."""
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"{out}: is a file; give the name of a folder")
-    if not out.parent.is_dir():
-        raise ConfigError(f"{out}: there is no folder {out.parent}; make it, or choose another place")
 
 
 def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:
@@ -119,3 +120,36 @@ def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:
     for name, content in contents.items():
         with atomic_file(out / name) as file:
             file.write(content.encode() if isinstance(content, str) else content)
+
+
+def drawn(picture: Picture) -> bytes:
+    """Return a picture as PNG."""
+    from matplotlib.figure import Figure
+
+    def make() -> Figure:
+        figure = Figure(figsize=picture.size, layout="constrained")
+        picture.draw(figure)
+        return figure
+
+    return saved(make, "png")["png"]
+
+
+def saved(make: Callable[[], Any], *endings: str) -> dict[str, bytes]:
+    """Return a figure in some formats by their file endings.
+
+    Args:
+        make: Makes the figure; called under the style of all studies.
+        endings: ``png`` or ``svg``.
+    """
+    # matplotlib takes half a second to load, and nothing but pictures needs it
+    import matplotlib
+
+    contents = {}
+    with matplotlib.rc_context(_STYLE):
+        figure = make()
+        for ending in endings:
+            content = io.BytesIO()
+            # an SVG states when it was made unless told otherwise
+            figure.savefig(content, format=ending, metadata={"Date": None} if ending == "svg" else {})
+            contents[ending] = content.getvalue()
+    return contents

@@ -1,12 +1,21 @@
-"""How an estimate and its stated uncertainty compare with a known truth: pure functions of arrays."""
+"""How an estimate and its stated uncertainty compare with a known truth, the least error possible, and intervals of medians over cases."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.gaussian import coverage, crps_gaussian
+from replay_kit.estimator import Estimator
 from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length
+
+#: A goal that is passed this close counts as reached [m].
+NEAR = 250.0
+_RESAMPLES = 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,3 +46,48 @@ def score(flow: FlowEstimate, at: ScoredPoints) -> Score:
         return Score(rmse, relative, np.nan, np.nan, float(np.mean(np.abs(error))))
     std = flow.standard_error(*at.place)
     return Score(rmse, relative, coverage(error, std, 0.5), coverage(error, std, 0.9), float(np.mean(crps_gaussian(error, std))))
+
+
+def bound(estimator: Estimator[Any], at: ScoredPoints) -> float:
+    """Return the least RMSE [m/s] of any flow that an estimator can represent; NaN for one whose flows have no fixed span.
+
+    It is that of the least-squares fit of the truth within the span, at the scored points.
+    """
+    residual = estimator.span_residual(at.points, at.depth, at.velocity)
+    return float("nan") if residual is None else rms_length(residual)
+
+
+def bootstrap_median(values: Array, share: float = 0.9) -> tuple[float, float]:
+    """Return the ends of the bootstrap interval of a median, percentile method, resampled with a fixed seed.
+
+    Args:
+        values: shape (n,).
+        share: Of the resampled medians inside.
+    """
+    return _bootstrap(values.size, share, lambda drawn: np.median(values[drawn], axis=1))
+
+
+def miss_figures(misses: Array) -> dict[str, Any]:
+    """Return median, ends of its 90 % interval and quartiles of miss distances [m], shape (n,), and how many are within 250 m."""
+    low, high = bootstrap_median(misses)
+    lower, median, upper = (float(quartile) for quartile in np.quantile(misses, [0.25, 0.5, 0.75]))
+    near = int(np.sum(misses <= NEAR))
+    return {"median": median, "median_low": low, "median_high": high, "lower_quartile": lower, "upper_quartile": upper, "within_250": near}
+
+
+def bootstrap_ratio(values: Array, others: Array, share: float = 0.9) -> tuple[float, float]:
+    """Return the ends of the bootstrap interval of the ratio of two medians over the same cases, resampled together.
+
+    Args:
+        values: shape (n,), above the line.
+        others: shape (n,), below it.
+        share: Of the resampled ratios inside.
+    """
+    return _bootstrap(values.size, share, lambda drawn: np.median(values[drawn], axis=1) / np.median(others[drawn], axis=1))
+
+
+def _bootstrap(cases: int, share: float, statistic: Callable[[NDArray[np.int64]], Array]) -> tuple[float, float]:
+    """Return the ends of the interval of a statistic of resampled cases, which it takes as positions, shape (resamples, cases)."""
+    drawn = np.random.default_rng(0).integers(cases, size=(_RESAMPLES, cases))
+    low, high = np.quantile(statistic(drawn), [0.5 - share / 2.0, 0.5 + share / 2.0])
+    return float(low), float(high)

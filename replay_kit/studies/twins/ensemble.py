@@ -15,6 +15,7 @@ from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.paths import check_paths
 
 LONGITUDES = 152.5 + 0.106 * np.arange(-10.0, 11.0)  # about 9 km at 40 S
 LATITUDES = -40.0 + 0.081 * np.arange(-6.0, 7.0)  # about 9 km
@@ -142,11 +143,7 @@ def write_ensemble(
     Raises:
         ConfigError: A file exists or cannot be written, or an argument is bad.
     """
-    if ensemble.resolve() == truth.resolve():
-        raise ConfigError(f"{ensemble}: two outputs have this name; choose another for one of them")
-    for path in (ensemble, truth):
-        if path.exists() and not overwrite:
-            raise ConfigError(f"{path}: exists; choose another name or give --overwrite")
+    check_paths([], [ensemble, truth], overwrite)
     pair = synthesize(seed, n_members)
     packed: dict[str, object] = {"dtype": "int16", "scale_factor": _SCALE_FACTOR, "_FillValue": np.int16(-32768)}
     plain: dict[str, object] = {"dtype": "float64", "_FillValue": None}

@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
+from replay_kit.core.observation import VehicleState
 from replay_kit.studies.twins.field import Field, grid_indices
-from replay_kit.studies.twins.vehicle import Dive, Mission, Pings, Position, advected, dead_reckoned, log_position
+from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings, Track, advected, dead_reckoned, log_position
 
 STEP_S = 120
-_STEP_NS = STEP_S * 1_000_000_000
+_STEP_NS = STEP_S * NS_PER_S
 PING_STEPS = 5  # a ping every ten minutes
 SURFACE_STEPS = 2
 _REACHED = 5_000.0  # m; a waypoint this near counts as reached: one dive goes half as far
@@ -50,27 +51,6 @@ class Schedule:
     to_the_end: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Flight:
-    """One dive, or one stay at the surface, step by step.
-
-    Attributes:
-        place: shape (steps + 1, 2) [m], local east and north.
-        depth: shape (steps + 1,) [m].
-        through_water: shape (2,) [m/s], local; zero at the surface.
-        pitch_deg: shape (steps + 1,).
-    """
-
-    place: Array
-    depth: Array
-    through_water: Array
-    pitch_deg: Array
-
-    @property
-    def steps(self) -> int:
-        return len(self.depth) - 1
-
-
 def mission(
     field: Field,
     pings: int,
@@ -95,20 +75,16 @@ def mission(
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
     """
-    flights: list[_Flight] = []
     corner = int(rng.integers(len(_COURSE)))
     place, target = _place_of(field, _COURSE[corner]), corner + 1
     # a stay at the surface begins and ends the mission, so that each dive lies between two fixes
-    flights.append(_surface(field, place, start_ns))
-    flown = flights[-1].steps
-    while flown <= (pings - 1) * schedule.ping_steps:
-        place = flights[-1].place[-1]
+    tracks = [_surface(field, place, start_ns)]
+    while tracks[-1].end_ns <= start_ns + (pings - 1) * schedule.ping_steps * _STEP_NS:
+        place = tracks[-1].place[-1]
         aim, target = _aim(field, place, target)
-        dive = _dive(field, place, start_ns + flown * _STEP_NS, aim, limits)
-        surface = _surface(field, dive.place[-1], start_ns + (flown + dive.steps) * _STEP_NS)
-        flights += [dive, surface]
-        flown += dive.steps + surface.steps
-    return _logged(field, flights, np.arange(pings) * schedule.ping_steps, start_ns, schedule.to_the_end)
+        tracks.append(_dive(field, place, tracks[-1].end_ns, aim, limits))
+        tracks.append(_surface(field, tracks[-1].place[-1], tracks[-1].end_ns))
+    return _logged(field, tracks, start_ns + np.arange(pings) * schedule.ping_steps * _STEP_NS, limits, schedule.to_the_end)
 
 
 def _place_of(field: Field, fraction: Array) -> Array:
@@ -130,69 +106,63 @@ def _aim(field: Field, place: Array, target: int) -> tuple[Array, int]:
     return corner, target
 
 
-def _dive(field: Field, place: Array, start_ns: int, aim: Array, limits: GliderLimits) -> _Flight:
+def _dive(field: Field, place: Array, start_ns: int, aim: Array, limits: GliderLimits) -> Track:
     angle = np.deg2rad(limits.glide_angle_deg)
     bottom = min(limits.max_depth, float(field.grid.levels[-1]))
-    leg = max(1, round(bottom / (limits.speed * np.sin(angle) * STEP_S)))
-    down = np.linspace(0.0, bottom, leg + 1)
-    depth = np.concatenate([down, down[-2::-1]])
-    pitch = np.concatenate([np.full(leg + 1, -limits.glide_angle_deg), np.full(leg, limits.glide_angle_deg)])
+    down = np.linspace(0.0, bottom, dive_steps(field, limits) // 2 + 1)
     towards = (aim - place) / np.hypot(*(aim - place))
-    through_water = limits.speed * np.cos(angle) * towards
-    return _flight(field, place, start_ns, depth, through_water, pitch)
+    return _carried(field, place, start_ns, np.concatenate([down, down[-2::-1]]), limits.speed * np.cos(angle) * towards)
 
 
-def _surface(field: Field, place: Array, start_ns: int) -> _Flight:
-    depth = np.zeros(SURFACE_STEPS + 1)
-    return _flight(field, place, start_ns, depth, np.zeros(2), depth)
+def dive_steps(field: Field, limits: GliderLimits) -> int:
+    """Return how long a dive takes [steps of 120 s], half of them down and half up."""
+    bottom = min(limits.max_depth, float(field.grid.levels[-1]))
+    return 2 * max(1, round(bottom / (limits.speed * float(np.sin(np.deg2rad(limits.glide_angle_deg))) * STEP_S)))
 
 
-def _flight(field: Field, place: Array, start_ns: int, depth: Array, through_water: Array, pitch_deg: Array) -> _Flight:
-    seconds = STEP_S * np.arange(depth.size, dtype=np.float64)
-    return _Flight(advected(field, place, start_ns, seconds, depth, through_water), depth, through_water, pitch_deg)
+def _surface(field: Field, place: Array, start_ns: int) -> Track:
+    return _carried(field, place, start_ns, np.zeros(SURFACE_STEPS + 1), np.zeros(2))
 
 
-def _logged(field: Field, flights: list[_Flight], ping_steps: NDArray[np.int64], start_ns: int, to_the_end: bool) -> Mission:
-    """Return what is logged of the flights."""
-    end = sum(flight.steps for flight in flights) if to_the_end else int(ping_steps[-1])
-    logged_steps = np.union1d(np.arange(0, end + 1, PING_STEPS), ping_steps)
-    positions: dict[int, Position] = {}
+def _carried(field: Field, place: Array, start_ns: int, depth: Array, through_water: Array) -> Track:
+    return advected(field, place, start_ns, STEP_S * np.arange(depth.size, dtype=np.float64), depth, through_water)
+
+
+def _logged(field: Field, tracks: list[Track], pings_ns: NDArray[np.int64], limits: GliderLimits, to_the_end: bool) -> Mission:
+    """Return what is logged of dives and stays at the surface."""
+    start_ns = tracks[0].start_ns
+    end_ns = tracks[-1].end_ns if to_the_end else int(pings_ns[-1])
+    logged_ns = np.union1d(np.arange(start_ns, end_ns + 1, PING_STEPS * _STEP_NS), pings_ns)
+    positions: dict[int, VehicleState] = {}
     dives: list[Dive] = []
     parts: list[tuple[Array, ...]] = []
-    step = 0
-    for flight in flights:
-        last = step + flight.steps
-        inside, logged = (steps[(steps >= step) & (steps < last)] - step for steps in (ping_steps, logged_steps))
-        times = start_ns + (step + np.arange(flight.steps + 1)) * _STEP_NS
-        if flight.depth.any():
-            ends = tuple(log_position(field, int(times[k]), flight.place[k], 0.0, False) for k in (0, -1))
+    for track in tracks:
+        steps = [times_ns[(times_ns >= track.start_ns) & (times_ns < track.end_ns)] for times_ns in (pings_ns, logged_ns)]
+        pinged, logged = ((times_ns - track.start_ns) // _STEP_NS for times_ns in steps)
+        deepest = int(np.argmax(track.depth))
+        if deepest:
             under = logged[logged > 0]
-            pinged = times[under], flight.depth[under]
-            way = flight.place[[0, -1]]
-            current = (way[1] - way[0]) / (flight.steps * float(STEP_S)) - flight.through_water
-            dive, reckoned = dead_reckoned(field, len(dives) + 1, (ends[0], ends[1]), way, current, pinged)
+            dive, reckoned = dead_reckoned(field, len(dives) + 1, track, track.start_ns + under * _STEP_NS, track.depth[under])
             dives.append(dive)
         else:
             # the first and the last moment at the surface are fixes, and so is each ping there
-            steps = sorted({0, flight.steps, *logged.tolist()})
-            reckoned = [log_position(field, int(times[k]), flight.place[k], 0.0, False) for k in steps]
+            moments = sorted({0, SURFACE_STEPS, *logged.tolist()})
+            reckoned = [log_position(field, track.time_ns(k), track.place[k]) for k in moments]
         positions.update((position.time_ns, position) for position in reckoned)
-        heading = _heading(field, flight)
-        through_water = np.tile(flight.through_water, (inside.size, 1))
-        parts.append((flight.place[inside], flight.depth[inside], heading[inside], flight.pitch_deg[inside], through_water))
-        step = last
+        pitch = np.where(pinged <= deepest, -limits.glide_angle_deg, limits.glide_angle_deg) if deepest else np.zeros(pinged.size)
+        through_water = np.tile(track.through_water, (pinged.size, 1))
+        parts.append((track.place[pinged], track.depth[pinged], _heading(field, track)[pinged], pitch, through_water))
     place, depth, heading, pitch, through_water = (np.concatenate(column) for column in zip(*parts, strict=True))
-    times = start_ns + ping_steps * _STEP_NS
-    over_ground = through_water + field.velocity(place[:, 0], place[:, 1], depth, times)
-    track = Pings(times, place[:, 0], place[:, 1], depth, heading, pitch, over_ground)
-    return Mission(track, tuple(positions[t] for t in sorted(positions)), tuple(dives))
+    over_ground = through_water + field.velocity(place[:, 0], place[:, 1], depth, pings_ns)
+    pings = Pings(pings_ns, place[:, 0], place[:, 1], depth, heading, pitch, over_ground)
+    return Mission(pings, tuple(positions[t] for t in sorted(positions)), tuple(dives))
 
 
-def _heading(field: Field, flight: _Flight) -> Array:
+def _heading(field: Field, track: Track) -> Array:
     """Return the heading at each step, clockwise from true north; adrift at the surface, north by convention."""
-    if not flight.through_water.any():
-        return np.zeros(flight.steps + 1)
-    longitude, latitude = to_geographic(field.grid.projection, flight.place[:, 0], flight.place[:, 1])
-    bearing = np.arctan2(flight.through_water[0], flight.through_water[1])
+    if not track.through_water.any():
+        return np.zeros(track.depth.size)
+    longitude, latitude = to_geographic(field.grid.projection, track.place[:, 0], track.place[:, 1])
+    bearing = np.arctan2(track.through_water[0], track.through_water[1])
     true = bearing - grid_bearing_of_true_north(field.grid.projection, longitude, latitude)
     return np.asarray(np.mod(np.rad2deg(true), 360.0), dtype=np.float64)

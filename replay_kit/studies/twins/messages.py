@@ -10,59 +10,85 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
-from replay_kit.studies.twins.adcp import AdcpSettings
-from replay_kit.studies.twins.faults import Faults
-from replay_kit.studies.twins.vehicle import Dive, Mission, Position
-
-_NS = 1_000_000_000
+from replay_kit.core.observation import VehicleState
+from replay_kit.studies.twins.adcp import SOUND, AdcpSettings, Faults, as_logged, measure
+from replay_kit.studies.twins.field import Field
+from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Record:
-    """What an instrument logs.
+class Flight:
+    """A mission flown, and the water measured on it; make it with ``measured_on``.
 
     Attributes:
-        velocity: shape (n_pings, n_cells, 2) [m/s], true east and north; NaN where bad.
-        settings: The instrument.
-        faults: What the velocities are relative to, and with which error the platform's velocity is stated.
-        platform: shape (n_pings, 2) [m/s], the platform's velocity, true east and north; None where it is not stated.
+        field: The truth.
+        mission: What the vehicle did.
+        settings: Of its instrument.
+        measured: shape (n_pings, n_cells, 2) [m/s], the water over the ground with noise, true east and north; NaN where bad.
+        seed: Of the faults.
     """
 
-    velocity: Array
+    field: Field
+    mission: Mission
     settings: AdcpSettings
-    faults: Faults
-    platform: Array | None
+    measured: Array
+    seed: int
+
+    @property
+    def places(self) -> Array:
+        """Where it pinged, shape (pings, 2) [m], local axes."""
+        return np.column_stack([self.mission.pings.east, self.mission.pings.north])
+
+    def messages(self, faults: Faults = SOUND, *, pings: bool = True) -> Iterator[Message]:
+        """Yield the log's messages in order of time: at one time the position, then a dive's mean current, then the ping.
+
+        Args:
+            faults: What the instrument gets wrong, or does not know.
+            pings: Whether its pings are logged.
+        """
+        entries: list[tuple[int, int, str, str, dict[str, Any]]] = []
+        for position in self.mission.positions:
+            entries.append((position.time_ns, 0, position.source.topic, "foxglove.LocationFix", _location_fix(position)))
+        for dive in self.mission.dives:
+            entries.append((dive.end.time_ns, 1, "/dac", "replay_kit.DepthAveragedCurrent", _depth_averaged_current(dive)))
+        entries += self._pings(faults) if pings else []
+        entries.sort(key=lambda entry: entry[:2])
+        for ordinal, (time_ns, _, topic, schema, payload) in enumerate(entries):
+            yield Message(time_ns, topic, schema, payload, 0, ordinal)
+
+    def _pings(self, faults: Faults) -> Iterator[tuple[int, int, str, str, dict[str, Any]]]:
+        """Yield the pings as the instrument logs them, with their times and their order among messages of one time."""
+        velocity, platform = as_logged(self.measured, self.mission.pings, self.field.grid.projection, faults, self.seed)
+        latitudes = {position.time_ns: position.latitude for position in self.mission.positions}
+        for number, time_ns in enumerate(self.mission.pings.time_ns.tolist()):
+            ping = _adcp_ping(self.mission.pings, number, self.settings, velocity[number], latitudes[time_ns])
+            ping["reference"] = faults.reference
+            if platform is not None:
+                east, north = np.round(platform[number], 4).tolist()
+                error = {"velocity_std": faults.platform_std, "source": "flight_model"}
+                ping["platform_velocity"] = {"east": east, "north": north, **error}
+            yield time_ns, 2, "/adcp", "replay_kit.AdcpPing", ping
 
 
-def mission_messages(mission: Mission, record: Record | None) -> Iterator[Message]:
-    """Yield the log's messages in order of time: at one time the position, then a dive's mean current, then the ping.
+def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Generator, seed: int = 0) -> Flight:
+    """Return a mission with what its instrument measures.
 
     Args:
         mission: What the vehicle did.
-        record: What its instrument logs; None without one.
+        field: The truth.
+        noise: Standard deviation of each velocity component [m/s].
+        rng: Source of the noise.
+        seed: Of the faults that its messages may have.
     """
-    entries: list[tuple[int, int, str, str, dict[str, Any]]] = []
-    latitudes = {}
-    for position in mission.positions:
-        topic = "/vehicle/position" if position.dead_reckoned else "/vehicle/fix"
-        entries.append((position.time_ns, 0, topic, "foxglove.LocationFix", _location_fix(position)))
-        latitudes[position.time_ns] = position.latitude
-    for dive in mission.dives:
-        entries.append((dive.end.time_ns, 1, "/dac", "replay_kit.DepthAveragedCurrent", _depth_averaged_current(dive)))
-    for number, time_ns in enumerate(mission.pings.time_ns.tolist() if record is not None else ()):
-        assert record is not None
-        ping = _adcp_ping(mission, number, record, latitudes[time_ns])
-        entries.append((time_ns, 2, "/adcp", "replay_kit.AdcpPing", ping))
-    entries.sort(key=lambda entry: entry[:2])
-    for ordinal, (time_ns, _, topic, schema, payload) in enumerate(entries):
-        yield Message(time_ns, topic, schema, payload, 0, ordinal)
+    settings = AdcpSettings(noise=noise)
+    return Flight(field, mission, settings, measure(field, mission.pings, settings, rng), seed)
 
 
 def _stamp(time_ns: int) -> dict[str, int]:
-    return {"sec": time_ns // _NS, "nsec": time_ns % _NS}
+    return {"sec": time_ns // NS_PER_S, "nsec": time_ns % NS_PER_S}
 
 
-def _location_fix(position: Position) -> dict[str, Any]:
+def _location_fix(position: VehicleState) -> dict[str, Any]:
     return {
         "timestamp": _stamp(position.time_ns),
         "frame_id": "vehicle",
@@ -87,22 +113,21 @@ def _depth_averaged_current(dive: Dive) -> dict[str, Any]:
         "dac_northward": round(dive.current[1], 6),
         "error": None,
         **dict(zip(("start_fix", "end_fix"), fixes, strict=True)),
-        "duration": (dive.end.time_ns - dive.start.time_ns) / _NS,
+        "duration": (dive.end.time_ns - dive.start.time_ns) / NS_PER_S,
         "dac_kind": "dead_reckoning",
     }
 
 
-def _adcp_ping(mission: Mission, number: int, record: Record, latitude: float) -> dict[str, Any]:
-    pings, settings = mission.pings, record.settings
+def _adcp_ping(pings: Pings, number: int, settings: AdcpSettings, velocity: Array, latitude: float) -> dict[str, Any]:
     pressure = float(gsw.p_from_z(-pings.depth[number], latitude)) if pings.depth[number] > 0.0 else 0.0
     # a tenth of the millimetre per second that instruments resolve, so that the numbers stay short
-    cells = [[*(_number(component) for component in cell), None] for cell in np.round(record.velocity[number], 4).tolist()]
+    cells = [[*(_number(component) for component in cell), None] for cell in np.round(velocity, 4).tolist()]
     return {
         "stamp": _stamp(int(pings.time_ns[number])),
         "frame_id": "adcp",
         "ping": number,
         "coordinate_system": "earth",
-        "reference": record.faults.reference,
+        "reference": "earth",
         "orientation": "down",
         "bin_mapped": True,
         "n_cells": settings.n_cells,
@@ -125,15 +150,7 @@ def _adcp_ping(mission: Mission, number: int, record: Record, latitude: float) -
         "magnetic_declination": None,
         "declination_applied": True,
         "bottom_track": None,
-        **_platform_velocity(record, number),
     }
-
-
-def _platform_velocity(record: Record, number: int) -> dict[str, Any]:
-    if record.platform is None:
-        return {}
-    east, north = np.round(record.platform[number], 4).tolist()
-    return {"platform_velocity": {"east": east, "north": north, "velocity_std": record.faults.platform_std, "source": "flight_model"}}
 
 
 def _number(value: float) -> float | None:

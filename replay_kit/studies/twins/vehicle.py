@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic
+from replay_kit.core.observation import Source, VehicleState
 from replay_kit.studies.twins.field import Field
 
 EPOCH = "2018-11-16T00:00:00Z"  # when the truth has no time of its own
 EPOCH_NS = 1_542_326_400_000_000_000
-_NS = 1_000_000_000
-_NS_PER_MS = 1_000_000
+NS_PER_S, NS_PER_MS = 1_000_000_000, 1_000_000
+DAY_NS = 86_400 * NS_PER_S
 _MAX_DRAWS = 1000
 
 
@@ -42,25 +43,6 @@ class Pings:
 
 
 @dataclass(frozen=True, slots=True)
-class Position:
-    """A position as the vehicle logs it.
-
-    Attributes:
-        time_ns: [ns, UTC].
-        longitude: [degrees east].
-        latitude: [degrees north].
-        depth: [m].
-        dead_reckoned: True when computed, not measured.
-    """
-
-    time_ns: int
-    longitude: float
-    latitude: float
-    depth: float
-    dead_reckoned: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Dive:
     """One dive, surfacing to surfacing.
 
@@ -72,8 +54,8 @@ class Dive:
     """
 
     number: int
-    start: Position
-    end: Position
+    start: VehicleState
+    end: VehicleState
     current: tuple[float, float]
 
 
@@ -88,11 +70,44 @@ class Mission:
     """
 
     pings: Pings
-    positions: tuple[Position, ...]
+    positions: tuple[VehicleState, ...]
     dives: tuple[Dive, ...]
 
 
-def log_position(field: Field, time_ns: int, place: Array, depth: float, dead_reckoned: bool) -> Position:
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A way through a truth: one dive or several without a stop, a stay at the surface, or a dive and the drift after it.
+
+    Attributes:
+        start_ns: When it began [ns, UTC].
+        seconds: shape (n,) [s], since then.
+        place: shape (n, 2) [m], local east and north of the truth.
+        depth: shape (n,) [m].
+        through_water: shape (2,) [m/s], local east and north, under water.
+    """
+
+    start_ns: int
+    seconds: Array
+    place: Array
+    depth: Array
+    through_water: Array
+
+    @property
+    def surfaced(self) -> int:
+        """Number of the point at which the surface was reached, 0 for a stay there; a drift comes after it."""
+        return int(np.flatnonzero(np.diff(self.depth, prepend=self.depth[0])).max(initial=0))
+
+    @property
+    def end_ns(self) -> int:
+        """When it ended, its drift included [ns, UTC]."""
+        return self.time_ns(-1)
+
+    def time_ns(self, point: int) -> int:
+        """Return the time of a point, to the millisecond [ns, UTC]."""
+        return self.start_ns + round(float(self.seconds[point]) * 1e3) * NS_PER_MS
+
+
+def log_position(field: Field, time_ns: int, place: Array, depth: float = 0.0, dead_reckoned: bool = False) -> VehicleState:
     """Return a position as it is logged: to 1e-7 degree and millimetres of depth, the resolution that MAVLink carries.
 
     Args:
@@ -102,43 +117,46 @@ def log_position(field: Field, time_ns: int, place: Array, depth: float, dead_re
         depth: [m].
         dead_reckoned: True when computed, not measured.
     """
-    longitude, latitude = to_geographic(field.grid.projection, place[0], place[1])
-    return Position(int(time_ns), round(float(longitude), 7), round(float(latitude), 7), round(float(depth), 3), dead_reckoned)
+    longitude, latitude = (round(float(degrees), 7) for degrees in to_geographic(field.grid.projection, place[0], place[1]))
+    source = Source(0, "/vehicle/position" if dead_reckoned else "/vehicle/fix", 0, int(time_ns))
+    return VehicleState(
+        source.time_ns, round(float(longitude), 7), round(float(latitude), 7), round(float(depth), 3), dead_reckoned, source
+    )
 
 
-def advected(field: Field, place: Array, start_ns: int, seconds: Array, depth: Array, through_water: Array) -> Array:
-    """Return the track of a vehicle in a truth, shape (n, 2) [m], by the midpoint rule.
+def advected(field: Field, place: Array, start_ns: int, seconds: Array, depth: Array, through_water: Array) -> Track:
+    """Return the track of a vehicle in a truth, by the midpoint rule.
 
     Args:
         field: The truth.
         place: shape (2,) [m], local east and north at the start.
         start_ns: [ns, UTC].
         seconds: shape (n,) [s], since the start.
-        depth: shape (n,) [m].
-        through_water: shape (2,) for the whole way, or (n - 1, 2) for each step [m/s], local east and north.
+        depth: shape (n,) [m]; where it no longer changes the vehicle is adrift.
+        through_water: shape (2,) [m/s], local east and north, until then.
 
     Raises:
         ForecastError: The current carried the vehicle out of the truth's water.
     """
-    track = [np.asarray(place, dtype=np.float64)]
-    each = np.broadcast_to(through_water, (len(seconds) - 1, 2))
-    for (before, after), (upper, lower), own in zip(pairwise(seconds.tolist()), pairwise(depth.tolist()), each, strict=True):
-        here, step, now = track[-1], after - before, start_ns + int(before * _NS)
+    track = Track(start_ns, seconds, np.empty((len(seconds), 2)), depth, through_water)
+    track.place[0] = place
+    surfaced = track.surfaced
+    for k, ((before, after), (upper, lower)) in enumerate(zip(pairwise(seconds.tolist()), pairwise(depth.tolist()), strict=True)):
+        own = through_water if k < surfaced else np.zeros(2)
+        here, step, now = track.place[k], after - before, start_ns + int(before * NS_PER_S)
         middle = here + 0.5 * step * (own + field.velocity(here[0], here[1], upper, now))
-        at_middle = field.velocity(middle[0], middle[1], 0.5 * (upper + lower), now + int(0.5 * step * _NS))
-        track.append(here + step * (own + at_middle))
-        if not np.isfinite(track[-1]).all():
+        at_middle = field.velocity(middle[0], middle[1], 0.5 * (upper + lower), now + int(0.5 * step * NS_PER_S))
+        track.place[k + 1] = here + step * (own + at_middle)
+        if not np.isfinite(track.place[k + 1]).all():
             longitude, latitude = to_geographic(field.grid.projection, here[0], here[1])
             raise ForecastError(
                 f"the current carried the glider out of the truth's water at {longitude:.3f} E, {latitude:.3f} N, {lower:.0f} m; "
                 "use another seed, a shorter mission or a larger region"
             )
-    return np.array(track)
+    return track
 
 
-def dead_reckoned(
-    field: Field, number: int, ends: tuple[Position, Position], track: Array, current: Array, pings: tuple[NDArray[np.int64], Array]
-) -> tuple[Dive, list[Position]]:
+def dead_reckoned(field: Field, number: int, track: Track, time_ns: NDArray[np.int64], depth: Array) -> tuple[Dive, list[VehicleState]]:
     """Return a dive with its depth-averaged current, and positions as a shore station reckons them after the dive.
 
     Through-water motion plus the depth-averaged current ends at the fix after the dive, so that positions lie evenly between the fixes.
@@ -146,18 +164,21 @@ def dead_reckoned(
     Args:
         field: The truth.
         number: Of the dive.
-        ends: The fixes before and after it.
-        track: shape (2, 2) [m], places of the fixes.
-        current: shape (2,) [m/s], depth-averaged, local east and north.
-        pings: Times [ns, UTC] and depths [m] of the positions, shape (k,) each.
+        track: The dive; it lies between fixes at its start and where it surfaces.
+        time_ns: shape (k,) [ns, UTC], of the positions.
+        depth: shape (k,) [m], of the positions.
     """
-    start_ns, end_ns = (fix.time_ns for fix in ends)
-    true = rotate_to_geographic(field.grid.projection, ends[0].longitude, ends[0].latitude, current[0], current[1])
+    points = (0, track.surfaced)
+    begin, end = (log_position(field, track.time_ns(k), track.place[k]) for k in points)
+    way = track.place[points[1]] - track.place[0]
+    current = way / float(track.seconds[points[1]]) - track.through_water
+    true = rotate_to_geographic(field.grid.projection, begin.longitude, begin.latitude, current[0], current[1])
+    shares = (time_ns - begin.time_ns) / (end.time_ns - begin.time_ns)
     positions = [
-        log_position(field, time_ns, track[0] + (time_ns - start_ns) / (end_ns - start_ns) * (track[1] - track[0]), depth, True)
-        for time_ns, depth in zip(pings[0].tolist(), pings[1].tolist(), strict=True)
+        log_position(field, at_ns, track.place[0] + share * way, down, True)
+        for at_ns, share, down in zip(time_ns.tolist(), shares, depth.tolist(), strict=True)
     ]
-    return Dive(number, *ends, (float(true[0]), float(true[1]))), positions
+    return Dive(number, begin, end, (float(true[0]), float(true[1]))), positions
 
 
 def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, speed: float = 5.0) -> Mission:
@@ -176,14 +197,14 @@ def survey(field: Field, pings: int, start_ns: int, rng: np.random.Generator, sp
     places = _nearest_first(random_places(field, pings, rng))
     d_east, d_north = np.diff(places, axis=0).T
     elapsed_ms = np.round(np.append(0.0, np.cumsum(np.hypot(d_east, d_north))) / speed * 1000.0)
-    time_ns = start_ns + elapsed_ms.astype(np.int64) * _NS_PER_MS
+    time_ns = start_ns + elapsed_ms.astype(np.int64) * NS_PER_MS
     # the last ping keeps the heading of the leg that led to it
     course = heading_deg(d_east, d_north)
     heading = np.append(course, course[-1:]) if pings > 1 else np.zeros(1)
     surface = np.zeros(pings)
     over_ground = speed * np.column_stack([np.sin(np.deg2rad(heading)), np.cos(np.deg2rad(heading))])
     track = Pings(time_ns, places[:, 0], places[:, 1], surface, heading, surface, over_ground)
-    positions = tuple(log_position(field, t, place, 0.0, False) for t, place in zip(time_ns.tolist(), places, strict=True))
+    positions = tuple(log_position(field, t, place) for t, place in zip(time_ns.tolist(), places, strict=True))
     return Mission(track, positions, ())
 
 

@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState
+from replay_kit.core.paths import Paths
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.estimator.static.likelihood import JointPrediction, Likelihood, predict_jointly
@@ -89,7 +90,7 @@ class ImportCheck:
     note: str = ""
 
 
-def check_logs(logs: Sequence[Path], ensemble: Path, config: RunConfig) -> ImportCheck:
+def check_logs(logs: Sequence[Path], ensemble: Paths, config: RunConfig) -> ImportCheck:
     """Return the check of a mission's logs, which may place each other's profiles, against an ensemble.
 
     Raises:

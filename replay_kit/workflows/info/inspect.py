@@ -1,23 +1,27 @@
 """What is in a log, and what it can be used for."""
 
+import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import Observation, PathMean, VehicleState
+from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator.update.screening import usable
-from replay_kit.logs import open_log
-from replay_kit.logs.losses import iso_time, loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
+from replay_kit.logs import open_log, open_logs
+from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
+from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggestion
+from replay_kit.results.losses import loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
+from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,23 +113,67 @@ class LogInfo:
     unknown: Mapping[str, tuple[str, Mapping[str, Any]]]
 
     @property
+    def missing(self) -> str:
+        """What a replay still needs; empty for a log that has it all."""
+        content, lacks = self.content, []
+        if not content.positions and not content.bins:
+            lacks.append("positions")
+        if not content.bins and not content.mean_currents:
+            lacks.append("profiles of the current, or mean currents of dives with their fixes")
+        return ", and ".join(lacks)
+
+    @property
+    def mappable(self) -> Mapping[str, str]:
+        """Topics of unknown types in which something looks usable, and as what."""
+        found = {}
+        for key, (schema, payload) in sorted(self.unknown.items()):
+            topic = key.partition("\n")[0]
+            if (entry := suggestion(topic, schema, payload)) is not None:
+                kinds = [line.rpartition("= ")[2].strip('"') for line in entry.splitlines() if line.lstrip("# ").startswith("kind = ")]
+                found[key.replace("\n", ", name ")] = kinds[0]
+        return found
+
+    @property
     def use(self) -> str:
         """What the log can be used for, in words."""
         if self.content.bins:
             return "replay: it has positions and profiles of the current"
         if self.content.mean_currents:
-            return "mean currents between fixes, without profiles, for estimators that take them"
+            return "replay: it has mean currents between fixes, which alone estimate a field; no usable profile of the current"
         if self.content.positions:
             return "positions only: no usable profile of the current"
         return "nothing yet: neither positions nor profiles of the current"
 
 
+def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = silent) -> list[LogInfo]:
+    """Return what each log holds; every message is read.
+
+    Args:
+        paths: Files, and folders that stand for the logs in them.
+        config: How logs are read and interpreted.
+        progress: Is called with the number of logs read, their number, and the log that is next.
+
+    Raises:
+        LogError: A log cannot be opened.
+    """
+    found, logs = [], open_logs(paths, config.logs)
+    for k, log in enumerate(logs):
+        # one log is no share of the work
+        progress(k, len(logs) if len(logs) > 1 else 0, f"reading: {log.path}")
+        found.append(_inspect(log, config))
+    return found
+
+
 def inspect_log(path: Path, config: RunConfig) -> LogInfo:
-    """Return what a log holds; every message is read.
+    """Return what one log holds; every message is read.
 
     Raises:
         LogError: The log cannot be opened.
     """
+    return _inspect(open_log(path, 0, config.logs), config)
+
+
+def _inspect(log: LogFile, config: RunConfig) -> LogInfo:
     state, content = initial_state(config.logs.system), LogContent()
     topics: dict[str, TopicInfo] = {}
     not_used: Counter[tuple[str, str]] = Counter()
@@ -140,12 +188,12 @@ def inspect_log(path: Path, config: RunConfig) -> LogInfo:
         not_used.update((event.topic, event.reason) for event in skipped)
         return any(event.reason == NOT_A_KIND for event in skipped)
 
-    with open_log(path, 0, config.logs) as log:
+    with log:
         for message in log.messages():
             topics[message.topic] = topics.get(message.topic, TopicInfo()).extended(message)
             state, events = interpret(state, message, config.measurements)
-            if count(events) and not message.topic.startswith("mavlink/"):
-                unknown[message.topic] = (message.schema, message.payload)
+            if count(events) and (not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)):
+                unknown[sample_key(message.topic, message.payload)] = (message.schema, message.payload)
         count(finish(state, config.measurements))
         report = log.report()
     topics |= {name: replace(topics.get(name, TopicInfo()), messages=number) for name, number in report.read.items()}
@@ -167,6 +215,8 @@ def info_json(info: LogInfo) -> dict[str, Any]:
         "file": info.report.path,
         "format": info.report.format,
         "use": info.use,
+        "missing": info.missing,
+        "mappable": dict(info.mappable),
         "profiles": content.profiles,
         "bins": content.bins,
         "mean_currents": content.mean_currents,
@@ -178,7 +228,7 @@ def info_json(info: LogInfo) -> dict[str, Any]:
             {"topic": name, "schema": topic.schema, "messages": topic.messages, "first": iso(topic.first_ns), "last": iso(topic.last_ns)}
             for name, topic in info.topics.items()
         ],
-        "not_used": info.not_used,
+        "not_used": {topic: coded(reasons) for topic, reasons in info.not_used.items()},
         "undecodable": undecodable_json(info.report.undecodable),
         "notes": info.report.notes,
         "losses": [loss_json(loss) for loss in info.report.losses],
@@ -186,29 +236,20 @@ def info_json(info: LogInfo) -> dict[str, Any]:
     }
 
 
-def iso(time_ns: int | None) -> str | None:
-    """Return a time as ISO 8601 UTC to the second; None stays None, and a time that 64 bits cannot hold is given as the last they can."""
-    return None if time_ns is None else iso_time(time_ns, "s")
+def _span(topics: Mapping[str, TopicInfo]) -> str:
+    """Return the time span of a log's topics in words; empty when no message has a time."""
+    spans = [(topic.first_ns, topic.last_ns) for topic in topics.values() if topic.first_ns is not None and topic.last_ns is not None]
+    return f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}" if spans else ""
 
 
-def not_used_lines(not_used: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
-    """Yield a line for each reason for which messages of a topic were not used."""
-    return (f"Not used: {count} x {topic}: {reason}" for topic, reasons in not_used.items() for reason, count in reasons.items())
-
-
-def print_lines(console: Console, lines: Iterable[str]) -> None:
-    """Print lines that the terminal wraps, so that a pipe has them whole."""
-    for line in lines:
-        console.print(line, soft_wrap=True)
-
-
-def print_info(log: LogInfo, console: Console) -> None:
-    """Print what a log holds."""
-    report, content = log.report, log.content
-    table = Table("topic", "schema", "messages", "first", "last", title=f"{report.path} ({report.format})", title_justify="left")
-    for name, topic in log.topics.items():
-        table.add_row(name, topic.schema, str(topic.messages), iso(topic.first_ns) or "", iso(topic.last_ns) or "")
-    console.print(table)
+def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
+    """Print what a log holds; topics that differ in a number alone share a row unless whole tables are asked for."""
+    report, content, topics = log.report, log.content, log.topics
+    times = short_times([topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()])
+    cells = zip(topics.items(), times[: len(topics)], times[len(topics) :], strict=True)
+    rows = ((name, topic.schema, str(topic.messages), first, last) for (name, topic), first, last in cells)
+    columns = ("topic", "schema", "messages", "first", "last")
+    print_table(console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose))
     console.print(
         f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
     )
@@ -219,9 +260,32 @@ def print_info(log: LogInfo, console: Console) -> None:
     if content.depths is not None:
         console.print(f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m")
     known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
-    print_lines(console, not_used_lines(known))
+    print_lines(console, not_used_lines(known, verbose))
     print_lines(console, undecodable_lines(report.undecodable))
     if report.unchecked:
         print_lines(console, [f"Without a checksum, so that damage cannot be detected: {unchecked_words(report)}"])
     print_lines(console, (f"Note: {note}" for note in report.notes))
     print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))
+    if log.missing:
+        print_lines(console, [f"Missing for a replay: {log.missing}"])
+    mappable = log.mappable
+    print_lines(console, (f"Unknown type: {topic} looks like a {kind}" for topic, kind in mappable.items()))
+    others = len(log.unknown) - len(mappable)
+    if others:
+        print_lines(console, [f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"])
+
+
+def next_command(logs: Sequence[LogInfo], names: Sequence[str]) -> str:
+    """Return what to type next, in words.
+
+    Args:
+        logs: The logs of a mission.
+        names: As they were given.
+    """
+    given = " ".join(shlex.quote(name) for name in names)
+    contents = [log.content for log in logs]
+    if any(content.bins or content.mean_currents for content in contents):
+        return f"Next: replay-kit replay {given} --ensemble FORECAST.nc -o RESULT.mcap"
+    if any(log.mappable for log in logs):
+        return f"Next: replay-kit info {given} --suggest map.toml, correct map.toml, then replay-kit info {given} --config map.toml"
+    return f"Next: replay-kit info {given} ANOTHER_LOG, with the log of this mission that has what is missing"

@@ -13,6 +13,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
+from replay_kit.core.progress import announce
 from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry, read_flow
 from replay_kit.workflows.planning.request import MissionKind, PlanJob, objective_of
@@ -51,6 +52,7 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     """
     job.check_samples(config.samples)
     vehicle, settings = mission_settings(config, job.kind.objective, job.spline)
+    announce("reading the estimate")
     estimates = [read_flow(path) for path in job.flows]
     drawn = estimates[0].sample(config.samples, config.seed) if config.samples else ()
     request = MissionRequest(
@@ -71,6 +73,7 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     few = waypoints_of(flow, made, job.waypoint_tolerance) if job.waypoints and n_legs else None
     if not drawn or not n_legs:
         return PlannedMission(made, projection, None, None, few)
+    announce("flying the samples")
     ellipses, figures = _figures_in_samples(drawn, made, job.kind)
     summary = summary or fly_scenarios(estimates[0], drawn, made, no_go=request.no_go, bathymetry=request.bathymetry)
     figures |= {"safe": summary.safe, "violations": dict(summary.violations), "allowed": job.risk}

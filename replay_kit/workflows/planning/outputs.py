@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from planners.mission.waypoints import Waypoints
 from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.run import RunConfig
 from replay_kit.results import ResultWriter
+from replay_kit.results.text import print_table
 from replay_kit.workflows.planning.mission import PlannedMission, mission_settings
 from replay_kit.workflows.planning.request import PlanJob
 from replay_kit.workflows.replay.provenance import plan_metadata, run_settings_toml
@@ -36,12 +36,14 @@ def print_mission(planned: PlannedMission, console: Console) -> None:
             soft_wrap=True,
         )
         console.print(_violations(figures), soft_wrap=True)
-    table = Table("leg", "heading", "glide angle", "pitch", "depth [m]", "after [h]", "surfacing at", box=None)
-    for row in legs_table(made, None):
-        angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
-        where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
-        table.add_row(f"{row['leg']:.0f}", *angles, f"{row['depth_m']:.0f}", f"{row['surfacing_s'] / 3600.0:.2f}", where)
-    console.print(table)
+    columns = "leg", "heading", "glide angle", "pitch", "depth [m]", "after [h]", "surfacing at"
+    print_table(console, None, columns, map(_leg_cells, legs_table(made, None)))
+
+
+def _leg_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
+    where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
+    return f"{row['leg']:.0f}", *angles, f"{row['depth_m']:.0f}", f"{row['surfacing_s'] / 3600.0:.2f}", where
 
 
 def _violations(figures: dict[str, Any]) -> str:

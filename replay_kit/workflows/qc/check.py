@@ -19,7 +19,7 @@ from replay_kit.logs import merge
 from replay_kit.measurements import NOT_A_KIND, MeasurementState, Skipped, Used, finish, initial_state, interpret
 from replay_kit.measurements.messages.fields import number
 from replay_kit.measurements.messages.profiles import PING_SCHEMA
-from replay_kit.measurements.quality.ping import Check
+from replay_kit.measurements.quality.tests import Check
 from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 from replay_kit.measurements.vehicle.segments import Segments, segments
 from replay_kit.workflows.info.inspect import by_topic
@@ -168,7 +168,7 @@ def check_quality(logs: Sequence[Path], config: RunConfig, on_message: Callable[
             on_message(message.time_ns)
     count(finish(state, settings))
     if not topics:
-        raise MeasurementError(_nothing(logs, by_topic(not_used)))
+        raise MeasurementError(_nothing(logs, [reader.report() for reader in readers], by_topic(not_used)))
     time_ns, depths = np.array([time for time, _ in samples], np.int64), np.array([depth for _, depth in samples])
     track = segments(time_ns, depths, settings.surface_depth, settings.quality.leg, settings.quality.gap)
     quality = {topic: replace(topics[topic], lost=tuple(lost[topic])) for topic in sorted(topics)}
@@ -201,7 +201,9 @@ def _lost(observation: Observation) -> list[LostPing]:
     return [LostPing(source.time_ns, source.input, source.position, Reason(int(np.bitwise_or.reduce(observation.reasons))))]
 
 
-def _nothing(logs: Sequence[Path], not_used: Mapping[str, Mapping[str, int]]) -> str:
+def _nothing(logs: Sequence[Path], reports: Sequence[LogReport], not_used: Mapping[str, Mapping[str, int]]) -> str:
     names = ", ".join(map(str, logs))
+    if any("/dac" in report.read for report in reports):
+        return f"{names}: expected ADCP pings whose bins can be tested, got mean currents alone, which a replay uses as they are"
     why = "; ".join(f"{count} x {topic}: {reason}" for topic, reasons in not_used.items() for reason, count in reasons.items())
     return f"{names}: expected ADCP pings whose bins can be tested, got none; not used: {why or 'nothing that could be a ping'}"

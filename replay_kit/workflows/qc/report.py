@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.logs.losses import loss_json, loss_lines
 from replay_kit.measurements.vehicle.segments import SegmentClass
-from replay_kit.workflows.info.inspect import iso, not_used_lines, print_lines
+from replay_kit.results.losses import loss_json, loss_lines
+from replay_kit.results.text import coded, iso, not_used_lines, print_lines, print_table
 from replay_kit.workflows.qc.check import QualityReport, TestCount, TopicQuality
 
 # of a topic, printed; JSON has all
@@ -51,7 +50,7 @@ def quality_json(report: QualityReport) -> dict[str, Any]:
         "logs": [log.path for log in report.logs],
         "settings": report.settings.model_dump(mode="json", exclude={"map"}),
         "topics": [_topic_json(name, topic, report.settings) for name, topic in report.topics.items()],
-        "not_used": {topic: dict(reasons) for topic, reasons in report.not_used.items()},
+        "not_used": {topic: coded(reasons) for topic, reasons in report.not_used.items()},
         "track": _track_json(report),
         "late": report.late,
         "losses": [{"file": log.path, **loss_json(loss)} for log in report.logs for loss in log.losses],
@@ -82,7 +81,7 @@ def _test_json(test: str, count: TestCount, settings: MeasurementConfig) -> dict
         "evaluated": count.evaluated,
         "suspect": count.suspect,
         "failed": count.failed,
-        "not_evaluated": dict(count.not_evaluated),
+        "not_evaluated": coded(count.not_evaluated),
     }
 
 
@@ -110,7 +109,7 @@ def _track_json(report: QualityReport) -> dict[str, Any]:
         "profiles": legs,
         "apogees": [{"time": iso(int(report.time_ns[k])), "depth": float(report.depth[k])} for k in track.apogees],
         "surfacings": [iso(int(report.time_ns[k])) for k in track.surfacings],
-        "in_no_profile": {words: track.count(what) for what, words in _WHAT.items()},
+        "in_no_profile": {what.name.lower(): track.count(what) for what in _WHAT},
     }
 
 
@@ -137,12 +136,14 @@ def print_quality(report: QualityReport, console: Console) -> None:
 
 
 def _print_topic(name: str, topic: TopicQuality, settings: MeasurementConfig, console: Console) -> None:
-    columns = ("test", "suspect when", "fails when", "bins tested", "suspect", "failed", "not tested")
-    table = Table(*columns, title=f"{name}: {topic.pings} pings", title_justify="left")
-    for test, count in topic.tests.items():
-        numbers = (str(number) for number in (count.evaluated, count.suspect, count.failed))
-        table.add_row(test, *limits_of(test, settings), *numbers, _counts(count.not_evaluated, nothing=""))
-    console.print(table)
+    columns = ("test", "suspect when", "fails when", "tested", "suspect", "failed")
+    rows = (
+        (test, *limits_of(test, settings), *(str(number) for number in (count.evaluated, count.suspect, count.failed)))
+        for test, count in topic.tests.items()
+    )
+    print_table(console, f"{name}: {topic.pings} pings; number of bins of each test", columns, rows)
+    skipped = ((test, _counts(count.not_evaluated)) for test, count in topic.tests.items() if count.not_evaluated)
+    print_lines(console, (f"Not tested: {test}: {why}" for test, why in skipped))
     use = "used" if settings.quality.use_suspect else "not used, as quality.use_suspect is false"
     good, suspect, failed, missing = (topic.flags.get(flag, 0) for flag in (Flag.GOOD, Flag.SUSPECT, Flag.FAIL, Flag.MISSING))
     console.print(f"Bins: {good} good, {suspect} suspect ({use}), {failed} failed, {missing} missing", soft_wrap=True)

@@ -1,19 +1,22 @@
 """From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
 
+import logging
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
+from replay_kit.core.paths import Paths
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.forecast import read_ensemble, read_series
+from replay_kit.forecast.agreement import WARNING
 
 _OWN = "reduced_basis"
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,14 +45,14 @@ class Forecasts:
         return min(self.series, key=lambda forecast: abs((forecast.time_ns or 0) - time_ns))
 
 
-def read_forecasts(path: Path, config: RunConfig, near_ns: int | None, place_at: tuple[float, float] | None) -> Forecasts:
+def read_forecasts(path: Paths, config: RunConfig, near_ns: int | None, place_at: tuple[float, float] | None) -> Forecasts:
     """Return the forecast at the time, or the times, that the settings ask for.
 
     The estimate goes through time where the forecast has several dated times (unless one is chosen, or ``time.scale`` is static), and
     where a time scale, oscillations or biases are asked for. Else it is static.
 
     Args:
-        path: The ensemble.
+        path: Files of the ensemble.
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
         place_at: (longitude, latitude) to move the ensemble's centre to.
@@ -66,11 +69,19 @@ def read_forecasts(path: Path, config: RunConfig, near_ns: int | None, place_at:
             f"{what} is static: it takes no time.scale, oscillators, biases or window; leave them out, or the estimator's name"
         )
     if own and (asked or config.time.scale == "auto"):
-        series = read_series(path, config.forecast, near_ns=near_ns, place_at=place_at)
+        series = _warned(read_series(path, config.forecast, near_ns=near_ns, place_at=place_at))
         forecasts = Forecasts(series, series[0], asked or len(series) > 1)
         return replace(forecasts, ensemble=forecasts.nearest(near_ns))
-    ensemble = read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at)
+    (ensemble,) = _warned((read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at),))
     return Forecasts((ensemble,), ensemble, False)
+
+
+def _warned(series: tuple[Ensemble, ...]) -> tuple[Ensemble, ...]:
+    """Return a forecast after its warnings were said: those on its axes matter before a long run, not after it."""
+    for note in series[0].notes:
+        if note.startswith(WARNING):
+            _LOG.warning(note.removeprefix(WARNING))
+    return series
 
 
 def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> Estimator[Any]:

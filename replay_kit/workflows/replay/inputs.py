@@ -1,22 +1,31 @@
 """What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from replay_kit.config.run import LogConfig, RunConfig
-from replay_kit.core.errors import ForecastError, MeasurementError
+from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError, PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.observation import VehicleState
+from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
-from replay_kit.forecast import read_truth
-from replay_kit.logs import merge, open_log
+from replay_kit.core.progress import Progress
+from replay_kit.forecast import ensemble_files, read_truth
+from replay_kit.logs import merge, open_logs
+from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
+from replay_kit.results.losses import iso_time
+from replay_kit.workflows.replay.planner import Planner
+
+# Messages between two looks at how much is read.
+_LOOK = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +34,7 @@ class ReplayJob:
 
     Attributes:
         logs: Log files.
-        ensemble: Ensemble file or store.
+        ensemble: Ensemble file or store, or several, folders and patterns.
         out: Result MCAP; None computes without writing.
         goal: Where the vehicle should go; None plans nothing.
         netcdf: Gridded estimate, CF NetCDF.
@@ -38,7 +47,7 @@ class ReplayJob:
     """
 
     logs: tuple[Path, ...]
-    ensemble: Path
+    ensemble: Path | tuple[Path, ...]
     out: Path | None = None
     goal: Place | None = None
     netcdf: Path | None = None
@@ -58,7 +67,7 @@ def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_wr
         also_read: Inputs that are not in the job, such as the configuration file.
         also_written: Outputs that are not in the job, such as the JSON summary.
     """
-    inputs = (*job.logs, job.ensemble, truth_path(job.truth), *also_read)
+    inputs = (*job.logs, *ensemble_files(job.ensemble), truth_path(job.truth), *also_read)
     check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite, checkpoint_files(job.checkpoint))
 
 
@@ -76,13 +85,26 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     mapped = [entry.topic.split("/") for entry in config.measurements.map]
     # a schema of DataFlash has its format's name before that of the record
     wanted = MAVLINK_NAMES | {".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped}
-    return [open_log(path, position, config.logs, wanted=wanted) for position, path in enumerate(logs)]
+    return list(open_logs(logs, config.logs, wanted))
+
+
+def reading(logs: Sequence[LogReader | LogFile], progress: Progress, what: str) -> Callable[[], None]:
+    """Return a function that is called with each message and reports how much of the logs is read."""
+    files, count = [log for log in logs if isinstance(log, LogFile)], 0
+
+    def advance() -> None:
+        nonlocal count
+        count += 1
+        if count % _LOOK == 0:
+            progress(sum(log.share_read() for log in files), len(files), what)
+
+    return advance
 
 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
     """Copy the logs' messages unchanged into the result, if the job asks for it: of a telemetry log its frames."""
     if job.include_inputs:
-        logs = [open_log(path, number, config) for number, path in enumerate(job.logs)]
+        logs = open_logs(job.logs, config)
         writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames else log.raw_messages()))
 
 
@@ -107,20 +129,66 @@ def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
     return min((message.time_ns for message in firsts if message is not None), default=None)
 
 
-def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
-    """Return the mean longitude and latitude of the positions that a replay would use, and the time of its first message."""
+def _positions(logs: Sequence[Path], config: RunConfig) -> tuple[list[tuple[float, float]], int | None]:
+    """Return the longitudes and latitudes that a replay would use, and the time of its first message."""
     settings, first_ns = config.logs, None
-    state, positions = initial_state(settings.system), []
+    state, positions, placed = initial_state(settings.system), [], []
     for message in merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns):
         first_ns = message.time_ns if first_ns is None else first_ns
         state, events = interpret(state, message, config.measurements)
         if settings.start_ns is None or message.time_ns >= settings.start_ns:
             positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
+            placed += [(event.longitude, event.latitude) for event in events if isinstance(event, Observation)]
+    # measurements with places of their own do not say where the vehicle is, but where to place the ensemble
+    return positions or placed, first_ns
+
+
+def check_goal(planner: Planner, flow: FlowEstimate, job: ReplayJob, config: RunConfig) -> None:
+    """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
+    assert job.goal is not None
+    try:
+        planner.check(flow, job.goal)
+    except PlanError as error:
+        positions, _ = _positions(job.logs, config)
+        local = to_local(flow.grid.projection, *np.array(positions).T) if positions else (np.empty(0), np.empty(0))
+        if not positions or np.any(inside_grid(flow.grid, *local)):
+            raise
+        (west, south), (east, north) = np.min(positions, axis=0), np.max(positions, axis=0)
+        raise PlanError(
+            f"{error}. The whole log lies outside it too, in {west:.4f}..{east:.4f} E, {south:.4f}..{north:.4f} N: "
+            "use an ensemble of that place, or --place-ensemble for a study"
+        ) from error
+
+
+def check_span(logs: Sequence[Path], config: RunConfig, last_ns: int | None) -> None:
+    """Raise ConfigError when the logs have messages, and none of them lies in the time span that is asked for.
+
+    Args:
+        logs: The logs.
+        config: With the span.
+        last_ns: Time of the last message read [ns, UTC]; those of topics that come once may be older than the span. None without one.
+    """
+    settings = config.logs
+    asked = [f"--{name} {text}" for name, text in (("start", settings.start), ("end", settings.end)) if text is not None]
+    if not asked or (last_ns is not None and last_ns >= (settings.start_ns or 0)):
+        return
+    times = [message.time_ns for reader in open_readers(logs, config) for message in reader.messages()]
+    if times:
+        raise ConfigError(
+            f"{' and '.join(asked)}: no message lies there; the log spans {iso_time(min(times), 's')} to {iso_time(max(times), 's')}"
+        )
+
+
+def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
+    """Return the mean longitude and latitude of the positions that a replay would use, and the time of its first message."""
+    settings = config.logs
+    positions, first_ns = _positions(logs, config)
     if not positions:
         between = f" between {settings.start or 'their start'} and {settings.end or 'their end'}" if settings.start or settings.end else ""
         raise MeasurementError(
             f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; "
             + ("widen --start and --end, or leave the option out" if between else "leave the option out")
+            + f"; replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
         )
     longitude, latitude = np.array(positions).T
     # on the unit circle, because longitudes may lie on both sides of the antimeridian

@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason, VehicleState
+from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason, VehicleState
 from replay_kit.estimator.update.screening import usable
 from replay_kit.workflows.replay.estimation import Step
 
@@ -78,6 +78,9 @@ class ProfileCounts:
         dives: Over the profiles of each dive.
         positions: Longitude and latitude of each measurement used; of a path, where it ended.
         last_position: Last position; None before the first.
+        interpolated: Profiles used whose place was interpolated between positions far apart in time.
+        position_std: Largest standard error of such a place [m].
+        path_means: Mean currents used, by kind.
     """
 
     rejected: int = 0
@@ -89,6 +92,9 @@ class ProfileCounts:
     dives: Mapping[int, Sums] = field(default_factory=dict)
     positions: tuple[tuple[float, float], ...] = ()
     last_position: VehicleState | None = None
+    interpolated: int = 0
+    position_std: float = 0.0
+    path_means: Mapping[str, int] = field(default_factory=dict)
 
     def after(self, steps: Sequence[Step]) -> "ProfileCounts":
         """Return the counts after some steps."""
@@ -100,6 +106,7 @@ class ProfileCounts:
             total = total.with_profile(found.innovation, found.dive_innovation)
             if (dive := found.innovation.dive) > 0:
                 dives[dive] = dives.get(dive, Sums()).with_profile(found.innovation, found.dive_innovation)
+        far = [event.position_std for event, _ in used if isinstance(event, Observation) and event.position_std > 0.0]
         vehicles = [step.event for step in steps if isinstance(step.event, VehicleState)]
         return ProfileCounts(
             self.rejected + len(done) - len(used),
@@ -111,11 +118,27 @@ class ProfileCounts:
             dives,
             self.positions + tuple(_place_of(event) for event, _ in used),
             vehicles[-1] if vehicles else self.last_position,
+            self.interpolated + len(far),
+            max([self.position_std, *far]),
+            increment(self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))),
         )
 
     def notes(self) -> list[str]:
         """Return what the gate and the consistency monitor did, as sentences."""
         notes = []
+        means = sum(self.path_means.values())
+        if means and means == self.total.profiles:
+            drifts = self.path_means.get("drift", 0)
+            more = "" if drifts else " (measurements.use_drift = true adds the drift at the surface)"
+            notes.append(
+                f"no profile of the current was used: the estimate rests on {means - drifts} mean currents of dives and {drifts} drifts "
+                f"between fixes alone{more}; how the current changes with depth is known from the ensemble only"
+            )
+        if self.interpolated:
+            notes.append(
+                f"{self.interpolated} profiles in dives were placed between positions far apart in time, with a standard error of up to "
+                f"{self.position_std:.0f} m (measurements.position_max_gap)"
+            )
         if self.gated:
             notes.append(f"{self.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate")
         if self.softened:

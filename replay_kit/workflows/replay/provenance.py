@@ -26,12 +26,14 @@ def file_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble, options: Mapping[str, str]) -> dict[str, Mapping[str, str]]:
+def run_metadata(
+    logs: Sequence[Path], ensemble_files: Sequence[Path], ensemble: Ensemble, options: Mapping[str, str]
+) -> dict[str, Mapping[str, str]]:
     """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
 
     Args:
         logs: The inputs.
-        ensemble_path: The ensemble's file or store.
+        ensemble_files: The ensemble's files and stores.
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
 
@@ -44,7 +46,9 @@ def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble, 
         if digest in hashes[:i]:
             raise ConfigError(f"{logs[i]}: the same bytes as {logs[hashes.index(digest)]}; a log given twice would count twice")
     inputs = {f"log{i}": f"{path.name} sha256:{digest}" for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))}
-    inputs["ensemble"] = f"{ensemble_path.name} sha256:{file_hash(ensemble_path)}"
+    for number, path in enumerate(ensemble_files):
+        key = "ensemble" if len(ensemble_files) == 1 else f"ensemble{number}"
+        inputs[key] = f"{path.name} sha256:{file_hash(path)}"
     region = {
         "projection": "azimuthal equidistant, WGS84",
         "centre_longitude": repr(grid.projection.longitude),
@@ -53,7 +57,14 @@ def run_metadata(logs: Sequence[Path], ensemble_path: Path, ensemble: Ensemble, 
         "grid": " x ".join(str(n) for n in grid.east.shape),
         "members": str(ensemble.n_members),
     }
-    return {"replay_kit.inputs": inputs, "replay_kit.options": options, "replay_kit.region": region, "replay_kit.versions": _versions()}
+    members = {str(number): label for number, label in enumerate(ensemble.members)}
+    return {
+        "replay_kit.inputs": inputs,
+        "replay_kit.options": options,
+        "replay_kit.region": region,
+        "replay_kit.members": members,
+        "replay_kit.versions": _versions(),
+    }
 
 
 def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, Mapping[str, str]]:

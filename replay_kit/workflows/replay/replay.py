@@ -17,13 +17,25 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
+from replay_kit.core.progress import Progress, silent
+from replay_kit.forecast import ensemble_files
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, copy_inputs, look_ahead, open_readers, open_truth
+from replay_kit.workflows.replay.inputs import (
+    ReplayJob,
+    check_goal,
+    check_outputs,
+    check_span,
+    copy_inputs,
+    look_ahead,
+    open_readers,
+    open_truth,
+    reading,
+)
 from replay_kit.workflows.replay.planner import Planner
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
@@ -36,7 +48,7 @@ def replay(
     job: ReplayJob,
     config: RunConfig,
     planner: Planner | None = None,
-    on_message: Callable[[int], None] | None = None,
+    progress: Progress = silent,
     on_digest: Callable[[Digest], None] | None = None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
     """Replay logs through the estimator and return the summary and the final estimate.
@@ -45,7 +57,7 @@ def replay(
         job: Inputs and outputs.
         config: The run's settings.
         planner: Makes the plans when the job has a goal.
-        on_message: Called with each message's time [ns], for progress.
+        progress: Called with how much is done of each stage.
         on_digest: Called with each digest of the result.
 
     Raises:
@@ -57,7 +69,7 @@ def replay(
     """
     check_outputs(job)
     with threadpool_limits(limits=config.output.threads):
-        return _replay(job, config, planner, on_message or (lambda time_ns: None), on_digest)
+        return _replay(job, config, planner, progress, on_digest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,21 +94,17 @@ class _Inputs:
 
 
 def _replay(
-    job: ReplayJob,
-    config: RunConfig,
-    planner: Planner | None,
-    on_message: Callable[[int], None],
-    on_digest: Callable[[Digest], None] | None,
+    job: ReplayJob, config: RunConfig, planner: Planner | None, progress: Progress, on_digest: Callable[[Digest], None] | None
 ) -> tuple[ReplaySummary, FlowEstimate]:
-    session, inputs = _prepare(job, config, planner)
+    session, inputs = _prepare(job, config, planner, progress)
     checkpoints = None
     if job.checkpoint is not None:
         identity = run_identity(inputs.metadata, run_settings_toml(config))
-        prior = getattr(session.estimator, "prior", None)
-        checkpoints = CheckpointFile(job.checkpoint, identity, config.output.checkpoint_interval, prior)
+        checkpoints = CheckpointFile(job.checkpoint, identity, config.output.checkpoint_interval, session.estimator.common_part)
     try:
         checkpoint = _open_result(session, inputs, checkpoints, on_digest)
-        _loop(session, inputs, checkpoints, checkpoint, on_message)
+        _loop(session, inputs, checkpoints, checkpoint, reading(inputs.readers, progress, "replaying"))
+        progress(0, 1, "writing the results")
         summary, flow = _conclude(session, inputs)
     except (ConfigError, MeasurementError, LogError, PlanError):
         # the input was unusable: there is no result worth keeping
@@ -116,8 +124,9 @@ def _replay(
     return summary, flow
 
 
-def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None) -> tuple[Session, _Inputs]:
+def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progress: Progress) -> tuple[Session, _Inputs]:
     """Return a replay before its first message, and what was read for it."""
+    progress(0, 0, "reading the forecast")
     place_at, near_ns = look_ahead(job.logs, config)
     readers = open_readers(job.logs, config)
     clock = Stopwatch()
@@ -125,14 +134,17 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None) -> tupl
         forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
         ensemble = forecasts.ensemble
         truth = open_truth(job, config, near_ns, ensemble)
+    progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
         prior_flow = estimator.flow(estimator.initial())
     problem = None
     if job.goal is not None and planner is not None:
-        planner.check(prior_flow, job.goal)
+        check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    metadata = {} if job.out is None else run_metadata(job.logs, job.ensemble, ensemble, _options(job, prior_flow))
+    metadata = {} if job.out is None else run_metadata(job.logs, ensemble_files(job.ensemble), ensemble, _options(job, prior_flow))
+    if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
+        metadata["replay_kit.reading"] = assumed
     session = Session(estimator, ensemble.grid.levels, config, problem, clock)
     return session, _Inputs(job, readers, forecasts, prior_flow, truth, metadata)
 
@@ -156,11 +168,7 @@ def _open_result(
 
 
 def _loop(
-    session: Session,
-    inputs: _Inputs,
-    checkpoints: CheckpointFile | None,
-    checkpoint: Checkpoint | None,
-    on_message: Callable[[int], None],
+    session: Session, inputs: _Inputs, checkpoints: CheckpointFile | None, checkpoint: Checkpoint | None, on_message: Callable[[], None]
 ) -> None:
     """Pass the logs' messages, those after the checkpoint, through the session."""
     logs, measurements = session.config.logs, session.config.measurements
@@ -171,6 +179,7 @@ def _loop(
         with session.clock.stage("read"):
             message = next(messages, None)
         if message is None:
+            check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break
         count += 1
         if count <= skip:
@@ -183,7 +192,7 @@ def _loop(
         session.take(events)
         if checkpoints is not None:
             checkpoints.write_when_due(session, state, count)
-        on_message(message.time_ns)
+        on_message()
     session.take(finish(state, measurements))
     session.assimilate_buffer()
     session.statistics = session.statistics.with_late(merged.late)

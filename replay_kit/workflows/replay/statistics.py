@@ -8,11 +8,20 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport
 from replay_kit.core.observation import PathMean
-from replay_kit.measurements import Event, Skipped, Used
+from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow
 from replay_kit.workflows.replay.estimation import Step
 from replay_kit.workflows.replay.profile_counts import ProfileCounts, increment
 
+# Of a topic's pings; when more are lost, the summary begins with it.
+_MANY_LOST = 0.2
+# How the reasons begin for which a ping is lost that a setting would keep, and the setting.
+_KEEPING = (
+    ("no position within", "a larger measurements.position_max_age, or positions after the last dive"),
+    ("ping: expected reference", 'measurements.reference = "earth" or "platform", whichever the velocities are relative to,'),
+    ("heading is magnetic", "measurements.magnetic_declination"),
+    ("velocity relative to the platform", "measurements.use_relative = true"),
+)
 # Topics named when a log cannot be used; `replay-kit info` names all.
 _TOPICS_SHOWN = 10
 
@@ -104,9 +113,22 @@ class RunStatistics:
             why = ", ".join(f"{count} bins {name}" for name, count in counts.bins_rejected.items())
             raise MeasurementError(f"{names}: {counts.rejected} ADCP pings, none usable: {why}")
         found = _describe(self.messages.topic_rows(reports)) or "no messages at all"
+        lost = self.lost_pings(reports)
         raise MeasurementError(
-            f"{names}: no usable ADCP ping; expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) "
-            f"with positions and, unless in earth coordinates, attitude. Found: {found}"
+            f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping; "
+            "expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) "
+            f"with positions and, unless in earth coordinates, attitude. Found: {found}{self._mapping_hint(reports)}"
+        )
+
+    def _mapping_hint(self, reports: Sequence[LogReport]) -> str:
+        unknown = {topic for topic, reason in self.messages.skipped if reason == NOT_A_KIND}
+        if not unknown:
+            return ""
+        variables = "".join(f". {note}" for report in reports if report.format == "netcdf" for note in report.notes[:1])
+        name = reports[0].path
+        return (
+            f"{variables}. {len(unknown)} topics are of unknown types: replay-kit info {name} --suggest map.toml writes a mapping "
+            "of them to complete, for --config map.toml"
         )
 
     def notes(self, reports: Sequence[LogReport]) -> list[str]:
@@ -117,7 +139,7 @@ class RunStatistics:
                 for report in reports
                 if report.without_stamp
             ),
-            *(f"{report.path}: {note}" for report in reports for note in report.notes),
+            *_notes_of(reports),
             *self.profiles.notes(),
             *(
                 f"{count} mean currents ({kind}): not supported by this estimator"
@@ -130,11 +152,23 @@ class RunStatistics:
             ),
         ]
 
+    def lost_pings(self, reports: Sequence[LogReport]) -> str:
+        """Return which pings were lost for want of a setting, where they are more than a fifth of a topic's; else empty."""
+        words = []
+        for row in self.messages.topic_rows(reports):
+            for reason, count in row.reasons.items():
+                keeping = next((setting for begin, setting in _KEEPING if reason.startswith(begin)), None)
+                if keeping is not None and count > _MANY_LOST * row.read:
+                    why = reason.partition(";")[0]
+                    words.append(f"{count} of {row.read} pings on {row.topic} were not used: {why}; {keeping} would keep them")
+        return ". ".join(words)
+
     def summary(self, reports: Sequence[LogReport]) -> ReplaySummary:
         """Return the summary of messages and measurements; times, plan, truth and notes are added to it."""
         counts, total = self.profiles, self.profiles.total
         return ReplaySummary(
             messages=self.messages.topic_rows(reports),
+            lost_pings=self.lost_pings(reports),
             losses=tuple((report.path, loss) for report in reports for loss in report.losses),
             late=sum(self.messages.late.values()),
             profiles_used=total.profiles,
@@ -150,6 +184,15 @@ class RunStatistics:
                 for dive, sums in sorted(counts.dives.items())
             ),
         )
+
+
+def _notes_of(reports: Sequence[LogReport]) -> list[str]:
+    """Return the readers' notes with their logs; one that several logs have is given once, with their number."""
+    logs: dict[str, list[str]] = defaultdict(list)
+    for report in reports:
+        for note in report.notes:
+            logs[note].append(report.path)
+    return [f"{paths[0] if len(paths) == 1 else f'{len(paths)} logs'}: {note}" for note, paths in logs.items()]
 
 
 def _describe(rows: Sequence[TopicRow]) -> str:

@@ -105,7 +105,7 @@ def test_the_command_writes_settings_that_the_estimator_takes(tmp_path, capsys):
     assert min(row["score"] for row in answer["rows"]) == next(
         row["score"] for row in answer["rows"] if row["settings"] == answer["chosen"]
     )
-    assert "chosen: sample share" in capsys.readouterr().out
+    assert "Chosen: sample share" in capsys.readouterr().out
     config = load_config(out).estimator
     data = synthetic.ensemble(n_members=6)
     factor = build_estimator(data, config).prior.factor

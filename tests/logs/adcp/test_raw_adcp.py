@@ -11,10 +11,7 @@ import xarray as xr
 
 from replay_kit.config.run import LogConfig, MeasurementConfig, RunConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Flag, Observation
-from replay_kit.core.vessel import Track, vessel_velocity
 from replay_kit.logs import open_log
 from replay_kit.logs.adcp.gps import clock_offset_ns, declination_deg
 from replay_kit.logs.adcp.profiles import raw_profiles
@@ -65,15 +62,26 @@ def test_a_vessels_file_gives_the_current_over_the_ground(tmp_path, survey):
 
 
 def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
-    path = write(tmp_path, samples.pd0(Survey(bottom_track=False)))
-    pings, _ = adcp_messages(path)
-    own = pings[15].payload["platform_velocity"]
-    assert own["source"] == "gps"
-    assert (own["east"], own["north"]) == pytest.approx((1.5, 0.8), abs=3.0 * own["velocity_std"])
-    profile = list(observations(open_log(path).messages()))[15]
-    np.testing.assert_allclose(profile.velocity[:10], np.tile([0.6, -0.3], (10, 1)), atol=0.02)
-    assert profile.common_std == own["velocity_std"]
-    assert profile.platform_velocity == (own["east"], own["north"])
+    log = open_log(write(tmp_path, samples.pd0(Survey(bottom_track=False))))
+    pings, _ = adcp_messages(Path(log.path))
+    assert not any("platform_velocity" in ping.payload for ping in pings)
+    profiles = list(observations(log.messages()))
+    assert {profile.reference for profile in profiles} == {"earth"}
+    for profile in profiles:
+        assert profile.platform_velocity == pytest.approx((1.5, 0.8), abs=3.0 * profile.common_std)
+        assert profile.common_std < 0.5
+    np.testing.assert_allclose(profiles[15].velocity[:10], np.tile([0.6, -0.3], (10, 1)), atol=0.02)
+
+
+def test_a_bottom_that_too_few_beams_found_leaves_the_velocity_to_the_gps(tmp_path):
+    messages = [
+        m._replace(payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": [0.1, None, None, 0.1]}})
+        if m.topic == "/adcp"
+        else m
+        for m in open_log(write(tmp_path, samples.pd0(Survey()))).messages()
+    ]
+    profile = list(observations(messages))[15]
+    assert profile.platform_velocity == pytest.approx((1.5, 0.8), abs=3.0 * profile.common_std)
 
 
 def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
@@ -130,8 +138,6 @@ def test_an_ensemble_that_fails_its_checksum_is_lost_alone(tmp_path):
 def test_one_ensemble_is_a_file(tmp_path):
     pings, fixes = adcp_messages(write(tmp_path, samples.pd0(Survey(n=1))))
     assert (len(pings), len(fixes)) == (1, 1)
-    # one fix says where, not how fast
-    assert pings[0].payload["platform_velocity"] is None
 
 
 @pytest.mark.parametrize("data", [b"\x7f\x7f", b"\x7f\x7f" * 4000, b"\xa5\x0a" + bytes(500), samples.nortek_record(0x15, bytes(80))])
@@ -210,24 +216,6 @@ def test_nortek_records_are_found_and_checked(long):
         damaged[offset] ^= 0x40
         kinds = [record.kind for record in scan(bytes(damaged))]
         assert kinds == ([0xA0, 0x15, 0x16] if offset < len(records[0]) + 9 else [0xA0, 0x16])
-
-
-def test_the_vessels_velocity_is_the_slope_of_its_fixes():
-    rng = np.random.default_rng(3)
-    seconds = np.sort(rng.uniform(0.0, 300.0, 90))
-    place = seconds[:, None] * np.array([1.2, -0.4]) + rng.normal(0.0, 2.0, (90, 2))
-    longitude, latitude = to_geographic(Projection(20.0, 60.0), place[:, 0], place[:, 1])
-    track = Track((seconds * 1e9).astype(np.int64), longitude, latitude)
-    velocity, error = vessel_velocity(np.arange(0, 300, 30) * SECOND, track)
-    for k, time in enumerate(range(0, 300, 30)):
-        near = np.abs(seconds - time) <= 20.0
-        expected = np.polyfit(seconds[near], place[near], 1)[0]
-        np.testing.assert_allclose(velocity[k], expected, atol=1e-3)
-    # nine tenths of the components lie within 1.65 of their stated errors, but for the scatter of twenty
-    assert np.mean(np.abs(velocity - [1.2, -0.4]) < 1.65 * error[:, None]) >= 0.75
-    alone = vessel_velocity(np.array([900 * SECOND]), track)
-    assert np.isnan(alone[0]).all()
-    assert np.isnan(alone[1]).all()
 
 
 def test_a_clock_without_a_date_is_right_within_half_a_day():

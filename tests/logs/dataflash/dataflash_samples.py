@@ -6,20 +6,22 @@ from typing import Any
 from replay_kit.logs.dataflash.formats import FMT, Format
 
 _CODES = {"a": "32h", "n": "4s", "N": "16s", "Z": "64s", "M": "B", "g": "e", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i"}
-_TYPES: dict[str, tuple[int, str, str]] = {
-    "UNIT": (130, "QbZ", "TimeUS,Id,Label"),
-    "MULT": (131, "Qbd", "TimeUS,Id,Mult"),
-    "FMTU": (132, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"),
-    "GPS": (133, "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U"),
-    "POS": (134, "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt"),
-    "CTUN": (135, "Qffc", "TimeUS,Alt,BAlt,CRt"),
-    "IMU": (136, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
-    "MSG": (137, "QZ", "TimeUS,Message"),
-    "ISBD": (138, "QHa", "TimeUS,N,x"),
-    "FILE": (140, "NIBZ", "FileName,Offset,Length,Data"),
-    "MODE": (141, "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
-    "MIX": (139, "nNbBhHiIqQdgeEcC", "A,B,C,D,E,F,G,H,J,K,L,M,N,O,P,Q"),
-}
+# name, number, letters, columns
+_DECLARED = """
+UNIT 130 QbZ TimeUS,Id,Label
+MULT 131 Qbd TimeUS,Id,Mult
+FMTU 132 QBNN TimeUS,FmtType,UnitIds,MultIds
+GPS 133 QBBIHBcLLeffffB TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U
+POS 134 QLLfff TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt
+CTUN 135 Qffc TimeUS,Alt,BAlt,CRt
+IMU 136 QBffffff TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ
+MSG 137 QZ TimeUS,Message
+ISBD 138 QHa TimeUS,N,x
+FILE 140 NIBZ FileName,Offset,Length,Data
+MODE 141 QMBB TimeUS,Mode,ModeNum,Rsn
+MIX 139 nNbBhHiIqQdgeEcC A,B,C,D,E,F,G,H,J,K,L,M,N,O,P,Q
+"""
+_TYPES = {name: (int(number), letters, columns) for name, number, letters, columns in map(str.split, _DECLARED.strip().splitlines())}
 
 
 def form(name: str) -> Format:

@@ -11,25 +11,17 @@ from pymavlink import DFReader
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import open_log
 from replay_kit.logs.dataflash import records as dataflash_records
 from replay_kit.logs.dataflash.formats import Format
 from replay_kit.logs.dataflash.reader import DataflashReader
 from replay_kit.workflows.convert import convert
 from tests.logs.dataflash.dataflash_samples import dataflash, declaration, declarations, form, gps, record
-from tests.logs.log_samples import SHARED
+from tests.logs.log_samples import SHARED, read_log
 
 SMALL = SHARED / "ardusub" / "small.BIN"
 real = pytest.mark.skipif(not SMALL.exists(), reason="the shared logs are not on this machine")
 broken = settings(max_examples=50, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-def read(folder: Path, data: bytes, wanted: frozenset[str] | None = None) -> tuple[list[Message], LogReport]:
-    file = folder / "log"
-    file.write_bytes(data)
-    reader = open_log(file, 1, wanted=wanted)
-    return list(reader.messages()), reader.report()
 
 
 def slow_twin(path: Path) -> list[Any]:
@@ -79,7 +71,7 @@ def test_units_of_a_real_log_as_pymavlink_names_them() -> None:
 
 
 def test_columns_are_the_messages(tmp_path: Path) -> None:
-    messages, _ = read(tmp_path, b"".join(dataflash(7)))
+    messages, _ = read_log(tmp_path, b"".join(dataflash(7)))
     reader = DataflashReader(tmp_path / "log")
     tables = reader.tables()
     assert set(tables) == {m.schema.removeprefix("dataflash.") for m in messages}
@@ -99,7 +91,7 @@ def test_times_are_utc_by_gps(tmp_path: Path) -> None:
     late = gps(266_500_000, 200_000_000)
     no_fix = gps(267_500_000, 0, week=0, status=1)
     parts = dataflash(20)
-    messages, report = read(tmp_path, b"".join([*parts[:20], late, *parts[20:40], no_fix, *parts[40:]]))
+    messages, report = read_log(tmp_path, b"".join([*parts[:20], late, *parts[20:40], no_fix, *parts[40:]]))
     utc = int(np.datetime64("2024-02-07T11:19:42", "ns").astype(np.int64))
     assert {m.time_ns - 1000 * m.payload["TimeUS"] for m in messages if "TimeUS" in m.payload} == {utc - 265_000_000_000}
     # FMT has no stamp and goes with what follows it
@@ -109,7 +101,7 @@ def test_times_are_utc_by_gps(tmp_path: Path) -> None:
 
 
 def test_unwanted_records_are_counted_only(tmp_path: Path) -> None:
-    messages, report = read(tmp_path, b"".join(dataflash(5)), wanted=frozenset({"dataflash.POS"}))
+    messages, report = read_log(tmp_path, b"".join(dataflash(5)), wanted=frozenset({"dataflash.POS"}))
     assert [m.schema for m in messages] == ["dataflash.POS"] * 5
     assert report.read["dataflash/IMU"] == 5
     assert np.diff([m.position for m in messages]).tolist() == [6] * 4
@@ -119,7 +111,7 @@ def test_a_kind_declared_anew(tmp_path: Path) -> None:
     old, new = form("CTUN"), form("MSG")
     other = type(old)(old.type, "CTUN", new.length, new.letters, new.columns)
     data = declarations() + record(old, 1000, -1.0, -2.0, 3) + declaration(other) + record(other, 2000, b"now text")
-    messages, _ = read(tmp_path, data)
+    messages, _ = read_log(tmp_path, data)
     assert [m.payload for m in messages if m.schema == "dataflash.CTUN"] == [
         {"TimeUS": 1000, "Alt": -1.0, "BAlt": -2.0, "CRt": 0.03},
         {"TimeUS": 2000, "Message": "now text"},
@@ -133,8 +125,8 @@ def test_a_kind_whose_declaration_is_not_understood_is_stepped_over(tmp_path: Pa
     odd = Format(200, "ODD", 3 + 12, letters, tuple(columns.split(",")))
     parts = dataflash(3)
     unknown = b"\xa3\x95\xc8" + bytes(12)
-    messages, report = read(tmp_path, b"".join([parts[0], declaration(odd), *parts[1:4], unknown, *parts[4:], unknown]))
-    assert len(messages) == len(read(tmp_path, b"".join(parts))[0]) + 1
+    messages, report = read_log(tmp_path, b"".join([parts[0], declaration(odd), *parts[1:4], unknown, *parts[4:], unknown]))
+    assert len(messages) == len(read_log(tmp_path, b"".join(parts))[0]) + 1
     assert report.losses == ()
     assert report.read["dataflash/ODD"] == report.undecodable["dataflash/ODD"][0] == 2
     assert "ODD" not in DataflashReader(tmp_path / "log").tables()
@@ -145,8 +137,8 @@ def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
     parts = dataflash(3)
     noise = b"\xa3\x95\x85" + bytes(20) + b"\xa3\x95\xff"
     unknown = b"\xa3\x95\xc8" + bytes(30)
-    whole = len(read(tmp_path, b"".join(parts))[0])
-    messages, report = read(tmp_path, b"".join([*parts[:4], noise, *parts[4:9], unknown, *parts[9:], parts[1][:20]]))
+    whole = len(read_log(tmp_path, b"".join(parts))[0])
+    messages, report = read_log(tmp_path, b"".join([*parts[:4], noise, *parts[4:9], unknown, *parts[9:], parts[1][:20]]))
     assert len(messages) == whole
     assert [loss.bytes for loss in report.losses] == [len(noise), len(unknown), 20]
     assert report.losses[0].offset == sum(map(len, parts[:4]))
@@ -154,7 +146,7 @@ def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
 
 def test_an_impossible_stamp_takes_the_time_before(tmp_path: Path) -> None:
     wild = record(form("CTUN"), 2**63, -1.0, -1.0, 0)
-    messages, report = read(tmp_path, b"".join([*dataflash(2), wild]))
+    messages, report = read_log(tmp_path, b"".join([*dataflash(2), wild]))
     assert messages[-1].time_ns == messages[-2].time_ns
     assert report.notes[1:] == (
         "2 stamps go back, by 0.010 ms at most",
@@ -164,9 +156,9 @@ def test_an_impossible_stamp_takes_the_time_before(tmp_path: Path) -> None:
 
 def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path: Path) -> None:
     parts = dataflash(5)
-    sound = [m.time_ns for m in read(tmp_path, b"".join(parts))[0]]
+    sound = [m.time_ns for m in read_log(tmp_path, b"".join(parts))[0]]
     parts[15] = parts[15][:8] + b"\x01" + parts[15][9:]
-    messages, report = read(tmp_path, b"".join(parts))
+    messages, report = read_log(tmp_path, b"".join(parts))
     assert [m.time_ns for m in messages][-16:] == [sound[-15], *sound[-15:]]
     assert report.notes[-1].startswith("1 stamps far from those before and after")
 
@@ -176,10 +168,10 @@ def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path: Path) -> 
 def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path: Path, part: float) -> None:
     parts = dataflash(4)
     whole = b"".join(parts)
-    everything, _ = read(tmp_path, whole)
+    everything, _ = read_log(tmp_path, whole)
     ends = np.cumsum([len(p) for p in parts])
     cut = len(parts[0]) + int(part * (len(whole) - len(parts[0])))
-    messages, report = read(tmp_path, whole[:cut])
+    messages, report = read_log(tmp_path, whole[:cut])
     used = int(max(end for end in ends if end <= cut))
     n_after = int(np.count_nonzero((ends > len(parts[0])) & (ends <= cut)))
     declared = len(everything) - (len(parts) - 1)
@@ -194,10 +186,10 @@ def test_any_damaged_byte_is_survived(tmp_path: Path, at: int, value: int) -> No
     parts = dataflash(6)
     start = len(parts[0])
     data = bytearray(b"".join(parts))
-    sound, _ = read(tmp_path, bytes(data))
+    sound, _ = read_log(tmp_path, bytes(data))
     at = start + at % (len(data) - start)
     data[at] ^= value
-    messages, _ = read(tmp_path, bytes(data))
+    messages, _ = read_log(tmp_path, bytes(data))
     ours, expected = [repr(m.payload) for m in messages], [repr(m.payload) for m in sound]
     # nothing says which value is damaged, but what comes whole before it is the same, and what comes after the next record
     n_before = len(sound) - 36 + int(np.count_nonzero(np.cumsum([len(p) for p in parts])[1:] <= at))
@@ -210,7 +202,7 @@ def test_any_damaged_byte_is_survived(tmp_path: Path, at: int, value: int) -> No
 @given(data=st.binary(max_size=400))
 def test_noise_is_no_message_or_an_error_of_ours(tmp_path: Path, data: bytes) -> None:
     try:
-        messages, _ = read(tmp_path, b"\xa3\x95\x80" + data)
+        messages, _ = read_log(tmp_path, b"\xa3\x95\x80" + data)
     except LogError:
         return
     assert all(m.schema == "dataflash.FMT" for m in messages)
@@ -220,15 +212,15 @@ def test_noise_is_no_message_or_an_error_of_ours(tmp_path: Path, data: bytes) ->
 def test_any_size_of_block_finds_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int) -> None:
     parts = dataflash(12)
     data = b"".join([*parts[:30], b"\xa3\x95\xc8" + bytes(300), *parts[30:], b"\xa3"])
-    messages, report = read(tmp_path, data)
+    messages, report = read_log(tmp_path, data)
     monkeypatch.setattr(dataflash_records, "BLOCK", block)
-    again, report_again = read(tmp_path, data)
+    again, report_again = read_log(tmp_path, data)
     assert repr(again) == repr(messages)
     assert report_again == report
 
 
 def test_converted_to_mcap_it_says_the_same(tmp_path: Path) -> None:
-    messages, _ = read(tmp_path, b"".join(dataflash(5)))
+    messages, _ = read_log(tmp_path, b"".join(dataflash(5)))
     convert([tmp_path / "log"], tmp_path / "out.mcap", False, LogConfig())
     again = list(open_log(tmp_path / "out.mcap").messages())
     assert len(again) == len(messages)

@@ -11,8 +11,9 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
-from replay_kit.logs.glider.dive_file import open_dive
-from replay_kit.logs.glider.reader import SeagliderReader
+from replay_kit.logs.glider.columns import dive_number
+from replay_kit.logs.glider.files import open_glider_file
+from replay_kit.logs.glider.reader import GliderReader
 from replay_kit.measurements import observations
 from tests.places import DATA
 
@@ -100,17 +101,21 @@ def _write_classic(path: Path, variables: dict[str, Any]) -> Path:
 
 
 def _assert_as_h5netcdf_reads(path: Path) -> None:
-    dive = open_dive(path)
+    opened = open_glider_file(path)
+    assert opened is not None
+    dive = opened.content
     with h5netcdf.File(path, "r") as file:
-        assert dive.dive_number == int(file.attrs["dive_number"])
+        assert dive_number(dive) == int(file.attrs["dive_number"])
         for name, stored in dive.variables.items():
             np.testing.assert_array_equal(stored.values, file.variables[name][...], strict=True)
             # h5netcdf leaves text of a fixed length as bytes
             texts = {key: value.decode() if isinstance(value, bytes) else value for key, value in file.variables[name].attrs.items()}
-            wanted = {key: value for key, value in texts.items() if key in ("units", "_FillValue", "missing_value")}
-            np.testing.assert_equal(dict(stored.attributes), wanted)
-        prefixes = ("log_gps_", "ad2cp_", "ctd_time", "ctd_depth", "latitude", "depth_avg_curr_")
-        assert {name for name in file.variables if name.startswith(prefixes)} <= set(dive.variables)
+            wanted = {key: value for key, value in texts.items() if key in ("units", "_FillValue", "missing_value", "flag_meanings")}
+            np.testing.assert_equal({key: value for key, value in stored.attributes.items() if key in wanted}, wanted)
+            assert stored.dims == file.variables[name].dimensions
+        prefixes = ("log_gps_time", "log_gps_l", "log_gps_qc", "ad2cp_", "ctd_time", "ctd_depth")
+        named = ("latitude", "longitude", "depth_avg_curr_east", "depth_avg_curr_error", "depth_avg_curr_qc", "magnetic_variation")
+        assert {name for name in file.variables if name.startswith(prefixes) or name in named} <= set(dive.variables)
 
 
 def test_variables_are_those_that_h5netcdf_reads(tmp_path: Path) -> None:
@@ -125,7 +130,7 @@ def test_variables_of_a_real_dive_are_those_that_h5netcdf_reads() -> None:
 @pytest.mark.parametrize("write", [_write_hdf5, _write_classic])
 def test_a_small_dive(tmp_path: Path, write: Any) -> None:
     reader = open_log(write(tmp_path / "p0010007.nc", _small_dive()), 2)
-    assert isinstance(reader, SeagliderReader)
+    assert isinstance(reader, GliderReader)
     messages = list(reader.messages())
     times = [message.time_ns for message in messages]
     assert times == sorted(times)

@@ -14,7 +14,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.reader import TlogReader
-from tests.logs.log_samples import SHARED, attitude, json_mcap, tlog, tlog_entry
+from tests.logs.log_samples import SHARED, attitude, json_mcap, read_log, tlog, tlog_entry
 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
@@ -22,19 +22,12 @@ SMALL = SHARED / "ardusub" / "small.tlog"
 broken = settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-def read(folder: Path, data: bytes, wanted: frozenset[str] | None = None) -> tuple[list[Message], LogReport]:
-    file = folder / "log"
-    file.write_bytes(data)
-    reader = open_log(file, 1, wanted=wanted)
-    return list(reader.messages()), reader.report()
-
-
 def boots(messages: list[Message]) -> list[int]:
     return [m.payload["time_boot_ms"] for m in messages]
 
 
 def test_both_versions_come_back(tmp_path: Path) -> None:
-    messages, report = read(tmp_path, b"".join(tlog(10)))
+    messages, report = read_log(tmp_path, b"".join(tlog(10)))
     assert boots(messages) == list(range(10))
     first = messages[0]
     assert (first.time_ns, first.topic, first.schema, first.input) == (START * 1000, "mavlink/1/1/ATTITUDE", "ATTITUDE", 1)
@@ -48,7 +41,7 @@ def test_text_arrays_and_nan(tmp_path: Path) -> None:
     values = [0.5, math.nan, *[0.0] * 56]
     profile = dialect.MAVLink_debug_float_array_message(START, b"ADCP_E", 17, values)
     text = dialect.MAVLink_statustext_message(6, b"hello")
-    messages, _ = read(tmp_path, tlog_entry(START, profile, system=3, component=7) + tlog_entry(START + 1, text))
+    messages, _ = read_log(tmp_path, tlog_entry(START, profile, system=3, component=7) + tlog_entry(START + 1, text))
     assert messages[0].topic == "mavlink/3/7/DEBUG_FLOAT_ARRAY"
     payload = messages[0].payload
     assert (payload["time_usec"], payload["name"], payload["array_id"], len(payload["data"])) == (START, "ADCP_E", 17, 58)
@@ -60,7 +53,7 @@ def test_text_arrays_and_nan(tmp_path: Path) -> None:
 def test_unwanted_frames_are_counted_only(tmp_path: Path) -> None:
     text = tlog_entry(START, dialect.MAVLink_statustext_message(6, b"hello"))
     data = b"".join(tlog(5)) + text
-    messages, report = read(tmp_path, data, wanted=frozenset({"STATUSTEXT"}))
+    messages, report = read_log(tmp_path, data, wanted=frozenset({"STATUSTEXT"}))
     assert [m.schema for m in messages] == ["STATUSTEXT"]
     assert messages[0].position == 5
     assert report.read == {"mavlink/1/1/ATTITUDE": 5, "mavlink/1/1/STATUSTEXT": 1}
@@ -70,7 +63,7 @@ def test_unwanted_frames_are_counted_only(tmp_path: Path) -> None:
 def test_an_unknown_message_is_counted(tmp_path: Path) -> None:
     entries = tlog(4)
     unknown = START.to_bytes(8, "big") + bytes((0xFD, 3, 0, 0, 0, 1, 1, 0xF0, 0xFF, 0xFF, 1, 2, 3, 0, 0))
-    messages, report = read(tmp_path, entries[0] + unknown + b"".join(entries[1:]) + unknown)
+    messages, report = read_log(tmp_path, entries[0] + unknown + b"".join(entries[1:]) + unknown)
     assert boots(messages) == [0, 1, 2, 3]
     topic = f"mavlink/1/1/UNKNOWN_{0xFFFFF0}"
     assert report.read[topic] == 2
@@ -83,7 +76,7 @@ def test_a_signed_frame(tmp_path: Path) -> None:
     sender.signing.secret_key = bytes(32)
     sender.signing.sign_outgoing = True
     signed = START.to_bytes(8, "big") + bytes(attitude(7).pack(sender))
-    messages, report = read(tmp_path, signed + b"".join(tlog(2)))
+    messages, report = read_log(tmp_path, signed + b"".join(tlog(2)))
     assert boots(messages) == [7, 0, 1]
     assert report.losses == ()
 
@@ -94,7 +87,7 @@ def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
     damaged[20] ^= 0x10
     noise = b"\xfe\xfd\x00" * 9
     data = noise + entries[0] + entries[1] + damaged + entries[3] + entries[4][:-3] + entries[5] + entries[0][:15]
-    messages, report = read(tmp_path, data)
+    messages, report = read_log(tmp_path, data)
     assert boots(messages) == [0, 1, 3, 5]
     sizes = [len(noise), len(damaged), len(entries[4]) - 3, 15]
     assert [loss.bytes for loss in report.losses] == sizes
@@ -104,7 +97,7 @@ def test_bad_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
 
 def test_a_stamp_that_holds_frame_markers(tmp_path: Path) -> None:
     stamps = [0x0006_FDFE_FDFE_FDFE, 0x0006_FDFE_FE06_FD00]
-    messages, report = read(tmp_path, b"".join(tlog_entry(stamp, attitude(k)) for k, stamp in enumerate(stamps)))
+    messages, report = read_log(tmp_path, b"".join(tlog_entry(stamp, attitude(k)) for k, stamp in enumerate(stamps)))
     assert [m.time_ns for m in messages] == [stamp * 1000 for stamp in stamps]
     assert report.losses == ()
 
@@ -113,7 +106,7 @@ def test_a_stamp_that_holds_frame_markers(tmp_path: Path) -> None:
 def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path: Path, at: int) -> None:
     entries = tlog(6)
     entries[at] = bytes((0, entries[at][1] ^ 0x10)) + entries[at][2:]
-    messages, report = read(tmp_path, b"".join(entries))
+    messages, report = read_log(tmp_path, b"".join(entries))
     assert [m.time_ns // 1000 - START for m in messages] == [10**6 * (k + (k == at)) for k in range(6)]
     assert report.notes == ("1 stamps far from those before and after were replaced by the one after",)
 
@@ -121,7 +114,7 @@ def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path: Path, at:
 def test_bad_bytes_longer_than_a_block(tmp_path: Path) -> None:
     entries = tlog(4)
     noise = bytes((1, 2, 3, 4, 0xFE)) * 500_000
-    messages, report = read(tmp_path, entries[0] + entries[1] + noise + entries[2] + entries[3])
+    messages, report = read_log(tmp_path, entries[0] + entries[1] + noise + entries[2] + entries[3])
     assert boots(messages) == [0, 1, 2, 3]
     assert [loss.bytes for loss in report.losses] == [len(noise)]
 
@@ -129,7 +122,7 @@ def test_bad_bytes_longer_than_a_block(tmp_path: Path) -> None:
 def test_entries_across_the_blocks_of_reading(tmp_path: Path) -> None:
     count = 60_000
     entry = tlog_entry(START, attitude(1))
-    messages, report = read(tmp_path, entry * count)
+    messages, report = read_log(tmp_path, entry * count)
     assert len(entry) * count > 2 << 20
     assert len(messages) == count
     assert report.losses == ()
@@ -143,7 +136,7 @@ def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path: Path, part: float) -> Non
     cut = int(part * len(whole))
     sizes = [sum(map(len, entries[:k])) for k in range(len(entries) + 1)]
     try:
-        messages, report = read(tmp_path, whole[:cut])
+        messages, report = read_log(tmp_path, whole[:cut])
     except LogError:
         assert cut < sizes[1]
         return
@@ -157,7 +150,7 @@ def test_a_cut_log_gives_a_prefix_and_a_loss(tmp_path: Path, part: float) -> Non
 def test_a_damaged_byte_costs_one_frame_at_most(tmp_path: Path, at: int, value: int) -> None:
     whole = bytearray(b"".join(tlog(8)))
     whole[at % len(whole)] ^= value
-    messages, report = read(tmp_path, bytes(whole))
+    messages, report = read_log(tmp_path, bytes(whole))
     missing = set(range(8)) - set(boots(messages))
     assert len(missing) <= 1
     assert boots(messages) == sorted(boots(messages))

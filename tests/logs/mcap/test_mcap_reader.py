@@ -87,7 +87,7 @@ def test_what_is_no_log(tmp_path: Path) -> None:
             open_log(tmp_path / name)
     with pytest.raises(LogError, match="no such file"):
         open_log(tmp_path / "missing")
-    with pytest.raises(LogError, match="directory"):
+    with pytest.raises(LogError, match="the folder holds"):
         open_log(tmp_path)
     with pytest.raises(LogError, match="89 4d 43 41 50 30"):
         open_log(tmp_path / "cut")

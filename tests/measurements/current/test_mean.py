@@ -59,7 +59,7 @@ def test_weights_sum_to_one_and_give_the_time_mean_of_the_polyline(walk, repeats
     for time, east, depth in zip(times[1:], easts[1:], depths[1:], strict=True):
         path = extend(path, position(time, east, 0.0, depth))
     end = position(times[-1], easts[-1], 0.0, depths[-1], False)
-    mean = path_mean(path, end, (0.1, 0.2), 0.02, "dac", 1, SOURCE)
+    mean = path_mean(path, end, (0.1, 0.2), 0.02, "dac", 1)
     assert mean.weight.sum() == pytest.approx(1.0, abs=1e-12)
     assert (mean.weight > 0.0).all()
     assert mean.weight.size <= 256

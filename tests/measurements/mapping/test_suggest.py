@@ -10,6 +10,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import suggestions
 from replay_kit.measurements.mapping.leaves import leaves
+from replay_kit.measurements.mapping.suggest import sample_key
 from tests.measurements.samples import only, run
 
 
@@ -161,3 +162,61 @@ def test_a_position_where_the_vehicle_is_not_now_is_commented_out(tmp_path, payl
 def test_the_vehicles_own_position_goes_before_a_goal(tmp_path):
     config, _ = suggested(tmp_path, {"goal": {"lat": 1.0, "lon": 20.0}, "legend": {"lat": 2.0, "lon": 30.0}})
     assert config.map[0].latitude == "legend.lat"
+
+
+TWIST = {"header": {"stamp": {"sec": 1}}, "twist": {"linear": {"x": 0.12, "y": -0.05, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}}
+
+
+def test_a_twist_on_a_topic_of_one_cell_is_a_velocity_at_a_distance(tmp_path):
+    config, text = suggested(tmp_path, TWIST)
+    (entry,) = config.map
+    assert (entry.kind, entry.east, entry.north, entry.distance) == ("velocity", "twist.linear.x", "twist.linear.y", 0.0)
+    assert "NOT KNOWN" in text
+    here = Message(0, "/fix", "foxglove.LocationFix", {"longitude": 152.0, "latitude": -40.0, "metadata": {"depth": 7.0}}, 0, 0)
+    message = Message(0, '/vendor "x"', "geometry_msgs/TwistStamped", TWIST, 0, 1)
+    assert not only(Observation, run([here, message], config))
+    config, _ = suggested(tmp_path, TWIST, reference='"earth"', distance="12.0")
+    (observation,) = only(Observation, run([here, message], config))
+    np.testing.assert_array_equal(observation.velocity, [[0.12, -0.05]])
+    np.testing.assert_array_equal(observation.depth, [19.0])
+    upward = config.model_copy(update={"map": (config.map[0].model_copy(update={"orientation": "up", "distance": 5.0}),)})
+    (observation,) = only(Observation, run([here, message], upward))
+    np.testing.assert_array_equal(observation.depth, [2.0])
+
+
+def mavlink(kind, **fields):
+    return f"mavlink/1/1/{kind}", kind, {"time_boot_ms": 5, **fields}
+
+
+@pytest.mark.parametrize(
+    ("message", "kind", "line"),
+    [
+        (mavlink("NAMED_VALUE_FLOAT", name="Depth", value=12.5), "depth", 'depth = "value"'),
+        (mavlink("NAMED_VALUE_FLOAT", name="water_press_bar", value=2.5), "depth", 'depth_unit = "bar"'),
+        (mavlink("DEBUG_FLOAT_ARRAY", name="CURPROF", array_id=1, data=[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]), "profile", 'velocity = "data"'),
+        (mavlink("DEBUG_VECT", name="current", x=0.1, y=0.2, z=0.0), "velocity", 'east = "x"'),
+    ],
+)
+def test_numbers_under_names_of_the_senders_own(message, kind, line):
+    topic, schema, payload = message
+    text = suggestions({sample_key(topic, payload): (schema, payload)})
+    assert f'topic = "{topic}"\nname = "{payload["name"]}"\nkind = "{kind}"' in text
+    assert f"{line}  #" in text
+    assert sample_key(topic, payload) == f"{topic}\n{payload['name']}"
+    assert sample_key("/x", payload) == "/x"
+
+
+def test_a_mapping_of_a_name_leaves_other_names_alone(tmp_path):
+    topic, schema, payload = mavlink("NAMED_VALUE_FLOAT", name="Depth", value=12.5)
+    (tmp_path / "map.toml").write_text(suggestions({sample_key(topic, payload): (schema, payload)}), encoding="utf-8")
+    config = load_config(tmp_path / "map.toml").measurements
+    here = Message(2, "/fix", "foxglove.LocationFix", {"longitude": 152.0, "latitude": -40.0}, 0, 2)
+    messages = [Message(0, topic, schema, payload, 0, 0), Message(1, topic, schema, payload | {"name": "Volt", "value": 24.0}, 0, 1), here]
+    (state,) = only(VehicleState, run(messages, config))
+    assert state.depth == 12.5
+
+
+def test_an_array_on_a_topic_of_currents_is_a_profile():
+    payload = {"layout": {"data_offset": 0}, "data": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]}
+    assert 'velocity = "data"' in suggestions({"/adcp/raw": ("std_msgs/Float32MultiArray", payload)})
+    assert "Nothing in the log" in suggestions({"/battery": ("std_msgs/Float32MultiArray", payload)})

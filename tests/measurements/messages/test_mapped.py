@@ -184,6 +184,13 @@ def test_a_profile_with_a_position_in_the_same_message(longitude, where):
     assert len(only(Used, events)) == 2
 
 
+def test_a_position_counts_where_the_profile_in_its_message_does_not():
+    events = profile({"v": [[1.0]], "lon": 10.5, "lat": -30.0}, velocity="v", longitude="lon", latitude="lat")
+    assert not only(Observation, events)
+    assert 10.5 in [state.longitude for state in only(VehicleState, events)]
+    assert "expected cells of east, north" in only(Skipped, events)[0].reason
+
+
 def test_a_mapping_goes_before_a_known_kind():
     config = MeasurementConfig.model_validate({"map": [{**POSITION, "topic": "/gps"}]})
     events = run([Message(0, "/gps", "sensor_msgs/NavSatFix", {"lon": 1.0, "lat": 2.0, "status": -1}, 0, 0)], config)

@@ -63,12 +63,7 @@ def through_mcap(folder: Path, **fields):
 
 
 STATED = {
-    "coordinate_system": "earth",
-    "reference": "earth",
-    "orientation": "down",
-    "n_cells": 3,
-    "cell_size": 32.0,
-    "bin0_distance": 16.0,
+    **{key: ping().payload[key] for key in ("coordinate_system", "reference", "orientation", "n_cells", "cell_size", "bin0_distance")},
     "velocity": [0.1, 0.2, math.nan, 0.3, math.nan, 0.0, 0.5, 0.6, 0.0],
     "velocity_std": [0.09, 0.08, 0.07],
 }

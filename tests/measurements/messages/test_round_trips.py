@@ -90,13 +90,18 @@ def test_json(folder, ping):
     assert [message.payload[name] for name in WORDS] == [ping[name] for name in WORDS]
 
 
+def assert_ours(folder, ping, message):
+    """Assert that a message holds a ping, and gives the profile that the ping gives in JSON."""
+    assert_same(ping, message.payload, [*NUMBERS, *GEOMETRY, "velocity", "velocity_std"])
+    ours, theirs = profiles([through_json(folder, ping)], [message])
+    assert_equal(ours, theirs)
+
+
 @settings(max_examples=25, deadline=None)
 @given(ping=pings())
 def test_protobuf(folder, ping):
     message = through_mcap(folder, **flat(ping))
-    assert_same(ping, message.payload, [*NUMBERS, *GEOMETRY, "velocity", "velocity_std"])
-    ours, theirs = profiles([through_json(folder, ping)], [message])
-    assert_equal(ours, theirs)
+    assert_ours(folder, ping, message)
 
 
 @settings(max_examples=25, deadline=None)
@@ -104,9 +109,7 @@ def test_protobuf(folder, ping):
 def test_our_ping_in_cdr(folder, ping):
     value = {**flat(ping), **{name: number(ping[name]) for name in NUMBERS}}
     (message,) = read_mcap(folder, ros2_mcap("replay_kit/msg/AdcpPing", msg.ADCP_PING, [value], "/adcp"))
-    assert_same(ping, message.payload, [*NUMBERS, *GEOMETRY, "velocity", "velocity_std"])
-    ours, theirs = profiles([through_json(folder, ping)], [message])
-    assert_equal(ours, theirs)
+    assert_ours(folder, ping, message)
 
 
 @settings(max_examples=25, deadline=None)

@@ -11,14 +11,13 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Observation, Reason
 from replay_kit.measurements import Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
-from replay_kit.measurements.ping import frames
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
 from replay_kit.measurements.ping.profile import profile_of
 from tests.measurements.samples import CONFIG, fix, only, ping, run
 from tests.reference import frames as slow
 
-VECTORS = frames.janus_vectors(20.0)
+VECTORS = slow.janus_vectors(20.0)
 WATER, VESSEL = np.array([0.4, -0.2, 0.02]), np.array([1.1, 0.3, 0.0])
 
 

@@ -36,7 +36,7 @@ def test_a_heading_turns_forward_to_where_it_points():
 
 def test_a_positive_roll_lowers_the_starboard_side_which_is_beam_2_s_when_looking_down():
     """Teledyne's signs: looking down beam 1 is then higher than beam 2, looking up beam 2 is; a positive pitch raises beam 3 in both."""
-    outwards = -frames.janus_vectors(20.0)
+    outwards = -slow.janus_vectors(20.0)
     for up in (False, True):
         one, two, _, _ = outwards @ frames.teledyne_rotation(0.0, 0.0, 10.0, up)[2]
         assert (two > one) == up
@@ -47,7 +47,7 @@ def test_a_positive_roll_lowers_the_starboard_side_which_is_beam_2_s_when_lookin
 @quick
 @given(BEAMS, BEAM_ANGLE, st.booleans())
 def test_four_beams_are_solved_as_teledyne_does(beams, angle, convex):
-    vectors = frames.janus_vectors(angle, convex)
+    vectors = slow.janus_vectors(angle, convex)
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0)
     solved = frames.solve_beams(beams[None], vectors)
     np.testing.assert_allclose(solved[0], slow.janus(beams, angle, convex), rtol=1e-10, atol=1e-10)
@@ -57,7 +57,7 @@ def test_four_beams_are_solved_as_teledyne_does(beams, angle, convex):
 @quick
 @given(st.lists(SPEED, min_size=3, max_size=3).map(np.array), BEAM_ANGLE, st.integers(0, 3))
 def test_three_beams_equal_four_when_the_error_velocity_is_zero(velocity, angle, bad):
-    vectors = frames.janus_vectors(angle)
+    vectors = slow.janus_vectors(angle)
     beams = frames.beams_of(velocity[None], vectors)
     four = frames.solve_beams(beams, vectors)
     beams[0, bad] = np.nan
@@ -67,7 +67,7 @@ def test_three_beams_equal_four_when_the_error_velocity_is_zero(velocity, angle,
 
 
 def test_two_beams_or_three_in_a_plane_give_nothing():
-    vectors = frames.janus_vectors(20.0)
+    vectors = slow.janus_vectors(20.0)
     beams = np.array([[0.1, 0.2, np.nan, np.nan], [0.1, 0.2, 0.3, 0.4], [np.nan] * 4])
     solved = frames.solve_beams(beams, vectors)
     assert np.isnan(solved[[0, 2]]).all()
@@ -80,7 +80,7 @@ def test_two_beams_or_three_in_a_plane_give_nothing():
 @given(ANGLE, TILT, TILT, st.booleans())
 def test_mapped_bins_are_exact_for_a_velocity_linear_in_depth(heading, pitch, roll, up):
     first, size, n = 2.0, 1.0, 24
-    vectors, rotation = frames.janus_vectors(20.0), frames.teledyne_rotation(heading, pitch, roll, up)
+    vectors, rotation = slow.janus_vectors(20.0), frames.teledyne_rotation(heading, pitch, roll, up)
     stretch = frames.vertical_stretch(vectors, rotation)
     slope, offset = np.array([0.02, -0.013, 0.001]), np.array([0.4, 0.1, -0.02])
     distance = (first + size * np.arange(n))[:, None] * stretch

@@ -121,3 +121,24 @@ def test_fixes_that_are_few_or_on_one_side_give_none(messages):
     (observation,) = only(Observation, run(messages))
     assert observation.reference == "platform"
     assert "relative to the platform" in only(Skipped, run(messages, MeasurementConfig(use_relative=False)))[0].reason
+
+
+def test_a_ping_that_waited_in_vain_is_between_the_positions_around_it():
+    (observation,) = only(Observation, run([fix(0, 152.0), relative(5), fix(100, 152.1)]))
+    assert observation.reference == "platform"
+    assert observation.longitude == pytest.approx(152.005, abs=1e-6)
+
+
+def test_a_stated_velocity_that_is_not_believed_leaves_the_vessel_to_its_fixes():
+    stated = {"platform_velocity": {"east": 9.0, "north": 9.0, "velocity_std": 1e3}}
+    (observation,) = only(Observation, run(sorted([*sail(60), relative(30.5, **stated)], key=lambda message: message.time_ns)))
+    assert observation.platform_velocity == pytest.approx((1.5, -0.8), abs=0.01)
+
+
+def test_fixes_that_come_seldom_count_from_both_sides_alike():
+    """Fixes 9 s apart on a curve: those within 20 s on either side of the ping give its tangent's slope, wherever the next fix is."""
+    here = Projection(152.0, -40.0)
+    places = [to_geographic(here, 0.01 * (k - 45) ** 2, 0.0) for k in range(0, 100, 9)]
+    fixes = [fix(9 * k, float(longitude), float(latitude)) for k, (longitude, latitude) in enumerate(places)]
+    (observation,) = only(Observation, run(sorted([*fixes, relative(45)], key=lambda message: message.time_ns)))
+    assert observation.platform_velocity == pytest.approx((0.0, 0.0), abs=1e-5)

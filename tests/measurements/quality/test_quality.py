@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.measurements.quality import tests as quality
+from replay_kit.measurements.quality.ping import sidelobe, tilt
+from replay_kit.measurements.quality.tests import Check
 from tests.reference import quality as slow
 
 NUMBERS = st.one_of(st.floats(-100.0, 100.0), st.just(np.nan))
@@ -21,27 +23,23 @@ def test_limits_as_the_obvious_way_has_them(values, suspect, fail, least):
 
 @given(st.integers(1, 5).flatmap(lambda b: st.lists(st.lists(NUMBERS, min_size=b, max_size=b), min_size=1, max_size=4)))
 def test_three_beams_make_a_cell(beams):
-    np.testing.assert_array_equal(quality.worst_needed(np.array(beams)), [slow.third_best(cell) for cell in beams])
-
-
-def test_teledyne_s_percent_good_counts_solutions_and_not_beams():
-    solutions = np.array([[10.0, 5.0, 5.0, 80.0], [0.0, 0.0, 100.0, 0.0]])
-    assert quality.percent_good(solutions, True).tolist() == [90.0, 0.0]
-    assert quality.percent_good(solutions, False).tolist() == [5.0, 0.0]
+    worst = [slow.third_best(cell) for cell in beams]
+    np.testing.assert_array_equal(quality.worst_needed(np.array(beams)), worst)
+    flags = quality.graded(np.array(beams), (50.0, 0.0), least=True)
+    assert flags.tolist() == [slow.graded(value, 50.0, 0.0, True) for value in worst]
 
 
 @given(st.floats(-180.0, 180.0), st.floats(-180.0, 180.0))
 def test_tilt_is_the_axis_from_the_vertical(pitch, roll):
-    assert quality.tilt(pitch, roll) == pytest.approx(slow.tilt(pitch, roll), abs=1e-5)
+    assert tilt(pitch, roll) == pytest.approx(slow.tilt(pitch, roll), abs=1e-5)
 
 
 def test_the_last_part_of_the_range_is_spoiled():
     """Of 100 m at 20 degrees the last 6.03 m."""
     distance = np.array([50.0, 92.0, 93.5, 99.0, np.nan])
     cosine = np.cos(np.deg2rad(20.0))
-    assert quality.sidelobe(distance, 1.0, 100.0, cosine).tolist() == [1, 1, 4, 4, 2]
-    assert quality.sidelobe(distance, np.nan, 100.0, cosine).tolist() == [1, 1, 1, 4, 2]
-    assert quality.sidelobe(distance, 1.0, np.nan, cosine).tolist() == [2] * 5
+    assert quality.graded(*sidelobe(distance, 1.0, 100.0, cosine), least=False).tolist() == [1, 1, 4, 4, 2]
+    assert quality.graded(*sidelobe(distance, np.nan, 100.0, cosine), least=False).tolist() == [1, 1, 1, 4, 2]
 
 
 CELL = st.tuples(st.one_of(st.floats(-3.0, 3.0), st.just(np.nan)), st.floats(-3.0, 3.0))
@@ -79,8 +77,8 @@ def test_planted_outliers_are_found_among_noise():
 
 def test_flags_are_the_worst_and_reasons_are_all():
     tests = [
-        (Reason.TILT, np.array([1, 3, 3, 2, 3], np.int8)),
-        (Reason.OUTLIER, np.array([2, 2, 4, 2, 4], np.int8)),
+        Check("tilt", Reason.TILT, np.array([1, 3, 3, 2, 3], np.int8)),
+        Check("outlier", Reason.OUTLIER, np.array([2, 2, 4, 2, 4], np.int8)),
     ]
     missing = np.array([0, 0, 0, 0, Reason.MISSING], np.int32)
     flags, reasons = quality.rolled_up(tests, missing, True)

@@ -12,6 +12,7 @@ from replay_kit.measurements.ping import frames
 from replay_kit.measurements.ping.profile import profile_of
 from replay_kit.measurements.quality.ping import checks
 from tests.measurements.samples import fix, only, ping, run
+from tests.reference import frames as slow
 
 GOOD, SUSPECT, FAIL = Flag.GOOD, Flag.SUSPECT, Flag.FAIL
 CELLS = [[0.1, 0.2, 0.0]] * 6
@@ -66,6 +67,12 @@ def test_one_bad_cell_is_marked_and_no_other(changes, flag, reason):
     assert observation.reasons.tolist() == [0, 0, reason, 0, 0, 0]
 
 
+def test_teledyne_s_percent_good_counts_solutions_only_where_its_instrument_turned_the_velocities():
+    solutions = {"percent_good": [[10.0, 5.0, 5.0, 80.0]] * 5 + [[0.0, 0.0, 100.0, 0.0]]}
+    assert observed(**solutions)[0].flags.tolist() == [GOOD] * 5 + [FAIL]
+    assert observed(**solutions, attitude_convention="nortek")[0].flags.tolist() == [FAIL] * 6
+
+
 def test_one_bad_beam_of_four_is_not_for_these_tests():
     assert observed(correlation=[[90.0, 90.0, 90.0, 3.0]] * 6)[0].flags.tolist() == [GOOD] * 6
 
@@ -86,7 +93,7 @@ def test_the_surface_spoils_what_looks_up():
     up = {"orientation": "up", "pressure": None, "bin0_distance": 16.0}
     observation, _ = observed(depth=40.0, **up)
     assert observation.reasons.tolist() == [0, 0, 0, 0, 0, Reason.SIDELOBE]
-    wider, _ = observed(depth=40.0, **up, beam_unit_vectors=frames.janus_vectors(33.0).tolist())
+    wider, _ = observed(depth=40.0, **up, beam_unit_vectors=slow.janus_vectors(33.0).tolist())
     assert wider.reasons.tolist() == [0, 0, 0, 0, Reason.SIDELOBE, Reason.SIDELOBE]
     off, _ = observed(MeasurementConfig(quality=QualityConfig(sidelobe=False)), depth=40.0, **up)
     assert off.flags.tolist() == [GOOD] * 6
@@ -129,7 +136,7 @@ def test_protobuf_s_flat_fields_are_read_cell_by_cell():
 
 
 def test_a_solution_from_beams_brings_its_error_velocity():
-    vectors = frames.janus_vectors(20.0)
+    vectors = slow.janus_vectors(20.0)
     along = np.tile(vectors @ [0.1, 0.2, 0.0], (6, 1))
     along[3] += 1.5 * frames.error_weights(vectors) / (frames.error_weights(vectors) @ frames.error_weights(vectors))
     along[4, 1] = np.nan
@@ -154,7 +161,7 @@ def test_every_test_can_be_switched_off():
 
 def test_beams_percent_good_is_each_beam_s_also_where_gps_makes_the_ping_absolute_later():
     """A ping of beams turns to earth coordinates when it comes and to reference earth when its fixes are there: in two steps."""
-    vectors = frames.janus_vectors(20.0)
+    vectors = slow.janus_vectors(20.0)
     beam = {"coordinate_system": "beam", "reference": "platform", "attitude_convention": "teledyne", "heading": 0.0, "pitch": 0.0}
     beam |= {"roll": 0.0, "beam_unit_vectors": vectors.tolist(), "declination_applied": True, "bin_mapped": True}
     beam |= {**SOUND, "velocity": np.tile(vectors @ [0.1, 0.2, 0.0], (6, 1)).tolist(), "percent_good": [[60, 5, 5, 60]] * 6}

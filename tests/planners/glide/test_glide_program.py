@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import GlideSettings, plan
-from planners.glide.transcription import GlideCase, solve_glide
+from planners.glide.transcription import Glide, GlideTask, solve_glide
 from planners.route.region import region_of
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_local
@@ -22,14 +22,15 @@ from tests.planners.flow_samples import eddying_flow, place, still_flow
 def test_a_glide_ends_between_the_surface_and_the_deepest_level(goal_depth: float, deepest: float, ends_at: float) -> None:
     flow = still_flow()
     start, goal = np.array([-3e3, 1e3, 100.0]), np.array([4e3, 2e3, goal_depth])
-    case = GlideCase(start, goal, deepest, region_of(flow.grid).sides(), 0.3, 2e5)
+    region = region_of(replace(flow.grid, levels=flow.grid.levels * deepest / flow.levels[-1]))
+    task = GlideTask(flow, region, start, goal, GlideSettings(max_duration=2e5))
     way = goal - start
-    guess = (float(np.arctan2(way[0], way[1])), float(np.arctan2(way[2], np.hypot(*way[:2]))), float(np.linalg.norm(way)) / 0.3)
-    found = solve_glide(flow, case, guess, np.linspace(0.0, 1.0, 9), bounded=True)
+    guess = Glide(float(np.arctan2(way[0], way[1])), float(np.arctan2(way[2], np.hypot(*way[:2]))), float(np.linalg.norm(way)) / 0.3)
+    found = solve_glide(task, guess, np.linspace(0.0, 1.0, 9), bounded=True)
     # in still water the nearest point that is allowed is straight above or below the goal
-    assert 100.0 + 0.3 * np.sin(found.glide_angle) * found.duration == pytest.approx(ends_at, abs=0.1)
+    assert 100.0 + 0.3 * np.sin(found.glide.glide_angle) * found.glide.duration == pytest.approx(ends_at, abs=0.1)
     assert found.distance == pytest.approx(abs(goal_depth - ends_at), abs=0.1)
-    free = solve_glide(flow, case, guess, np.linspace(0.0, 1.0, 9), bounded=False)
+    free = solve_glide(task, guess, np.linspace(0.0, 1.0, 9), bounded=False)
     assert free.distance < 0.1
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from planners import GlideSettings, fly, plan
 from planners.glide.seeds import _fans, find_seeds
-from planners.glide.transcription import GlideCase
+from planners.glide.transcription import GlideTask
 from planners.route.region import region_of
 from planners.route.table import tabulate
 from planners.track import fly_glide, fractions_of_duration
@@ -99,10 +99,10 @@ def test_a_start_beside_an_edge_or_a_coast_leaves_it(beside: str) -> None:
     start = np.array([grid.east[0, 5], grid.north[0, 5] + 100.0 if beside == "edge" else grid.north[3:5, 5].mean() + 100.0, 0.0])
     goal = start + np.array([2e3, 11e3, 200.0])
     assert not tabulate(flow, region).allowed_at(start[None] - [[0.0, 200.0, 0.0]])[0]
-    seed = find_seeds(flow, region, GlideCase(start, goal, region.deepest, region.sides(), 0.3, 2e5), 1)[0]
+    seed = find_seeds(GlideTask(flow, region, start, goal, GlideSettings(max_duration=2e5)), 1)[0]
     # the fan's headings are four degrees apart
     assert seed.distance < np.deg2rad(2.0) * 11.2e3 + 50.0
-    assert seed.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)
+    assert seed.glide.duration == pytest.approx(11.2e3 / 0.3, rel=0.02)
 
 
 def test_the_fan_of_steady_rates_has_a_level_glide_and_others_that_use_up_the_water_column() -> None:

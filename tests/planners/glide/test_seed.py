@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from planners.glide.seeds import _fans, _fly_all, find_seeds
-from planners.glide.transcription import GlideCase
+from planners.glide.settings import GlideSettings
+from planners.glide.transcription import GlideTask
 from planners.route.region import region_of
 from planners.route.table import tabulate
 from tests.planners.flow_samples import eddying_flow, still_flow
@@ -134,11 +135,11 @@ def test_a_glide_counts_until_it_leaves_the_water_and_not_after_it_is_back() -> 
 def test_seeds_are_the_nearest_first_and_no_more_than_asked_for() -> None:
     flow = eddying_flow(6, speed=0.2)
     region, start, goal = region_of(flow.grid), np.array([-1e4, -6e3, 0.0]), np.array([9e3, 5e3, 250.0])
-    case = GlideCase(start, goal, region.deepest, region.sides(), SPEED, LONGEST)
-    every, few = (find_seeds(flow, region, case, count) for count in (1000, 3))
+    task = GlideTask(flow, region, start, goal, GlideSettings(SPEED, max_duration=LONGEST))
+    every, few = (find_seeds(task, count) for count in (1000, 3))
     distances = [seed.distance for seed in every]
     assert distances == sorted(distances)
     assert few == every[:3]
-    assert len({(seed.heading, seed.glide_angle) for seed in every}) == len(every) > 3
-    assert all(0.0 <= seed.heading < 2.0 * np.pi and 0.0 < seed.duration <= LONGEST for seed in every)
+    assert len({(seed.glide.heading, seed.glide.glide_angle) for seed in every}) == len(every) > 3
+    assert all(0.0 <= seed.glide.heading < 2.0 * np.pi and 0.0 < seed.glide.duration <= LONGEST for seed in every)
     assert few[0].distance < 500.0

@@ -10,12 +10,13 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
 from replay_kit.studies.accuracy import METHODS, AccuracyJob, run_accuracy, to_json
 from replay_kit.studies.accuracy.methods import build_method
-from replay_kit.studies.scoring.bound import bound
+from replay_kit.studies.scoring.scores import bound
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, random_observations
 from replay_kit.studies.twins.truths import cases, leave_out, most_distant
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
+from tests.studies.results import final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(5, 6))
 CONFIG = EstimatorConfig(modes=20)
@@ -24,7 +25,7 @@ KEYS = {"method", "pings", "rel_error", "rel_error_by_seed", "rmse", "bound", "n
 
 @pytest.fixture(scope="module")
 def result():
-    return run_accuracy(MEMBERS, None, CONFIG, AccuracyJob(leave_out="2", pings=(2, 6), seeds=2))
+    return final(run_accuracy(MEMBERS, None, CONFIG, AccuracyJob(leave_out="2", pings=(2, 6), seeds=2)))
 
 
 def test_a_row_for_each_method_and_number_of_pings(result):
@@ -75,7 +76,7 @@ def test_scores_on_the_way_are_those_of_a_shorter_run(result):
 def test_all_members_in_turn_with_their_means():
     seen = []
     job = AccuracyJob(leave_out="all", pings=(2,), seeds=1, methods=("nearest", "etkf"))
-    result = run_accuracy(MEMBERS, None, CONFIG, job, lambda done, total, what: seen.append((done, total)))
+    result = final(run_accuracy(MEMBERS, None, CONFIG, job, lambda done, total, what: seen.append((done, total))))
     assert [row.truth for row in result.rows] == [k for k in range(6) for _ in range(2)] + ["mean", "mean"]
     each = [row.rel_error for row in result.rows if row.method == "etkf" and row.truth != "mean"]
     assert result.rows[-1].rel_error == pytest.approx(np.mean(each))
@@ -86,7 +87,7 @@ def test_all_members_in_turn_with_their_means():
 
 def test_a_truth_of_its_own():
     truth = Ensemble(MEMBERS.grid, MEMBERS.velocity[5:], None, "truth.nc")
-    result = run_accuracy(MEMBERS, truth, CONFIG, AccuracyJob(pings=(3,), seeds=1, noise=0.0, methods=("nearest",)))
+    result = final(run_accuracy(MEMBERS, truth, CONFIG, AccuracyJob(pings=(3,), seeds=1, noise=0.0, methods=("nearest",))))
     # the truth is among the members, and without noise it is found
     assert result.rows[0].rel_error < 0.02
     assert result.truth == "truth.nc"
@@ -118,7 +119,7 @@ def test_a_member_that_is_not_there_is_said(which):
 )
 def test_wrong_options_are_said(job):
     with pytest.raises(ConfigError):
-        run_accuracy(MEMBERS, None, CONFIG, job)
+        final(run_accuracy(MEMBERS, None, CONFIG, job))
 
 
 def test_profiles_are_seeded_and_state_their_noise():

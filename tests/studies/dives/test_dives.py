@@ -21,7 +21,7 @@ from replay_kit.estimator.update.screening import usable
 from replay_kit.studies.dives import read_dives, run_dives, to_json
 from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles, column
 from replay_kit.studies.dives.predict import conditional, expect, surfacing
-from replay_kit.studies.twins import Options, make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
 from replay_kit.workflows.replay.inputs import look_ahead
 from tests import synthetic
@@ -45,7 +45,7 @@ def estimator():
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("twin") / "glider.mcap"
-    make_twin(TRUTH, "glider", 40, 0.05, 3, path, options=Options(interval_s=1200.0))
+    make_twin(TRUTH, Twin("glider", 40, 0.05, 3, interval_s=1200.0), path)
     return path
 
 
@@ -150,7 +150,9 @@ def test_a_dive_is_predicted_from_the_dives_before_it_alone(estimator, dives):
     # mean currents take the fit a second each
     dives = [replace(dive, given=dive.profiles[::2]) for dive in dives]
     other = [*dives[:2], replace(dives[2], given=(), profiles=tuple(replace(p, velocity=p.velocity + 0.2) for p in dives[2].profiles))]
-    ours, theirs = (run_dives(estimator, which, config, True, "e.nc") for which in (dives[:3], other))
+    (*partial, ours), (*_, theirs) = (run_dives(estimator, which, config, True, "e.nc") for which in (dives[:3], other))
+    assert [(len(part.dives), to_json(part).get("unfinished")) for part in (*partial, ours)] == [(1, True), (2, True), (3, None)]
+    assert partial[1].dives[1].settings == ours.dives[1].settings
     assert ours.dives[2].settings == theirs.dives[2].settings
     np.testing.assert_allclose(ours.dives[1].errors["profiles"]["estimate"], theirs.dives[1].errors["profiles"]["estimate"], atol=1e-9)
     shift = theirs.dives[2].errors["profiles"]["estimate"] - ours.dives[2].errors["profiles"]["estimate"]
@@ -179,7 +181,7 @@ def test_a_surfacing_is_off_by_the_error_of_the_mean_times_the_duration(estimato
 
 
 def test_one_dive_is_none_to_predict(tmp_path):
-    make_twin(TRUTH, "glider", 3, 0.05, 3, tmp_path / "short.mcap")
+    make_twin(TRUTH, Twin("glider", 3, 0.05, 3), tmp_path / "short.mcap")
     with pytest.raises(MeasurementError, match="at least two dives"):
         read_dives([tmp_path / "short.mcap"], RunConfig())
 
@@ -210,7 +212,7 @@ def test_real_mean_currents_and_surfacings_are_told_as_well_as_by_the_last_one()
     logs = sorted((DATA / "seaglider").glob("p24900*.nc"))
     place_at, first_ns = look_ahead(logs, config)
     series = read_forecasts(DATA / "qg" / "climatology.nc", config, first_ns, place_at).series
-    result = run_dives(build_evolving(series, config.estimator, config.time), read_dives(logs, config), config, False, "qg")
+    *_, result = run_dives(build_evolving(series, config.estimator, config.time), read_dives(logs, config), config, False, "qg")
     rmse = result.rmse("mean")
     assert rmse["estimate"] <= min(rmse["last_dac"], rmse["zero"], rmse["ensemble_mean"])
     assert sum(dive.surfacing.inside for dive in result.dives if dive.surfacing is not None) >= 5

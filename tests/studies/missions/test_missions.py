@@ -23,15 +23,16 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.studies.missions import STUDIES, MissionJob, run_missions, to_csv, to_json
 from replay_kit.studies.missions import bias as bias_module
 from replay_kit.studies.missions import coverage as coverage_module
-from replay_kit.studies.missions.dac import _spread
 from replay_kit.studies.missions.flights import fly_dives, fly_pings, measurements, staying
 from replay_kit.studies.missions.follow import evaluated_after, follow
+from replay_kit.studies.missions.given import _spread
 from replay_kit.studies.missions.rows import Figure, over_missions
 from replay_kit.studies.missions.scene import withhold
-from replay_kit.studies.twins.faults import Faults
+from replay_kit.studies.twins.adcp import Faults
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import GliderLimits
 from tests import synthetic
+from tests.studies.results import final
 
 DAY = 86_400 * 10**9
 LEVELS = np.array([5.0, 90.0, 220.0])
@@ -59,7 +60,7 @@ def result():
     with pytest.MonkeyPatch.context() as patch:
         # a ping in ten minutes of a mission is many for a test
         patch.setattr(bias_module, "_EVERY_S", 3600.0)
-        return run_missions(series(), CONFIG, JOB)
+        return final(run_missions(series(), CONFIG, JOB))
 
 
 def value_of(result, study, method, figure):
@@ -142,13 +143,20 @@ def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
     forecasts = series()
     job = replace(JOB, studies=("outliers",), evaluations=1)
     torrents = [replace(f, velocity=np.where(np.arange(6)[:, None, None, None, None] == 3, 4.0, f.velocity)) for f in forecasts]
-    left = run_missions(torrents, CONFIG, job)
+    *partial, left = run_missions(torrents, CONFIG, job)
+    assert [(part.unfinished, len(part.lost), len(part.rows) > 0) for part in partial] == [(True, 0, True), (True, 1, True)]
+    assert to_json(partial[0])["unfinished"] is True
+    assert "unfinished" not in to_json(left)
+    # nothing is known yet where the first mission is lost
+    first = next(iter(run_missions(torrents, CONFIG, replace(job, leave_out="3,1"))))
+    assert (first.rows, len(first.lost)) == ((), 1)
+    assert to_csv(first) == "study,method,figure,value,at_least,at_most,met,by_mission\n"
     assert len(left.lost) == 1
     assert left.lost[0].startswith("member 3, seed 0, outliers: the current carried the glider")
     assert {len(row.by_mission) for row in left.rows} == {1}
     assert to_json(left)["lost"] == list(left.lost)
     with pytest.raises(ForecastError, match="no mission is left"):
-        run_missions(torrents, CONFIG, replace(job, leave_out="3"))
+        final(run_missions(torrents, CONFIG, replace(job, leave_out="3")))
 
 
 def test_evaluations_are_spread_evenly_and_end_with_the_mission():
@@ -267,16 +275,16 @@ def test_rows_go_to_json_and_csv_as_they_are(result):
 )
 def test_wrong_options_are_said(changes, words):
     with pytest.raises(ConfigError, match=words):
-        run_missions(series(), CONFIG, replace(JOB, **changes))
+        final(run_missions(series(), CONFIG, replace(JOB, **changes)))
 
 
 def test_what_needs_time_or_the_projects_own_estimator_is_said():
     with pytest.raises(ConfigError, match="reference-time"):
-        run_missions(series()[:1], CONFIG, JOB)
+        final(run_missions(series()[:1], CONFIG, JOB))
     for settings in ({"name": "etkf"}, {"preset": "paper"}):
         config = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update=settings)})
         with pytest.raises(ConfigError, match="own estimator"):
-            run_missions(series(), config, replace(JOB, studies=("dac",)))
+            final(run_missions(series(), config, replace(JOB, studies=("dac",))))
 
 
 def test_the_command_writes_tables_and_replaces_none_unasked(tmp_path, monkeypatch, capsys):

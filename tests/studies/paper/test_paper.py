@@ -21,6 +21,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import embed_member
+from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.paper import FILES, PaperJob, figures, print_paper, run_paper, to_json, write_paper
 from replay_kit.studies.paper.diagnostics import coherence, depth_kernel, level_correlation
@@ -28,8 +29,7 @@ from replay_kit.studies.paper.findings import sparse_logs
 from replay_kit.studies.paper.report import rows_to_csv, text_tables, to_markdown
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths
 from replay_kit.studies.paper.tables import Survey, run_table, rungs
-from replay_kit.studies.scoring.bootstrap import bootstrap_median
-from replay_kit.studies.scoring.bound import bound
+from replay_kit.studies.scoring.scores import bootstrap_median, bound
 from replay_kit.studies.twins import reachable
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import IDEAL_ERROR_STD, grid_observations, random_observations
@@ -38,6 +38,7 @@ from replay_kit.studies.twins.truths import Case, leave_out
 from replay_kit.workflows.replay.scoring import scored_points
 from tests import synthetic
 from tests.command import invoke
+from tests.studies.results import final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig()
@@ -51,7 +52,7 @@ def study():
     seen = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planners, "plan", PLAN)
-        tables, shown = run_paper(MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total)))
+        tables, shown = final(run_paper(MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total))))
     return tables, shown, seen
 
 
@@ -156,9 +157,14 @@ def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch
             raise np.linalg.LinAlgError("Singular matrix")
         return build_method(name, ensemble, config)
 
+    def basis(ensemble, config):
+        if config.preset == "paper":
+            raise np.linalg.LinAlgError("Singular matrix")
+        return build_basis(ensemble, config)
+
     monkeypatch.setattr("replay_kit.studies.paper.tables.build_method", build)
-    monkeypatch.setattr(figures, "build_method", build)
-    tables, shown = run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1))
+    monkeypatch.setattr(figures, "build_basis", basis)
+    tables, shown = final(run_paper(with_land(MEMBERS), None, CONFIG, replace(JOB, pairs=1)))
     assert {row.flow: row.pairs for row in tables.table3}["paper"] == 0
     assert "no estimate" in {row.flow: row.note for row in tables.table3}["paper"]
     assert {row.method for row in tables.table1 if row.note} == {row.method for row in tables.table2 if row.note} == {"paper"}
@@ -243,9 +249,18 @@ def test_over_truths_the_median_and_the_worst():
 
 
 @pytest.mark.usefixtures("without_planning")
-def test_all_members_in_turn():
+def test_all_members_in_turn(tmp_path):
     few = Ensemble(MEMBERS.grid, MEMBERS.velocity[:3], None, "three")
-    tables, shown = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1))
+    *partial, (tables, shown) = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1))
+    assert [(part.unfinished, part.truths, len(part.table3)) for part, _ in partial] == [(True, 1, 0), (True, 2, 0), (True, 3, 0)]
+    assert partial[-1][0].table1 == tables.table1
+    assert len(partial[0][0].table2[0].rel_error_by_truth) == 1
+    assert not tables.unfinished
+    # of a study that is not finished the tables are written, and what is not known yet is not
+    write_paper(tmp_path, *partial[0])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["paper.json", "sparse.csv", "table1.csv", "table2.csv"]
+    assert json.loads((tmp_path / "paper.json").read_text())["unfinished"] is True
+    assert "unfinished" not in to_json(tables)
     assert (tables.truth, tables.truths) == ("all", 3)
     assert shown.case.member is not None
     assert tables.shown_truth == f"three#{shown.case.member}"
@@ -337,7 +352,7 @@ def test_the_same_study_gives_the_same_figures(study, folder):
 @pytest.mark.parametrize("job", [PaperJob("0", pings=()), PaperJob("0", pings=(5, 3)), PaperJob("0", pairs=0), PaperJob("0", seed=-1)])
 def test_wrong_jobs_are_said(job):
     with pytest.raises(ConfigError):
-        run_paper(MEMBERS, None, CONFIG, job)
+        final(run_paper(MEMBERS, None, CONFIG, job))
 
 
 @pytest.fixture(scope="module")
@@ -402,7 +417,8 @@ def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatc
     done = paper(ocean, *options)
     assert done.exit_code == 0, done.exception
     assert "Table III" in done.stdout
-    assert (ocean / "a.json").read_text() == (ocean / "full" / "paper.json").read_text()
+    kept = json.loads((ocean / "full" / "paper.json").read_text())
+    assert json.loads((ocean / "a.json").read_text()) == {"format_version": 2, **kept}
     assert (ocean / "full" / "table1.csv").read_text().startswith("method,")
     # the naive basis has more modes than the limit of those a level, and is planned on all the same
     assert "naive3d" in [row["flow"] for row in json.loads((ocean / "a.json").read_text())["table3"]]

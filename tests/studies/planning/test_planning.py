@@ -20,14 +20,13 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
 from replay_kit.studies.planning import STUDIES, PlanningJob
 from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average
-from replay_kit.studies.planning.flights import draw_missions, fly_plan
+from replay_kit.studies.planning.flights import corners_of, crossed, draw_missions, fly_plan, winds_around
 from replay_kit.studies.planning.infeasible import cases, infeasible
 from replay_kit.studies.planning.masked import masked
 from replay_kit.studies.planning.masks import draw_masked, with_land
-from replay_kit.studies.planning.recheck import corners_of, crossed, winds_around
 from replay_kit.studies.planning.scenarios import area_downstream, entering
 from replay_kit.studies.planning.world import build_world
-from replay_kit.studies.scoring.bootstrap import bootstrap_ratio
+from replay_kit.studies.scoring.scores import bootstrap_ratio
 from tests import synthetic
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow, place, uniform_flow
@@ -91,7 +90,7 @@ def answer(tmp_path_factory):
 def test_studies_are_reported_in_every_form(answer):
     out, said, printed, again = answer
     assert tuple(said["studies"]) == DRAWN
-    assert said == json.loads((out / "planning.json").read_text())
+    assert said == {"format_version": 2, **json.loads((out / "planning.json").read_text())}
     report = (out / "report.md").read_text()
     for study, reported in said["studies"].items():
         for name, rows in reported["tables"].items():

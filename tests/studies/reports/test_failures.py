@@ -12,11 +12,12 @@ from replay_kit.studies.accuracy import AccuracyJob, run_accuracy, to_json
 from replay_kit.studies.accuracy import run as accuracy
 from replay_kit.studies.planning import PlanningJob, run_planning
 from replay_kit.studies.planning import run as planning_run
-from replay_kit.studies.planning.result import StudyReport
+from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.run import Study
 from replay_kit.studies.reports.tables import Table
 from tests import synthetic
 from tests.command import invoke
+from tests.studies.results import final
 
 MEMBERS = synthetic.ensemble(n_members=5, shape=(5, 6))
 CONFIG = EstimatorConfig(modes=6)
@@ -70,9 +71,9 @@ def failing(monkeypatch):
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("not positive definite"), EstimatorError("no update")])
 @pytest.mark.parametrize("after", [None, 0, 2])
 def test_a_method_that_fails_is_a_row_with_its_reason_and_keeps_what_was_scored(failing, error, after):
-    whole = run_accuracy(MEMBERS, None, CONFIG, JOB)
+    whole = final(run_accuracy(MEMBERS, None, CONFIG, JOB))
     failing(error, after)
-    result = run_accuracy(MEMBERS, None, CONFIG, JOB)
+    result = final(run_accuracy(MEMBERS, None, CONFIG, JOB))
     for row, expected in zip(result.rows, whole.rows, strict=True):
         if row.method == "etkf" and row.pings > (after or 0):
             assert row.failed.endswith(f"{type(error).__name__}: {error}")
@@ -89,12 +90,12 @@ def test_a_method_that_fails_is_a_row_with_its_reason_and_keeps_what_was_scored(
 def test_errors_of_the_program_and_of_options_end_the_run(failing, error):
     failing(error)
     with pytest.raises(type(error), match=str(error)):
-        run_accuracy(MEMBERS, None, CONFIG, JOB)
+        final(run_accuracy(MEMBERS, None, CONFIG, JOB))
 
 
 def test_a_mean_over_truths_says_on_how_many_a_method_failed(failing):
     failing(np.linalg.LinAlgError("singular"), 1)
-    rows = run_accuracy(MEMBERS, None, CONFIG, replace(JOB, leave_out="all", seeds=1)).rows
+    rows = final(run_accuracy(MEMBERS, None, CONFIG, replace(JOB, leave_out="all", seeds=1))).rows
     by_key = {(row.method, row.pings): row for row in rows if row.truth == "mean"}
     assert by_key["etkf", 3].failed == "failed on 5 of 5 truths, first on member 0: seed 0: LinAlgError: singular"
     assert by_key["etkf", 1].failed == by_key["nearest", 3].failed == ""
@@ -146,9 +147,9 @@ def studies(monkeypatch):
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), PlanError("too little water")])
 def test_a_study_that_fails_says_why_and_the_others_go_on(studies, error):
-    kept = []
     job = studies(glides=1, missions=error, masked=3)
-    result = run_planning(MEMBERS, None, CONFIG, job, keep=kept.append)
+    kept = list(run_planning(MEMBERS, None, CONFIG, job))
+    result = kept[-1]
     assert [report.failed for report in result.reports] == ["", f"{type(error).__name__}: {error}", ""]
     assert [[report.study for report in each.reports] for each in kept] == [list(job.studies)[:n] for n in range(4)]
 
@@ -156,7 +157,7 @@ def test_a_study_that_fails_says_why_and_the_others_go_on(studies, error):
 @pytest.mark.parametrize("error", [TypeError("wrong"), ConfigError("an option")])
 def test_a_study_with_a_fault_of_the_program_ends_the_run(studies, error):
     with pytest.raises(type(error)):
-        run_planning(MEMBERS, None, CONFIG, studies(glides=1, missions=error))
+        final(run_planning(MEMBERS, None, CONFIG, studies(glides=1, missions=error)))
 
 
 def planning(ensemble, out, *more):

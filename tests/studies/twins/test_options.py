@@ -13,18 +13,18 @@ from replay_kit.core.observation import Observation, PathMean
 from replay_kit.forecast import read_changing_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import observations
-from replay_kit.studies.twins import EPOCH, Faults, Options, make_twin
+from replay_kit.studies.twins import EPOCH, Faults, Twin, make_twin
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.vehicle import EPOCH_NS
 from tests import synthetic
 from tests.studies.twins.truths import make_truth
 
 DAY_NS = 86_400 * 10**9
-PLAIN = Options()
+PLAIN = Twin("glider", 18, 0.05, 3)
 
 
-def made(folder: Path, options: Options = PLAIN, pings: int = 18, truth=None) -> list[Observation | PathMean]:
-    make_twin(truth or make_truth(), "glider", pings, 0.05, 3, folder / "a.mcap", True, options)
+def made(folder: Path, truth=None, **options) -> list[Observation | PathMean]:
+    make_twin(truth or make_truth(), replace(PLAIN, **options), folder / "a.mcap", True)
     return list(observations(merge([open_log(folder / "a.mcap")], 1.0)))
 
 
@@ -34,8 +34,8 @@ def profiles(found) -> list[Observation]:
 
 def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(tmp_path: Path) -> None:
     absolute = profiles(made(tmp_path))
-    relative = profiles(made(tmp_path, Options(Faults("platform"))))
-    stated = profiles(made(tmp_path, Options(Faults("platform", platform_std=0.02))))
+    relative = profiles(made(tmp_path, faults=Faults("platform")))
+    stated = profiles(made(tmp_path, faults=Faults("platform", platform_std=0.02)))
     assert {each.reference for each in relative} == {"platform"}
     assert {each.common_std for each in stated} == {0.02}
     errors = []
@@ -51,7 +51,7 @@ def test_relative_pings_with_the_platforms_velocity_give_the_absolute_ones_back(
 
 def test_the_platform_moves_through_the_water_and_with_it(tmp_path: Path) -> None:
     still = make_truth(lambda east, north, depth: (0.1 + 0.0 * (east + depth), -0.05 + 0.0 * (north + depth)))
-    diving = [each for each in profiles(made(tmp_path, Options(Faults("platform")), truth=still)) if each.depth[0] > 30.0]
+    diving = [each for each in profiles(made(tmp_path, still, faults=Faults("platform"))) if each.depth[0] > 30.0]
     assert len(diving) > 10
     for each in diving:
         current = np.column_stack(rotate_to_local(still.grid.projection, each.longitude, each.latitude, *each.velocity.T))
@@ -61,9 +61,9 @@ def test_the_platform_moves_through_the_water_and_with_it(tmp_path: Path) -> Non
 
 
 def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_path: Path) -> None:
-    relative = profiles(made(tmp_path, Options(Faults("platform"))))
-    faulty = profiles(made(tmp_path, Options(Faults("platform", heading_bias_deg=5.0, scale_error=0.03))))
-    back = profiles(made(tmp_path, Options(Faults("earth", heading_bias_deg=5.0, scale_error=0.03))))
+    relative = profiles(made(tmp_path, faults=Faults("platform")))
+    faulty = profiles(made(tmp_path, faults=Faults("platform", heading_bias_deg=5.0, scale_error=0.03)))
+    back = profiles(made(tmp_path, faults=Faults("earth", heading_bias_deg=5.0, scale_error=0.03)))
     absolute = profiles(made(tmp_path))
     for right, wrong, ours, theirs in zip(relative, faulty, absolute, back, strict=True):
         turned = np.array([complex(north, east) for east, north in right.velocity]) * 1.03 * np.exp(1j * np.deg2rad(5.0))
@@ -72,7 +72,7 @@ def test_compass_and_scale_act_on_what_is_measured_relative_to_the_platform(tmp_
 
 
 def test_a_share_of_the_pings_is_off_by_a_metre_a_second(tmp_path: Path) -> None:
-    clean, spoiled = (profiles(made(tmp_path, Options(Faults(outliers=share)))) for share in (0.0, 0.2))
+    clean, spoiled = (profiles(made(tmp_path, faults=Faults(outliers=share))) for share in (0.0, 0.2))
     offsets = [theirs.velocity - ours.velocity for ours, theirs in zip(clean, spoiled, strict=True)]
     off = [float(np.hypot(*np.nanmean(offset, axis=0))) for offset in offsets]
     assert sorted(np.round(off, 3).tolist()) == [0.0] * 14 + [1.0] * 4
@@ -80,7 +80,7 @@ def test_a_share_of_the_pings_is_off_by_a_metre_a_second(tmp_path: Path) -> None
 
 
 def test_mean_currents_alone_are_the_means_along_their_paths(tmp_path: Path) -> None:
-    truth, found = make_truth(), made(tmp_path, Options(dac_only=True), pings=40)
+    truth, found = make_truth(), made(tmp_path, dac_only=True, pings=40)
     assert len(found) == 3
     field = build_field(truth)
     for mean in found:
@@ -110,7 +110,7 @@ def test_a_sea_that_changes_is_linear_between_its_times() -> None:
 def test_a_mission_through_a_sea_that_changes_measures_it(tmp_path: Path) -> None:
     early = replace(make_truth(), time_ns=EPOCH_NS)
     late = replace(early, velocity=0.0 * early.velocity, time_ns=EPOCH_NS + DAY_NS)
-    make_twin([early, late], "glider", 14, 0.0, 3, tmp_path / "a.mcap", options=Options(interval_s=3600.0))
+    make_twin([early, late], Twin("glider", 14, 0.0, 3, interval_s=3600.0), tmp_path / "a.mcap")
     field = build_field(early)
     found = profiles(observations(merge([open_log(tmp_path / "a.mcap")], 1.0)))
     assert [each.time_ns for each in found] == [EPOCH_NS + k * 3600 * 10**9 for k in range(14)]
@@ -122,7 +122,7 @@ def test_a_mission_through_a_sea_that_changes_measures_it(tmp_path: Path) -> Non
             np.testing.assert_allclose(measured, expected, atol=2e-3)
     assert {each.dive for each in found} > {0}
     with pytest.raises(ForecastError, match="goes beyond"):
-        make_twin([early, late], "glider", 25, 0.0, 3, tmp_path / "b.mcap", options=Options(interval_s=3600.0))
+        make_twin([early, late], Twin("glider", 25, 0.0, 3, interval_s=3600.0), tmp_path / "b.mcap")
 
 
 def test_a_truth_is_read_at_all_its_leads(tmp_path: Path) -> None:
@@ -142,15 +142,17 @@ def test_a_truth_is_read_at_all_its_leads(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "vehicle", "name", "said"),
+    ("options", "name", "said"),
     [
-        (Options(interval_s=601.0), "glider", "a.mcap", "whole number"),
-        (Options(dac_only=True), "vessel", "a.mcap", "a glider's"),
-        (Options(dac_only=True), "glider", "a.tlog", "choose .mcap"),
-        (Options(Faults(outliers=1.5)), "glider", "a.mcap", "outliers of 0 to 1"),
-        (Options(Faults(platform_std=0.1)), "glider", "a.mcap", "reference platform"),
+        ({"interval_s": 601.0}, "a.mcap", "whole number"),
+        ({"interval_s": 0.0}, "a.mcap", "whole number"),
+        ({"dac_only": True, "vehicle": "vessel"}, "a.mcap", "a glider's"),
+        ({"interval_s": 1200.0, "vehicle": "vessel"}, "a.mcap", "a glider's"),
+        ({"dac_only": True}, "a.tlog", "choose .mcap"),
+        ({"faults": Faults(outliers=1.5)}, "a.mcap", "outliers of 0 to 1"),
+        ({"faults": Faults(platform_std=0.1)}, "a.mcap", "reference platform"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(tmp_path: Path, options: Options, vehicle: str, name: str, said: str) -> None:
+def test_options_that_do_not_fit_are_refused(tmp_path: Path, options: dict[str, object], name: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        make_twin(make_truth(), vehicle, 3, 0.0, 0, tmp_path / name, options=options)  # type: ignore[arg-type]
+        make_twin(make_truth(), replace(PLAIN, **options), tmp_path / name)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.quality.import_faults import declination_of, depth_faults, direction_faults, scale_faults
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.info.import_check import ImportCheck, Suspicion, check_import, import_check_json, soundings
 from tests.command import invoke
 from tests.measurements.samples import mavlink_frames, ping
@@ -35,7 +35,7 @@ def estimator():
 def surveys(tmp_path_factory):
     folder, truth = tmp_path_factory.mktemp("twins"), read_truth(str(SAMPLES / "truth.nc"), CONFIG.forecast)
     for seed in range(4):
-        make_twin(truth, "vessel", 30, 0.09, seed, folder / f"{seed}.mcap")
+        make_twin(truth, Twin("vessel", 30, 0.09, seed), folder / f"{seed}.mcap")
     return [list(open_log(folder / f"{seed}.mcap").messages()) for seed in range(4)]
 
 

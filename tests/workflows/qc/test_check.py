@@ -55,7 +55,7 @@ def test_each_test_says_what_it_did(log):
     tests = {test["test"]: test for test in topic["tests"]}
     correlation = tests["correlation"]
     assert (correlation["evaluated"], correlation["failed"], correlation["fail_when"]) == (4, 1, "< 25 %")
-    assert correlation["not_evaluated"] == {"the ping has no correlation": 8}
+    assert correlation["not_evaluated"] == [{"code": "the_ping_has_no_correlation", "reason": "the ping has no correlation", "count": 8}]
     assert correlation["bit"] == Reason.LOW_CORRELATION
     assert (tests["tilt"]["evaluated"], tests["tilt"]["failed"]) == (4, 4)
     (lost,) = topic["pings_lost"]

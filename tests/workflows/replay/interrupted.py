@@ -1,10 +1,12 @@
 """A small ocean with a log of a glider in it, and replays that are stopped after some messages."""
 
 from pathlib import Path
+from unittest import mock
 
 from replay_kit.forecast import read_truth
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay import inputs
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
 
@@ -18,7 +20,7 @@ def make_ocean(folder: Path, config, n_pings: int) -> Path:
     ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
     ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
-    make_twin(truth_in(folder, config), "glider", n_pings, 0.05, 1, folder / "glider.mcap")
+    make_twin(truth_in(folder, config), Twin("glider", n_pings, 0.05, 1), folder / "glider.mcap")
     return folder
 
 
@@ -30,10 +32,12 @@ def run_until(job, config, stop_after):
     """The replay of a job; stopped by ``Killed`` after some messages, if a number is given."""
     seen = 0
 
-    def on_message(_):
+    def progress(done, total, what):
         nonlocal seen
-        seen += 1
+        seen += what == "replaying"
         if seen == stop_after:
             raise Killed
 
-    return replay(job, config, planner_of(config.planner), on_message)
+    # a look at each message
+    with mock.patch.object(inputs, "_LOOK", 1):
+        return replay(job, config, planner_of(config.planner), progress)

@@ -21,7 +21,7 @@ from replay_kit.core.plan import Place
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.results.journal import Journal, read_journal
 from replay_kit.results.mcap_file import ResultFile
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.checkpoint import journal_path
 from replay_kit.workflows.replay.inputs import ReplayJob
@@ -36,7 +36,7 @@ GOAL = Place(152.3, -39.8, 150.0)
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 90)
-    make_twin(truth_in(folder, CONFIG), "vessel", 40, 0.05, 2, folder / "survey.mcap")
+    make_twin(truth_in(folder, CONFIG), Twin("vessel", 40, 0.05, 2), folder / "survey.mcap")
     return folder
 
 

@@ -19,7 +19,7 @@ from replay_kit.estimator import embed_member
 from replay_kit.forecast import read_truth
 from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.studies.twins import make_twin
+from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
@@ -39,9 +39,9 @@ def ocean(tmp_path_factory) -> Path:
     ds.isel(member=slice(40)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
     ds.isel(member=40, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
     truth = read_truth(str(folder / "truth.nc"), SETTINGS.forecast)
-    make_twin(truth, "vessel", 40, 0.05, 1, folder / "survey.mcap")
-    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.mcap")
-    make_twin(truth, "glider", 40, 0.05, 1, folder / "glider.tlog")
+    make_twin(truth, Twin("vessel", 40, 0.05, 1), folder / "survey.mcap")
+    make_twin(truth, Twin("glider", 40, 0.05, 1), folder / "glider.mcap")
+    make_twin(truth, Twin("glider", 40, 0.05, 1), folder / "glider.tlog")
     return folder
 
 
@@ -157,11 +157,8 @@ def test_an_interrupt_leaves_the_part_and_no_result(ocean, tmp_path):
     class Interrupted(KeyboardInterrupt):
         pass
 
-    calls = []
-
-    def stop(_time_ns):
-        calls.append(1)
-        if len(calls) == 30:
+    def stop(_done, _total, stage):
+        if stage == "replaying":
             raise Interrupted
 
     out = tmp_path / "out.mcap"
@@ -281,9 +278,21 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
     ]
     done = invoke(arguments)
     assert done.exit_code == 0, done.output
-    assert "RMS innovation by dive" in done.output
+    assert "Dives: 4; RMS innovation" in done.output
     answer = json.loads((tmp_path / "o.json").read_text())
-    keys = {"status", "exit_code", "messages", "observations", "rms_innovation", "by_dive", "nis_per_dof", "seconds", "plan", "truth"}
+    keys = {
+        "format_version",
+        "status",
+        "exit_code",
+        "messages",
+        "observations",
+        "rms_innovation",
+        "by_dive",
+        "nis_per_dof",
+        "seconds",
+        "plan",
+        "truth",
+    }
     assert keys <= set(answer)
     assert answer["truth"]["points"] > 0
     assert answer["plan"]["status"] in ("reached", "unreachable")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, OneTruth
-from replay_kit.cli.console import console_beside, keep_json, working, write_json
+from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, numbers, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
@@ -41,20 +41,19 @@ def accuracy(
     Raises:
         EstimatorError: Every method failed.
     """
+    truths.check("accuracy")
     check_paths([*truths.files, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
     from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
 
-    truths.check("accuracy")
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
     methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
     members, withheld = truths.read(config.forecast)
-    with working(config.output.threads) as advance:
-        result = run_accuracy(
-            members, withheld, config.estimator, job, advance, lambda partial: keep_json(answer.json_file, to_json(partial))
-        )
+    with progress(config.output.threads) as advance:
+        for result in run_accuracy(members, withheld, config.estimator, job, advance):
+            keep_json(answer.json_file, to_json(result))
     print_accuracy(result, console_beside(answer.json_file))
     write_json(answer.json_file, to_json(result))
     if all(row.failed for row in result.rows):

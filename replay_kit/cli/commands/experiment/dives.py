@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import TO_OUTPUTS, Answer, Ensemble, Log, flag
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
@@ -19,7 +19,7 @@ def dives(
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
     """Return 0."""
-    check_paths([*logs, ensemble, settings.file], [answer.json_file], answer.overwrite)
+    check_paths([*logs, *ensemble, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
     from replay_kit.estimator.evolving import build_evolving
@@ -32,9 +32,10 @@ def dives(
     place_at, first_ns = look_ahead(logs, config)
     found = read_dives(list(logs), config)
     forecasts = read_forecasts(ensemble, config, first_ns, place_at)
-    with working(config.output.threads) as advance:
+    with progress(config.output.threads) as advance:
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
-        result = run_dives(estimator, found, config, fit, str(ensemble), advance)
+        for result in run_dives(estimator, found, config, fit, " ".join(map(str, ensemble)), advance):
+            keep_json(answer.json_file, to_json(result))
     console = console_beside(answer.json_file)
     for note in forecasts.notes:
         console.print(f"Note: {note}", soft_wrap=True)

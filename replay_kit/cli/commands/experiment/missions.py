@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, folder, parts
+from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.core.paths import check_paths
+from replay_kit.core.paths import check_folder, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,14 +23,7 @@ class Truths:
 class Missions:
     """What is flown."""
 
-    study: Annotated[
-        str | None,
-        option(
-            "--study",
-            "Parts of the study: time, relative, dac, outliers, bias, coverage. Default: all that the forecast allows.",
-            metavar="S1,S2,...",
-        ),
-    ] = None
+    study: Annotated[str | None, parts("time, relative, dac, outliers, bias, coverage")] = None
     pings: Annotated[int, option("--pings", "Number of pings of a mission.", least=1)] = 160
     days: Annotated[float, option("--days", "Duration of a mission [days]; a truth that changes may end it sooner.", metavar="DAYS")] = 20.0
     dives: Annotated[int, option("--dives", "Number of dives of the missions that have depth-averaged currents alone.", least=1)] = 30
@@ -42,7 +35,7 @@ class Missions:
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path | None, option("--out -o", "Folder for CSV and JSON; made if absent.", metavar="DIR"), FOLDER] = None
+    out: Annotated[Path | None, folder("CSV and JSON"), FOLDER] = None
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", "time", "gating", without=ESTIMATOR)
@@ -54,26 +47,28 @@ def missions(
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
     """Return 0."""
-    from replay_kit.forecast import read_series
-    from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
-    from replay_kit.studies.reports.write import check_folder
-
-    out = outputs.out
+    read, out = [*truths.ensemble, settings.file], outputs.out
     if out is not None:
         check_folder(out)
-    written = [out / name for name in FILES if (out / name).exists()] if out is not None else []
-    check_paths([truths.ensemble, settings.file], [*written, outputs.json_file], outputs.overwrite)
+    check_paths(read, [outputs.json_file], outputs.overwrite)
     config = settings.load()
+
+    from replay_kit.forecast import read_series
+    from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
+
+    written = [out / name for name in FILES if (out / name).exists()] if out is not None else []
+    check_paths(read, [*written, outputs.json_file], outputs.overwrite)
     series = read_series(truths.ensemble, config.forecast)
     # the study of time needs a truth that changes
     usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)
     studies = usual if flown.study is None else tuple(flown.study.split(","))
     job = MissionJob(truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds)
-    with working(config.output.threads) as advance:
-        result = run_missions(series, config, job, advance)
-    if out is not None:
-        out.mkdir(exist_ok=True)
-        write_missions(out, result)
+    with progress(config.output.threads) as advance:
+        for result in run_missions(series, config, job, advance):
+            if out is not None:
+                out.mkdir(exist_ok=True)
+                write_missions(out, result)
+            keep_json(outputs.json_file, to_json(result))
     print_missions(result, console_beside(outputs.json_file))
     write_json(outputs.json_file, to_json(result))
     return 0

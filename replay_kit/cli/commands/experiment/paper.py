@@ -4,18 +4,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth, folder
+from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OUTPUTS, Answer, option
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.core.paths import check_paths
+from replay_kit.core.paths import check_folder, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, option("--out -o", "Folder for tables, figures and report; made if absent.", metavar="DIR"), FOLDER]
+    out: Annotated[Path, folder("tables, figures and report"), FOLDER]
 
 
 @takes_settings(*PART_OF_FORECAST, file=False)
@@ -36,22 +36,24 @@ def paper(
     seed: Annotated[int, option("--seed", "Seed of places, noise, starts and targets.", least=0)] = 0,
 ) -> int:
     """Return 0."""
-    from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
-    from replay_kit.studies.reports.write import check_folder
-
     truths.check("paper")
     out = outputs.out
     check_folder(out)
-    check_paths(truths.files, [*(out / name for name in FILES if out.exists()), outputs.json_file], outputs.overwrite)
+    check_paths(truths.files, [outputs.json_file], outputs.overwrite)
     config = settings.load(estimator={"modes": modes})
+
+    from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
+
+    check_paths(truths.files, [*(out / name for name in FILES if out.exists()), outputs.json_file], outputs.overwrite)
     most = None if modes is None else config.estimator.modes
     job = PaperJob(leave_out=truths.leave_out, most_modes=most, plan_modes=config.estimator.modes, pairs=pairs, seed=seed)
     members, withheld = truths.read(config.forecast)
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
-    with working(config.output.threads) as advance:
-        tables, shown = run_paper(members, withheld, config.estimator, job, advance)
-        write_paper(out, tables, shown)
+    with progress(config.output.threads) as advance:
+        for tables, shown in run_paper(members, withheld, config.estimator, job, advance):
+            write_paper(out, tables, shown)
+            keep_json(outputs.json_file, to_json(tables))
     console = console_beside(outputs.json_file)
     print_paper(tables, console)
     console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)

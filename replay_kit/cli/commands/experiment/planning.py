@@ -2,17 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth
-from replay_kit.cli.console import console_beside, working, write_json
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, folder, parts
+from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.paths import check_paths
-
-if TYPE_CHECKING:
-    from replay_kit.studies.planning import PlanningResult
+from replay_kit.core.paths import check_folder, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,8 +17,7 @@ class Truths(OneTruth):
     """The ensemble and its truths."""
 
     leave_out: Annotated[
-        str | None,
-        option("--leave-out", "Members that are withheld as truths. Default: 20 evenly spread.", metavar="K,K,...|all"),
+        str | None, option("--leave-out", "Members that are withheld as truths. Default: 20 evenly spread.", metavar="K,K,...|all")
     ] = None
 
 
@@ -29,14 +25,7 @@ class Truths(OneTruth):
 class Sizes:
     """What is planned, and how many of each."""
 
-    study: Annotated[
-        str | None,
-        option(
-            "--study",
-            "Parts of the study: glides, missions, scenarios, masked, infeasible, replanning. Default: all possible.",
-            metavar="S1,S2,...",
-        ),
-    ] = None
+    study: Annotated[str | None, parts("glides, missions, scenarios, masked, infeasible, replanning")] = None
     pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides and missions, over all truths.", least=1)] = 100
     pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
     legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
@@ -52,7 +41,7 @@ class Sizes:
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, option("--out -o", "Folder for report, tables and pictures; made if absent.", metavar="DIR"), FOLDER]
+    out: Annotated[Path, folder("report, tables and pictures"), FOLDER]
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
@@ -68,15 +57,16 @@ def planning(
     Raises:
         EstimatorError: Every part of the study failed.
     """
-    from replay_kit.studies import planning as study
-    from replay_kit.studies.reports.write import check_folder
+    read, out = [*truths.files, settings.file], outputs.out
+    check_folder(out)
+    check_paths(read, [outputs.json_file], outputs.overwrite)
+    config = settings.load()
 
-    out = outputs.out
+    from replay_kit.studies import planning as study
+
     possible = [name for name in study.STUDIES if truths.truth is None or name != study.WITHOUT_TRUTH]
     chosen = tuple(possible) if sizes.study is None else tuple(sizes.study.split(","))
-    check_folder(out)
-    check_paths([*truths.files, settings.file], [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
-    config = settings.load()
+    check_paths(read, [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
     job = study.PlanningJob(
         chosen,
         truths.leave_out,
@@ -94,14 +84,12 @@ def planning(
     job.check(study.STUDIES)
     members, withheld = truths.read(config.forecast)
 
-    def keep(partial: "PlanningResult") -> None:
-        # made before the first study, so that a folder that cannot be made is reported at once
-        out.mkdir(exist_ok=True)
-        if partial.reports:
-            study.write_planning(out, partial)
-
-    with working(config.output.threads) as advance:
-        result = study.run_planning(members, withheld, config.estimator, job, advance, keep)
+    with progress(config.output.threads) as advance:
+        for result in study.run_planning(members, withheld, config.estimator, job, advance):
+            # made before the first study, so that a folder that cannot be made is reported at once
+            out.mkdir(exist_ok=True)
+            if result.reports:
+                study.write_planning(out, result)
     console = console_beside(outputs.json_file)
     study.print_planning(result, console)
     console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from cyclopts import Parameter
+
 from replay_kit.cli.options import Ending, Ensemble, Truth, option
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ConfigError
@@ -13,6 +15,18 @@ if TYPE_CHECKING:
     from replay_kit.core.grid import Ensemble as Members
 
 FOLDER = Ending()
+
+
+def parts(names: str) -> Parameter:
+    """Return the option that chooses parts of a study."""
+    return option("--study", f"Parts of the study: {names}. Default: all that are possible.", metavar="S1,S2,...")
+
+
+def folder(what: str) -> Parameter:
+    """Return the option of the folder that a study writes."""
+    return option("--out -o", f"Folder for {what}; made if absent.", metavar="DIR")
+
+
 # Settings that the estimators of these studies have; name and preset are those that a study compares.
 ESTIMATOR = {"estimator.name", "estimator.preset"}
 
@@ -28,7 +42,7 @@ class OneTruth:
     @property
     def files(self) -> list[Path | None]:
         """The files that are read."""
-        return [self.ensemble, truth_path(self.truth)]
+        return [*self.ensemble, truth_path(self.truth)]
 
     def check(self, study: str) -> None:
         """Raise ConfigError unless one of the two is given."""

@@ -1,0 +1,42 @@
+"""A vehicle of bounded speed, and how its free path is planned."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Auv:
+    """A vehicle with a propeller.
+
+    Attributes:
+        speed: Most through water [m/s].
+        drag: Power of propulsion over the cube of the speed [W s^3/m^3].
+        hotel: Power of everything else [W].
+    """
+
+    speed: float = 1.0
+    drag: float = 40.0
+    hotel: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class AuvSettings:
+    """How a free path is planned.
+
+    Attributes:
+        objective: Least time or least energy.
+        pieces: Number of pieces of constant velocity through water.
+        steps: RK4 steps of each.
+        tolerance: A goal met this closely is reached [m].
+        max_duration: Longest path considered [s].
+        free_depth: Whether the depth is the optimiser's to choose; otherwise it leads evenly from the start's to the goal's.
+        margin: Distance kept from where it may not go [m].
+    """
+
+    objective: Literal["time", "energy"] = "time"
+    pieces: int = 24
+    steps: int = 2
+    tolerance: float = 50.0
+    max_duration: float = 4e5
+    free_depth: bool = True
+    margin: float = 50.0

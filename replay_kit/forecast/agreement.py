@@ -1,0 +1,66 @@
+"""Members seen together: the water that all have, copies, and speeds that no current has."""
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
+
+#: Beginning of the notes that say that something is probably wrong.
+WARNING = "WARNING: "
+# Faster than currents are, or slower: velocities in another unit than the file states.
+_ODD_SPEEDS = (0.004, 1.5)
+
+
+def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[Array, NDArray[np.bool_], tuple[str, ...]]:
+    """Return velocities where all members have one, where that is, and what was lost by it.
+
+    Raises:
+        ForecastError: No water is left at the first level.
+    """
+    own = np.asarray(np.isfinite(velocity).all(axis=1))
+    wet, anywhere = np.asarray(own.all(axis=0)), np.asarray(own.any(axis=0))
+    missing = (anywhere & ~own).sum(axis=(1, 2, 3))
+    worst = int(np.argmax(missing))
+    if not anywhere[0].any():
+        raise ForecastError(f"{source}: every point of the first level is land; check the region and the variables' missing values")
+    if not wet[0].any():
+        raise ForecastError(
+            f"{source}: the masks of the members leave no water at the first level; '{labels[worst]}' misses most "
+            f"({int(missing[worst])} of {int(anywhere.sum())} points): leave it out"
+        )
+    notes: tuple[str, ...] = ()
+    if missing.any():
+        notes = (
+            f"{int(np.count_nonzero(missing))} of {len(labels)} members miss values where others have them, '{labels[worst]}' most "
+            f"({int(missing[worst])} of {int(anywhere.sum())} points): {int((anywhere & ~wet).sum())} points were taken for land",
+        )
+    return velocity if wet.all() else np.where(wet, velocity, np.nan), wet, notes
+
+
+def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[str, ...]:
+    """Return warnings of members that are the same, of speeds that no current has, and of anomalies without a state.
+
+    Raises:
+        ForecastError: All members are the same.
+    """
+    notes = []
+    seen: dict[bytes, str] = {}
+    same = []
+    for label, member in zip(labels, velocity, strict=True):
+        key = hashlib.blake2b(member.tobytes()).digest()
+        if key in seen:
+            same.append(f"'{label}' and '{seen[key]}'")
+        seen.setdefault(key, label)
+    if len(labels) > 1 and len(seen) == 1:
+        raise ForecastError(f"{source}: all {len(labels)} members are the same; give members that differ")
+    if same:
+        notes.append(f"{WARNING}{len(same)} members are copies of others, such as {same[0]}, and count twice: leave them out")
+    rms = float(np.sqrt(np.nanmean(velocity**2)))
+    if not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
+        notes.append(f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities")
+    if len(labels) > 3 and np.sqrt(np.nanmean(velocity.mean(axis=0) ** 2)) < 1e-3 * rms:
+        notes.append(f"{WARNING}the members cancel out in their mean, as anomalies do; give the background as bg_*.nc with --ensemble too")
+    return tuple(notes)

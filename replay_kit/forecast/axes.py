@@ -1,0 +1,214 @@
+"""Whether velocities lie along the axes that their labels say: checked by physics, as files are often labelled wrongly.
+
+Two tests, each under both readings (along the grid, or along true east and north): the share of the variance that no divergence-free flow
+can carry, and, where the file has the height of the surface, the angle between the current and the geostrophic one.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+from scipy.sparse.linalg import spsolve
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import rotate_to_local, to_local, unwrap_longitude
+from replay_kit.core.grid import Projection
+from replay_kit.forecast.layout import Layout
+from replay_kit.forecast.names import Axes
+from replay_kit.forecast.window import Window
+
+_Complex = NDArray[np.complex128]
+_GRAVITY = 9.81
+_ROTATION = 7.2921e-5
+# Below this angle between grid and true axes nothing depends on the reading [degrees].
+_LEAST_ANGLE = 1.0
+_MOST_NODES = 60
+_MOST_MEMBERS = 4
+_LEAST_CORRELATION = 0.5
+_LEAST_WET = 100
+# On NEMO at 0.25 degree, 0.002 to 0.004 read rightly, 0.02 to 0.09 with a grid at up to 20 to 40 degrees read wrongly.
+_LEAST_SHARE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class AxesCheck:
+    """What physics says of the axes of the velocities.
+
+    Attributes:
+        axes: As read.
+        why: What says so.
+        angle: Largest angle between the grid and true axes [degrees].
+        residual: Share of the variance that no divergence-free flow carries: as read, and under the other reading; None if not tested.
+        phase: Angle from the geostrophic current to the current [degrees]: as read, and under the other reading; None if not tested.
+        contradicted: Whether the other reading fits clearly better.
+        residual_std: Root mean square of a component that no divergence-free flow carries, as read [m/s]; 0 if not tested.
+    """
+
+    axes: Axes
+    why: str
+    angle: float
+    residual: tuple[float, float] | None = None
+    phase: tuple[float, float] | None = None
+    contradicted: bool = False
+    residual_std: float = 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know: a contradiction, with the option that mends it."""
+        if not self.contradicted:
+            return ()
+        other: Literal["grid", "true"] = "true" if self.axes == "grid" else "grid"
+        return (
+            f"WARNING: the velocities were read along {_NAMES[self.axes]} ({self.why}), but fit {_NAMES[other]} better: {self.figures}; "
+            f"--axes {other} reads them so, --axes {self.axes} keeps this reading; until then {100 * self.residual_std:.1f} cm/s count as "
+            "representation error",
+        )
+
+    @property
+    def figures(self) -> str:
+        """The tests' figures in words."""
+        found = []
+        if self.residual is not None:
+            found.append(f"share of the variance in no divergence-free flow {self.residual[0]:.2f} as read, {self.residual[1]:.2f} turned")
+        if self.phase is not None:
+            found.append(f"angle to the geostrophic current {self.phase[0]:.0f} degrees as read, {self.phase[1]:.0f} turned")
+        return "; ".join(found) or "not tested"
+
+
+_NAMES = {"grid": "the grid's axes", "true": "true east and north"}
+
+
+def check_axes(window: Window, layout: Layout, velocity: Array, wet: NDArray[np.bool_], projection: Projection) -> AxesCheck:
+    """Return what physics says of the axes that velocities were read along.
+
+    Args:
+        window: Of the first file.
+        layout: Of the first file.
+        velocity: Members in the local frame [m/s], shape (E, 2, Z, J, I), as read.
+        wet: shape (Z, J, I).
+        projection: The local frame.
+    """
+    east, north = to_local(projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude)
+    turn = grid_angle(window.longitude, window.latitude, east, north, projection)
+    angle = float(np.degrees(np.abs(np.angle(turn))).max())
+    found = AxesCheck(layout.axes, layout.why, angle)
+    if angle < _LEAST_ANGLE:
+        return found
+    # from the reading made to the other one
+    other = np.conj(turn) if layout.axes == "grid" else turn
+    level = _level(window.levels, wet)
+    cut = tuple(slice((n - min(n, _MOST_NODES)) // 2, (n + min(n, _MOST_NODES)) // 2) for n in east.shape)
+    water = wet[level][cut]
+    if water.sum() < _LEAST_WET:
+        return found
+    members = np.unique(np.linspace(0, len(velocity) - 1, _MOST_MEMBERS).astype(int))
+    flow = (velocity[members, 0, level] + 1j * velocity[members, 1, level])[:, *cut]
+    place = east[cut], north[cut]
+    read, turned = (divergent_share(*place, field, water) for field in (flow, flow * other[cut]))
+    phase = None
+    if window.sea_level is not None:
+        phase = _phases(window.sea_level[cut], place, window.latitude[cut], flow[0], other[cut], water)
+    by_phase = phase is not None and abs(phase[0]) > 15.0 and abs(phase[1]) < abs(phase[0]) - 10.0
+    agrees = phase is not None and abs(phase[0]) < abs(phase[1])
+    by_share = read > _LEAST_SHARE and read > 3.0 * turned and not agrees
+    std = float(np.sqrt(read * np.mean(np.abs(flow[:, water]) ** 2) / 2.0))
+    return AxesCheck(layout.axes, layout.why, angle, (read, turned), phase, bool(by_phase or by_share), std)
+
+
+def grid_angle(longitude: Array, latitude: Array, east: Array, north: Array, projection: Projection) -> _Complex:
+    """Return the turn from true east to the grid's first axis as a unit number, shape (J, I)."""
+    along = np.gradient(east, axis=1) + 1j * np.gradient(north, axis=1)
+    true_e, true_n = rotate_to_local(projection, longitude, latitude, np.ones_like(east), np.zeros_like(east))
+    turn = along / np.abs(along) * np.conj(true_e + 1j * true_n)
+    return np.asarray(turn / np.abs(turn))
+
+
+def _level(levels: Array, wet: NDArray[np.bool_]) -> int:
+    """Return the level nearest to 50 m, below the wind's own drift, that has water."""
+    nearest = np.argsort(np.abs(levels - 50.0))
+    return int(next((k for k in nearest if wet[k].sum() >= 0.5 * wet[0].sum()), 0))
+
+
+def divergent_share(east: Array, north: Array, flow: _Complex, wet: NDArray[np.bool_]) -> float:
+    """Return the share of the variance of fields that no flow of a stream function carries.
+
+    A stream function at the cells' corners is fitted to the current at the nodes by least squares, with a slight penalty on its roughness,
+    without which corners alone would fit noise.
+
+    Args:
+        east: Of the nodes [m], shape (J, I).
+        north: Of the nodes [m], shape (J, I).
+        flow: East and north component as one complex number [m/s], shape (E, J, I).
+        wet: shape (J, I).
+    """
+    ny, nx = east.shape
+    along_j, along_i = _difference(ny), _difference(nx)
+    mean_j, mean_i = abs(along_j) * 0.5, abs(along_i) * 0.5
+    d_j, d_i = scipy.sparse.kron(along_j, mean_i), scipy.sparse.kron(mean_j, along_i)
+    (e_j, e_i), (n_j, n_i) = np.gradient(east), np.gradient(north)
+    determinant = e_i * n_j - e_j * n_i
+    # derivatives along east and north from those along i and j
+    d_e = _times(n_j / determinant, d_i) - _times(n_i / determinant, d_j)
+    d_n = _times(e_i / determinant, d_j) - _times(e_j / determinant, d_i)
+    used = wet.ravel()
+    operator = scipy.sparse.vstack([-d_n.tocsr()[used], d_e.tocsr()[used]]).tocsc()
+    scale = 1.0 / abs(operator).max()
+    rough = scipy.sparse.vstack(
+        [scipy.sparse.kron(_second(ny + 1), scipy.sparse.eye(nx + 1)), scipy.sparse.kron(scipy.sparse.eye(ny + 1), _second(nx + 1))]
+    )
+    operator = operator * scale
+    normal = operator.T @ operator + 1e-3 * rough.T @ rough + 1e-9 * scipy.sparse.eye((ny + 1) * (nx + 1))
+    data = np.concatenate([flow.real[:, wet], flow.imag[:, wet]], axis=1).T
+    fitted = operator @ spsolve(normal.tocsc(), operator.T @ data).reshape(operator.shape[1], -1)
+    return float(np.sum((data - fitted) ** 2) / max(np.sum(data**2), np.finfo(float).tiny))
+
+
+def _difference(n: int) -> scipy.sparse.csr_matrix:
+    return scipy.sparse.diags([-np.ones(n), np.ones(n)], [0, 1], shape=(n, n + 1)).tocsr()
+
+
+def _second(n: int) -> scipy.sparse.csr_matrix:
+    return scipy.sparse.diags([np.ones(n - 2), -2.0 * np.ones(n - 2), np.ones(n - 2)], [0, 1, 2], shape=(n - 2, n)).tocsr()
+
+
+def _times(factor: Any, operator: scipy.sparse.spmatrix) -> scipy.sparse.spmatrix:
+    return scipy.sparse.diags(factor.ravel()) @ operator
+
+
+def _phases(
+    height: Array,
+    place: tuple[Array, Array],
+    latitude: Array,
+    flow: _Complex,
+    other: _Complex,
+    wet: NDArray[np.bool_],
+) -> tuple[float, float] | None:
+    """Return the angles [degrees] from the geostrophic current to the current as read and turned; None where they are not correlated."""
+    geostrophic = geostrophic_flow(height, place, latitude)
+    used = wet & np.isfinite(geostrophic) & (np.abs(latitude) > 8.0)
+    if used.sum() < _LEAST_WET:
+        return None
+    found = []
+    for field in (flow[used], flow[used] * other[used]):
+        a, b = field - field.mean(), geostrophic[used] - geostrophic[used].mean()
+        found.append(np.mean(a * np.conj(b)) / max(np.sqrt(np.mean(np.abs(a) ** 2) * np.mean(np.abs(b) ** 2)), np.finfo(float).tiny))
+    if max(abs(value) for value in found) < _LEAST_CORRELATION:
+        return None
+    return float(np.degrees(np.angle(found[0]))), float(np.degrees(np.angle(found[1])))
+
+
+def geostrophic_flow(height: Array, place: tuple[Array, Array], latitude: Array) -> _Complex:
+    """Return the geostrophic current of the height of the surface [m/s], east and north component as one complex number, shape (J, I).
+
+    Args:
+        height: [m], shape (J, I).
+        place: East and north of the nodes [m], each of shape (J, I).
+        latitude: [degrees], shape (J, I).
+    """
+    (h_j, h_i), (e_j, e_i), (n_j, n_i) = (np.gradient(part) for part in (height, *place))
+    determinant = e_i * n_j - e_j * n_i
+    slope_e, slope_n = (h_i * n_j - h_j * n_i) / determinant, (h_j * e_i - h_i * e_j) / determinant
+    factor = _GRAVITY / (2.0 * _ROTATION * np.sin(np.deg2rad(latitude)))
+    return np.asarray(factor * (-slope_n + 1j * slope_e))

@@ -1,0 +1,191 @@
+"""Files of an ensemble to blocks of members: which files hold u and v, which hold the grid, which belong together."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import Paths
+from replay_kit.forecast.files import open_file
+from replay_kit.forecast.layout import U, V
+from replay_kit.forecast.members import MemberRule, is_background, label_files, usual_labels
+from replay_kit.forecast.names import MEMBER_NAMES, Axes, Current, find_current, find_member, find_time, no_current, suffixes
+from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
+from replay_kit.forecast.sources import find_sources, natural
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Members that are read together.
+
+    Attributes:
+        parts: The same members at several times, in order of time.
+        member: Dimension of the members; None for one member.
+        label: Of the member, or of all.
+    """
+
+    parts: tuple[Part, ...]
+    member: str | None
+    label: str
+
+    @property
+    def count(self) -> int:
+        """Number of members."""
+        return 1 if self.member is None else self.parts[0].ds.sizes[self.member]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Collection:
+    """An ensemble's files, opened and put in order.
+
+    Attributes:
+        rule: What a member is; None where nothing says it, and the blocks hold one member.
+        blocks: The members.
+        background: The state that anomaly members are about; None for members that are states, or without one.
+        grids: Files without velocities.
+        source: The files' names, for messages.
+        notes: What was left out or assumed.
+    """
+
+    rule: MemberRule | None
+    blocks: tuple[Block, ...]
+    background: Block | None
+    grids: tuple[Path, ...]
+    source: str
+    notes: tuple[str, ...]
+
+
+@contextmanager
+def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collection]:
+    """Give an ensemble's files, opened; they are closed at the end.
+
+    Args:
+        given: Files, stores, folders and patterns.
+        rule: What a member is; None to find out.
+
+    Raises:
+        ForecastError: Files are missing, unreadable, hold no current, or do not belong together.
+    """
+    sources = find_sources(given)
+    with ExitStack() as stack:
+        opened = [
+            (number, path, stack.enter_context(open_file(path))) for number, argument in enumerate(sources.arguments) for path in argument
+        ]
+        files, rule = _identified(opened, rule)
+        yield _collected(files, rule, sources.notes)
+
+
+def _identified(opened: Sequence[tuple[int, Path, xr.Dataset]], rule: MemberRule | None) -> tuple[list[OpenedFile], MemberRule | None]:
+    """Return the files with the names of their components; one for each suffix where suffixes are the members."""
+    found: list[OpenedFile] = []
+    if rule is None and all(len(suffixes(ds)) > 1 for _, _, ds in opened) and opened:
+        rule = MemberRule("suffix")
+    for number, path, ds in opened:
+        if rule is not None and rule.kind == "suffix":
+            pairs = suffixes(ds)
+            found += [
+                OpenedFile(path, ds, Current(u, v, _axes_of(ds, u), f"suffix {label}"), number, label) for label, (u, v) in pairs.items()
+            ]
+            if not pairs:
+                found.append(OpenedFile(path, ds, None, number))
+        else:
+            found.append(OpenedFile(path, ds, find_current(ds, str(path)), number))
+    return found, rule
+
+
+def _axes_of(ds: xr.Dataset, name: str) -> Axes | None:
+    one = ds[[name]].rename({name: name.partition("_")[0]})
+    current = find_current(one, name)
+    return None if current is None else current.axes
+
+
+def _collected(files: Sequence[OpenedFile], rule: MemberRule | None, notes: tuple[str, ...]) -> Collection:
+    grids = [file for file in files if file.current is None]
+    holders = [file for file in files if file.current is not None]
+    if not holders:
+        if rule is not None and rule.kind == "suffix":
+            raise ForecastError(f"{files[0].path}: --members suffix, but no variables differ by a suffix alone, as uo_glor and uo_oras do")
+        raise no_current(files[0].ds, ", ".join(str(file.path) for file in files))
+    first = holders[0]
+    assert first.current is not None
+    if rule is None and find_member(first.ds, first.ds[first.current.u or first.current.v].dims) is not None:
+        rule = MemberRule("dim")
+    if rule is None and usual_labels([file.path for file in holders if not is_background(file.path)]) is not None:
+        rule = MemberRule("files")
+    background = [file for file in holders if is_background(file.path)] if rule is not None and rule.kind == "files" else []
+    holders = _labelled([file for file in holders if file not in background], rule)
+    blocks: list[Block] = []
+    for label in dict.fromkeys(file.label for file in holders):
+        parts, told = pair_files([file for file in holders if file.label == label], grids)
+        notes += told
+        blocks += _blocks(parts, rule, label)
+    about = None
+    if background:
+        about = Block(pair_files(background, grids)[0], None, "background")
+    source = str(holders[0].path) if len({file.path for file in files}) == 1 else f"{len(files)} files ({holders[0].path.name} ...)"
+    return Collection(rule, tuple(blocks), about, tuple(file.path for file in grids), source, tuple(dict.fromkeys(notes)))
+
+
+def _labelled(holders: list[OpenedFile], rule: MemberRule | None) -> list[OpenedFile]:
+    """Return the files with the members that they belong to."""
+    kind = None if rule is None else rule.kind
+    if rule is not None and kind == "files":
+        labels = label_files([file.path for file in holders], rule.name)
+        whole = all(file.current is not None and file.current.u and file.current.v for file in holders)
+        if len(set(labels.values())) == len(holders) and not whole:
+            # a file of u and one of v to each member, whose names say no member: paired in their order
+            us, vs = (
+                sorted((file.path for file in holders if file.current and bool(file.current.u) is first), key=natural)
+                for first in (True, False)
+            )
+            labels |= {v: u.name for u, v in zip(us, vs, strict=False)} | {u: u.name for u in us}
+        return sorted((replace(file, label=labels[file.path]) for file in holders), key=lambda file: natural(Path(file.label)))
+    if kind == "lags":
+        return sorted((replace(file, label=_reference(file)) for file in holders), key=lambda file: file.label)
+    if kind == "models":
+        several = len({file.argument for file in holders}) > 1
+        return [replace(file, label=f"model {file.argument}" if several else file.path.name) for file in holders]
+    return holders
+
+
+def _reference(file: OpenedFile) -> str:
+    """Return when a forecast was started: stated, or its first time."""
+    for name, variable in file.ds.variables.items():
+        if "forecast_reference_time" in (variable.attrs.get("standard_name"), name) and variable.size == 1 and variable.dtype.kind == "M":
+            return str(np.datetime_as_string(variable.values.ravel()[0], unit="m"))
+    if "bulletin_date" in file.ds.attrs:
+        return str(file.ds.attrs["bulletin_date"])
+    assert file.current is not None
+    time = find_time(file.ds, file.ds[file.current.u or file.current.v].dims)
+    if time is None or time not in file.ds.coords or file.ds[time].dtype.kind != "M":
+        raise ForecastError(f"{file.path}: --members lags needs dated forecasts; expected a dimension of times with an epoch")
+    return str(np.datetime_as_string(file.ds[time].values.min(), unit="m"))
+
+
+def _blocks(parts: tuple[Part, ...], rule: MemberRule | None, label: str) -> list[Block]:
+    """Return the blocks of files that belong together."""
+    if rule is None or rule.kind != "dim":
+        return [Block(parts, None, label)]
+    found = []
+    for part in parts:
+        dims = part.ds[U].dims
+        member = rule.name or find_member(part.ds, dims)
+        if member is None or member not in dims:
+            sizes = ", ".join(f"{dim} = {size}" for dim, size in part.ds[U].sizes.items())
+            raise ForecastError(
+                f"{part.paths[0]}: no member dimension{' ' + rule.name if rule.name else ''}; expected one of "
+                f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes}"
+            )
+        if member not in part.ds[V].dims:
+            raise ForecastError(f"{part.paths[-1]}: {part.current.v} has no dimension {member}, which {part.current.u} has; mend the file")
+        found.append(Block((part,), str(member), part.names))
+    over_time = {tuple(part.times.astype(np.int64)) for part in parts}
+    if rule.name and find_time(parts[0].ds, (rule.name,)) == rule.name:
+        return found
+    if len(parts) > 1 and len(over_time) == len(parts):
+        return [Block(parts, found[0].member, found[0].label)]
+    return found

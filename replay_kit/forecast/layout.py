@@ -1,0 +1,204 @@
+"""Where a file's velocities lie: dimensions, cell centres, staggering, and along which axes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pyproj
+import xarray as xr
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
+from replay_kit.forecast.names import ANGLES, Axes, Coordinates, Current, find_coordinates, find_depth, find_lead, find_member, find_time
+
+#: Names of the two components in the datasets that are made of an ensemble's files.
+U, V = "replay_kit_u", "replay_kit_v"
+#: Attribute of such a dataset: the files of u and v state different coordinates under the same name.
+STAGGERED = "replay_kit_staggered"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """The horizontal arrangement of a file.
+
+    Attributes:
+        kind: The kind of grid, with the names of its masks.
+        longitude: At cell centres [degrees], shape (J, I), or (I,) where separable.
+        latitude: shape (J, I) or (J,).
+        u_dims: Dimensions (y, x) of the first component.
+        v_dims: Of the second.
+        centre_dims: Of what is at cell centres, such as masks.
+        first_face: Position of the face before centre 0 along y (of v) and x (of u); None where both components lie at the centres.
+        rows: Centres along y that have both faces.
+        columns: Centres along x that have both faces.
+        axes: Along which axes the components lie.
+        why: What says it.
+        notes: What was assumed.
+    """
+
+    kind: Coordinates
+    longitude: Array
+    latitude: Array
+    u_dims: tuple[str, str]
+    v_dims: tuple[str, str]
+    centre_dims: tuple[str, str]
+    first_face: tuple[int, int] | None
+    rows: slice
+    columns: slice
+    axes: Axes
+    why: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The arrangement in words."""
+        grid = "longitude-latitude grid" if self.longitude.ndim == 1 else "curvilinear grid"
+        staggered = "velocities on cell faces (C-grid), averaged to centres" if self.first_face else "both components at the same points"
+        return f"{self.kind.dialect} names, {grid}, {staggered}"
+
+
+def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
+    """Return the horizontal arrangement of a dataset with the components ``U`` and ``V`` and what grid files add to them.
+
+    Raises:
+        ForecastError: Coordinates are missing, or do not belong to the components.
+    """
+    u_dims, v_dims = _horizontal(ds, U, current.u, where), _horizontal(ds, V, current.v, where)
+    if not any("lon" in str(name).lower() or ds[name].attrs.get("standard_name") == "longitude" for name in ds.variables):
+        ds = _projected(ds, u_dims)
+    x_name, y_name, kind = find_coordinates(ds, [dim for dim in ds[U].dims if dim in ds[V].dims], where)
+    longitude, latitude = (_without_times(ds[name], (*u_dims, *v_dims)) for name in (x_name, y_name))
+    if longitude.ndim != latitude.ndim:
+        raise ForecastError(f"{where}: longitude has {longitude.ndim} dimensions and latitude {latitude.ndim}; both must have 1 or both 2")
+    flat = longitude.ndim == 1
+    centre = (str(latitude.dims[0]), str((longitude if flat else latitude).dims[-1]))
+    u_dims, v_dims = (_ordered(dims, centre) for dims in (u_dims, v_dims))
+    x, y = (axis.values.astype(np.float64) if flat else axis.transpose(*centre).values.astype(np.float64) for axis in (longitude, latitude))
+    notes: tuple[str, ...] = ()
+    face = _first_faces(ds, kind, (u_dims, v_dims), centre)
+    if not flat:
+        x, y, filled = _filled(x, y)
+        notes = (f"{filled} points without coordinates were taken for land",) if filled else ()
+    if face is not None and kind.dialect == "NEMO" and x_name.startswith("nav_lon"):
+        x, y = _before(x), _before(y)
+        notes += ("cell centres were taken midway between the points of u, as no file of the grid (glamt, gphit) was given",)
+    if not (np.isfinite(x).all() and np.isfinite(y).all() and (np.abs(y) <= 90.0).all()):
+        raise ForecastError(
+            f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
+        )
+    ny, nx = y.shape[0], x.shape[-1]
+    rows, columns = slice(0, ny), slice(0, nx)
+    if face is not None:
+        b, a = face
+        rows = slice(max(0, -b), min(ny, ds.sizes[v_dims[0]] - b - 1, ds.sizes[u_dims[0]]))
+        columns = slice(max(0, -a), min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]]))
+    axes, why = _axes(ds, current, face is not None)
+    return Layout(kind, x, y, u_dims, v_dims, centre, face, rows, columns, axes, why, notes)
+
+
+def _without_times(coordinate: xr.DataArray, dims: tuple[str, ...]) -> xr.DataArray:
+    """Return a coordinate without dimensions of one position, such as that of a mesh file's time, that the components lack."""
+    single = [dim for dim in coordinate.dims if coordinate.sizes[dim] == 1 and dim not in dims]
+    return coordinate.isel(dict.fromkeys(single, 0)) if coordinate.ndim > 1 else coordinate
+
+
+def _horizontal(ds: xr.Dataset, component: str, name: str | None, where: str) -> tuple[str, str]:
+    """Return the two dimensions of a component that are neither members, times nor levels."""
+    dims = ds[component].dims
+    others = {find(ds, dims) for find in (find_member, find_time, find_lead, find_depth)}
+    left = tuple(str(dim) for dim in dims if dim not in others)
+    if len(left) > 2:
+        # members under a name of their own, chosen by dim:NAME, come before the grid
+        left = left[-2:]
+    if len(left) != 2:
+        raise ForecastError(f"{where}: {name} has dimensions {', '.join(map(str, dims))}; expected two horizontal ones among them")
+    return left[0], left[1]
+
+
+def _ordered(dims: tuple[str, str], centre: tuple[str, str]) -> tuple[str, str]:
+    """Return two dimensions as (y, x), by the one that the centres have too."""
+    return dims[::-1] if dims[0] == centre[1] or dims[1] == centre[0] else dims
+
+
+def _first_faces(
+    ds: xr.Dataset, kind: Coordinates, dims: tuple[tuple[str, str], tuple[str, str]], centre: tuple[str, str]
+) -> tuple[int, int] | None:
+    """Return the positions, along y and x, of the faces before the first centre; None where nothing is staggered."""
+    (_, ux), (vy, _) = dims
+    depths = {find_depth(ds, ds[name].dims) for name in (U, V)}
+    nemo = kind.dialect == "NEMO" and (bool(depths & {"depthu", "depthv"}) or bool(ds.attrs.get(STAGGERED)))
+    if dims[0] == dims[1] and not nemo:
+        return None
+    found = []
+    for face, middle in ((vy, centre[0]), (ux, centre[1])):
+        more = ds.sizes[face] - ds.sizes[middle]
+        along = [ds[dim].values.astype(np.float64) if dim in ds.coords and ds[dim].dtype.kind in "fiu" else None for dim in (face, middle)]
+        if more == 1:
+            found.append(0)
+        elif face != middle and along[0] is not None and along[1] is not None and along[0].size and more == 0:
+            found.append(0 if along[0][0] < along[1][0] else -1)
+        else:
+            found.append(-1 if kind.face == 1 or more < 0 else 0)
+    return found[0], found[1]
+
+
+def _before(values: Array) -> Array:
+    """Return the means of neighbours along x, the first column extrapolated; longitudes may jump by 360 degrees."""
+    step = (np.diff(values, axis=1) + 180.0) % 360.0 - 180.0
+    step = np.concatenate([step[:, :1], step], axis=1)
+    return np.asarray(values - 0.5 * step)
+
+
+def _filled(x: Array, y: Array) -> tuple[Array, Array, int]:
+    """Return coordinates with those that are missing, NaN or (0, 0), extrapolated from their rows and columns, and how many were."""
+    missing = ~(np.isfinite(x) & np.isfinite(y)) | ((x == 0.0) & (y == 0.0))
+    count = int(missing.sum())
+    if count < 2 or missing.all():
+        return x, y, 0
+    middle = float(np.median(x[~missing]))
+    x = (x - middle + 180.0) % 360.0 - 180.0 + middle
+    return _extended(x, missing), _extended(y, missing), count
+
+
+def _extended(values: Array, missing: Array) -> Array:
+    values = np.where(missing, np.nan, values)
+    for turned in (values, values.T):
+        for row in turned:
+            known = np.flatnonzero(np.isfinite(row))
+            if 2 <= known.size < row.size:
+                i = np.arange(row.size)
+                inside = np.interp(i, known, row[known])
+                before, after = ((row[known[k + 1]] - row[known[k]]) / (known[k + 1] - known[k]) for k in (0, -2))
+                inside += np.minimum(i - known[0], 0) * before + np.maximum(i - known[-1], 0) * after
+                row[:] = np.where(np.isfinite(row), row, inside)
+    return values
+
+
+def _projected(ds: xr.Dataset, dims: tuple[str, str]) -> xr.Dataset:
+    """Return a dataset with longitude and latitude from the coordinates of its map projection, where it states one."""
+    name = next((name for name in ds.variables if "grid_mapping_name" in ds[name].attrs), None)
+    y, x = dims
+    if name is None or x not in ds.coords or y not in ds.coords:
+        return ds
+    scale = [1e3 if ds[dim].attrs.get("units") == "km" else 1.0 for dim in (x, y)]
+    crs = pyproj.CRS.from_cf(dict(ds[name].attrs))
+    east, north = np.meshgrid(ds[x].values * scale[0], ds[y].values * scale[1])
+    longitude, latitude = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(east, north)
+    return ds.assign(longitude=(dims, longitude), latitude=(dims, latitude))
+
+
+def _axes(ds: xr.Dataset, current: Current, staggered: bool) -> tuple[Axes, str]:
+    """Return the axes of the components, and what says it: standard name, then name, then angle, then grid."""
+    if current.axes is not None:
+        return current.axes, current.why
+    long_name = str(ds[U].attrs.get("long_name", "")).lower()
+    if any(mark in long_name for mark in ("x_velocity", "x-velocity", "i-current", "along x", "xi-")):
+        return "grid", f"long name '{ds[U].attrs['long_name']}'"
+    if staggered:
+        return "grid", "velocities on cell faces"
+    angle = next((name for name in ANGLES if name in ds.variables), None)
+    if angle is not None:
+        return "grid", f"the file holds the grid's angle ({angle})"
+    mapping = next((ds[name].attrs["grid_mapping_name"] for name in ds.variables if "grid_mapping_name" in ds[name].attrs), None)
+    if mapping not in (None, "latitude_longitude"):
+        return "grid", f"the map projection {mapping}"
+    return "true", "no sign of other axes"

@@ -1,0 +1,153 @@
+"""Files that hold one component, both, or only the grid, joined to datasets with both components and the grid."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from replay_kit.core.errors import ForecastError
+from replay_kit.forecast.layout import STAGGERED, U, V
+from replay_kit.forecast.names import Current, find_time
+from replay_kit.forecast.sources import natural
+
+_TIMES_OF_GRIDS = ("time", "time_counter", "time_steps", "ocean_time")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One file, or one file of u and one of v, with what grid files add.
+
+    Attributes:
+        ds: With the components ``U`` and ``V``.
+        current: Their names in the file.
+        paths: The files.
+    """
+
+    ds: xr.Dataset
+    current: Current
+    paths: tuple[Path, ...]
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the fields [ns, UTC] as dates; empty where the file has no dated dimension of times."""
+        dim = find_time(self.ds, self.ds[U].dims)
+        dated = dim is not None and dim in self.ds.coords and self.ds[dim].dtype.kind == "M"
+        return self.ds[dim].values.astype("M8[ns]") if dated else np.zeros(0, "M8[ns]")
+
+    @property
+    def names(self) -> str:
+        """Names of the files without their folders."""
+        return " + ".join(path.name for path in self.paths)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenedFile:
+    """An opened file: ``label`` is the member that it belongs to, ``argument`` the position of the option that named it."""
+
+    path: Path
+    ds: xr.Dataset
+    current: Current | None
+    argument: int
+    label: str = ""
+
+
+def pair_files(files: Sequence[OpenedFile], grids: Sequence[OpenedFile]) -> tuple[tuple[Part, ...], tuple[str, ...]]:
+    """Return files of both components, or of u and v each, as parts in order of time, and what was not used."""
+    both = [file for file in files if file.current and file.current.u and file.current.v]
+    us = [file for file in files if file.current and file.current.u and not file.current.v]
+    vs = [file for file in files if file.current and file.current.v and not file.current.u]
+    if len(us) != len(vs):
+        more, name, missing = (us, "u", "v") if len(us) > len(vs) else (vs, "v", "u")
+        assert more[0].current is not None
+        raise ForecastError(
+            f"{more[0].path}: holds {more[0].current.u or more[0].current.v} and no {missing}; {len(us)} files of u and {len(vs)} of v "
+            f"belong together{' as member ' + more[0].label if more[0].label else ''}: give a file of {missing} for each file of {name}"
+        )
+    in_order = [sorted(group, key=lambda file: natural(file.path)) for group in (us, vs)]
+    pairs = [(file, file) for file in both] + list(zip(*in_order, strict=True))
+    found = [_joined(u, v, grids) for u, v in pairs]
+    notes = tuple(note for _, told in found for note in told)
+    parts = [part for part, _ in found]
+    if all(part.times.size for part in parts):
+        parts.sort(key=lambda part: int(part.times.min().astype(np.int64)))
+    return tuple(parts), notes
+
+
+def _joined(u: OpenedFile, v: OpenedFile, grids: Sequence[OpenedFile]) -> tuple[Part, tuple[str, ...]]:
+    """Return one part of the files of its two components and of the grid, and which grid files do not fit."""
+    assert u.current is not None
+    assert v.current is not None
+    assert u.current.u is not None
+    assert v.current.v is not None
+    current = Current(u.current.u, v.current.v, u.current.axes or v.current.axes, u.current.why)
+    ds = u.ds
+    second = v.ds[v.current.v].variable
+    if v is not u:
+        second, ds = _with_second(ds, v, second, str(u.path))
+    ds = ds.assign({U: _marked(u.ds[u.current.u].variable, current.u), V: _marked(second, current.v)})
+    notes = list(_told(u))
+    for grid in grids:
+        ds, fits = _with_grid(ds, grid.ds)
+        if not fits:
+            sizes = ", ".join(f"{dim} = {size}" for dim, size in grid.ds.sizes.items())
+            notes.append(f"{grid.path.name} holds no current, and its sizes ({sizes}) are not those of the velocities: it was not used")
+    return Part(ds, current, (u.path,) if u is v else (u.path, v.path)), tuple(notes)
+
+
+def _told(u: OpenedFile) -> tuple[str, ...]:
+    """Return what was assumed of a file's calendar and of coordinates that it names and lacks."""
+    assert u.current is not None
+    variable = u.ds[u.current.u]
+    time = find_time(u.ds, variable.dims)
+    calendar = u.ds[time].attrs.get("calendar", "") if time is not None and u.ds[time].dtype.kind == "M" else ""
+    notes = [f"times of the calendar {calendar} were taken for civil dates of the same name"] if calendar else []
+    named = str(variable.encoding.get("coordinates", variable.attrs.get("coordinates", ""))).split()
+    lacking = [name for name in named if name not in u.ds.variables and ("lon" in name.lower() or "lat" in name.lower())]
+    if lacking:
+        names = ", ".join(lacking)
+        notes.append(f"coordinates {names} are named but not in the file: nominal ones were used, unless a grid file has them")
+    return tuple(notes)
+
+
+def _marked(variable: xr.Variable, name: str | None) -> xr.Variable:
+    """Return a component with its name and, if packed, what the packed value 0 stands for."""
+    offset = variable.encoding.get("add_offset", 0.0)
+    marked = variable.copy(deep=False)
+    marked.attrs = {**variable.attrs, "replay_kit_name": name, "replay_kit_offset": float(np.float32(offset))}
+    return marked
+
+
+def _with_second(ds: xr.Dataset, v: OpenedFile, second: xr.Variable, where: str) -> tuple[xr.Variable, xr.Dataset]:
+    """Return v's variable on dimensions that do not conflict with those of u's file, and that file with v's own coordinates."""
+    renamed = {dim: f"{dim}_of_v" for dim in second.dims if dim in ds.sizes and ds.sizes[dim] != v.ds.sizes[dim]}
+    for dim in second.dims:
+        name = str(dim)
+        times = name in v.ds.coords and v.ds[name].dtype.kind == "M"
+        if times and name in ds.coords and (dim in renamed or not np.array_equal(ds[name].values, v.ds[name].values)):
+            raise ForecastError(
+                f"{v.path}: its times ({v.ds.sizes[name]} from {v.ds[name].values[0]}) are not those of {where} ({ds.sizes[name]} from "
+                f"{ds[name].values[0]}); give files of u and v with the same times"
+            )
+        if dim not in ds.variables and name in v.ds.coords and dim not in renamed:
+            ds = ds.assign_coords({name: v.ds[name].variable})
+    for name in ("nav_lon", "nav_lat"):
+        if name in ds.variables and name in v.ds.variables and ds[name].shape == v.ds[name].shape:
+            apart = not np.array_equal(ds[name].values, v.ds[name].values, equal_nan=True)
+            ds = ds.assign_attrs({STAGGERED: True}) if apart else ds
+    own = v.ds.drop_vars([dim for dim in renamed if dim in v.ds.variables]).rename_dims(renamed)
+    return own.variables[v.current.v if v.current else None], ds
+
+
+def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:
+    """Return a dataset with the variables of a grid file that it lacks and that fit its dimensions, and whether any does."""
+    added, fitting = {}, False
+    for name, variable in grid.variables.items():
+        single = [dim for dim in variable.dims if variable.sizes[dim] == 1 and dim not in ds.sizes]
+        small = variable.isel(dict.fromkeys(single, 0))
+        fits = all(ds.sizes.get(dim, small.sizes[dim]) == small.sizes[dim] for dim in small.dims)
+        fitting |= fits and bool(set(small.dims) & set(ds.sizes))
+        if name not in ds.variables and name not in _TIMES_OF_GRIDS and fits and small.dtype.kind in "fiub":
+            added[name] = small
+    return ds.assign(added), fitting

@@ -1,0 +1,219 @@
+"""A glider file's quantities as columns in SI units: samples along the track, fixes, mean currents, absolute profiles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import gsw
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import LogError
+from replay_kit.logs.glider import units
+from replay_kit.logs.glider.dialects import QUANTITIES, TIMES, Dialect
+from replay_kit.logs.glider.netcdf import NetcdfFile
+
+#: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
+Table = Mapping[str, NDArray[Any]]
+_SAMPLES = (
+    *("time", "longitude", "latitude", "depth", "pressure", "heading", "pitch", "roll", "declination", "dive"),
+    *("dead_reckoning", "nav_state"),
+    *("start_time", "start_longitude", "start_latitude", "end_time", "end_longitude", "end_latitude"),
+)
+_DAC = ("dac_time", "dac_longitude", "dac_latitude", "dac_east", "dac_north", "dac_error")
+_GPS = ("gps_time", "gps_longitude", "gps_latitude", "gps_error")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """What a file, or the files of one log, hold.
+
+    Attributes:
+        samples: Along the track in order of time; with the mean current of their dive where the file repeats it at each of them.
+        gps: Fixes that have variables of their own.
+        dac: Mean currents that have a dimension of their own.
+        profile: Absolute currents: ``east`` and ``north``, shape (n, k) [m/s], at the samples of a file that has one for each
+            profile, and ``depth``, shape (k,) [m]; empty for other files.
+        skipped: Topic, reason and number of values that were found and cannot be used.
+    """
+
+    samples: Table
+    gps: Table
+    dac: Table
+    profile: Mapping[str, Array]
+    skipped: tuple[tuple[str, str, int], ...] = ()
+
+
+def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Columns:
+    """Return a file's columns.
+
+    Args:
+        file: The file.
+        dialect: Its dialect.
+        notes: What was assumed is added here.
+
+    Raises:
+        LogError: A time has a unit that is not understood.
+    """
+    chosen = dialect.chosen(file.variables)
+    notes.append("read as " + ", ".join(f"{_words(key)}: {name}" for key, name in chosen.items()))
+    values: dict[str, NDArray[Any]] = {}
+    for key, name in chosen.items():
+        stored = file.variables[name]
+        if key in TIMES:
+            try:
+                values[key], known = units.time_ns(name, stored, file, notes)
+            except LogError:
+                # of a basestation's file each time counts; others fill what they do not use with any number
+                if key == "time" or dialect.name == "seaglider":
+                    raise
+                notes.append(f"{name}: holds no time of a mission, not used")
+                continue
+            if not known.all():
+                notes.append(f"{name}: {int((~known).sum())} values without a time, left out")
+        elif key in QUANTITIES:
+            values[key] = units.in_si(name, stored, QUANTITIES[key], notes, dialect.units.get(key, ""))
+    notes += _missing(chosen, values)
+    if "declination" in values and np.isfinite(values["declination"]).any():
+        notes.append(f"{chosen['declination']}: declination {np.nanmedian(values['declination']):g} degrees")
+    heights = [name for name in file.names if name.lower() == "depth_z"]
+    notes += [f"{name}: bears the standard name of a depth and counts upwards; not used" for name in heights]
+    if (dive := dive_number(file)) is not None:
+        values["dive"] = np.array([float(dive)])
+    skipped = _without_bad(file, dialect, chosen, values, notes)
+    _with_sign(file, chosen, values, notes)
+    for key in ("heading", "pitch", "roll"):
+        if key in values and dialect.units.get(key) != "rad":
+            values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
+    return _grouped(values, skipped)
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ").replace("dac ", "mean current ").replace("gps ", "GPS ")
+
+
+def _missing(chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]) -> list[str]:
+    """Return how many values of which variables are missing, as one sentence; none when all are there."""
+    counts = {chosen[key]: int((~np.isfinite(found)).sum()) for key, found in values.items() if key not in TIMES}
+    lacking = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
+    return [f"missing (fill values, or not believable): {lacking}"] if lacking else []
+
+
+def dive_number(file: NetcdfFile) -> int | None:
+    """Return the dive that a basestation's file is of; None for files that are not of one dive."""
+    stated = file.attributes.get("dive_number", file.scalar("log_dive"))
+    return int(stated) if isinstance(stated, int | float | np.number) and np.isfinite(stated) else None
+
+
+def _without_bad(
+    file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
+) -> tuple[tuple[str, str, int], ...]:
+    """Take away what flags call unusable, and return how many fixes and mean currents that are."""
+    skipped: list[tuple[str, str, int]] = []
+    for key, name in chosen.items():
+        part = key.partition("_")[0] if key.endswith("_flag") else ""
+        own = [name + suffix for suffix in ("_QC", "_qc") if name + suffix in file.variables and name + suffix not in chosen.values()]
+        for flag in [name] if part else own:
+            bad = units.flagged_bad(flag, file.variables[flag], dialect.flag_meanings, notes)
+            topic, what = ("/dac", "mean current") if part == "dac" else ("/vehicle/fix", "GPS fix")
+            if part and bad.any():
+                skipped.append((topic, f"{what} flagged bad ({flag})", int(bad.sum())))
+            for masked in [f"{part}_east", f"{part}_longitude"] if part else [key]:
+                if masked in values and masked not in TIMES and bad.size == values[masked].size:
+                    values[masked] = np.where(bad.reshape(values[masked].shape), np.nan, values[masked])
+    return tuple(skipped)
+
+
+def _with_sign(file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]) -> None:
+    """Turn depths that count upwards, and compute those that only a pressure tells."""
+    depth = values.get("depth")
+    if depth is not None and np.isfinite(depth).any():
+        stated = file.variables[chosen["depth"]].text("positive").lower()
+        up = stated == "up" or (stated != "down" and np.nanmedian(depth) < 0.0)
+        if up:
+            notes.append(f"{chosen['depth']}: counts upwards ({'as it states' if stated else 'its values are negative'}), sign reversed")
+            values["depth"] = -depth
+    elif "pressure" in values and np.isfinite(values["pressure"]).any():
+        latitude = np.nanmean(values["latitude"]) if np.isfinite(values.get("latitude", np.nan)).any() else 45.0
+        values["depth"] = -np.asarray(gsw.z_from_p(values["pressure"], latitude))
+        notes.append(f"depth: computed from {chosen['pressure']}")
+
+
+def _grouped(values: Mapping[str, NDArray[Any]], skipped: tuple[tuple[str, str, int], ...]) -> Columns:
+    """Return quantities as tables: those as long as the samples' times, or single numbers, belong to the samples."""
+    n = values["time"].size if "time" in values else 0
+    along = {key: np.broadcast_to(values[key].ravel(), (n,)) for key in (*_SAMPLES, *_DAC) if key in values and values[key].size in (1, n)}
+    samples = along if n else {}
+    own = {key: values[key].ravel() for key in (*_DAC, "dive") if key in values}
+    dac = _same_length(own, "dac_east") if "dac_east" in own and "dac_east" not in samples else {}
+    gps = {key: values[key].ravel() for key in _GPS if key in values}
+    if "gps_longitude" in gps and gps["gps_longitude"].size == n == gps.get("gps_time", np.zeros(n)).size:
+        # some writers state the position of a fix and leave its time to the row
+        own_time = gps.get("gps_time", np.zeros(n, np.int64))
+        gps["gps_time"] = np.where(own_time > 0, own_time, values["time"].ravel())
+    gps = _same_length(gps, "gps_longitude") if {"gps_time", "gps_longitude", "gps_latitude"} <= set(gps) else {}
+    profile = _profile(values, n)
+    if not profile:
+        return Columns(_sorted(samples), gps, dac, profile, skipped)
+    has = np.isfinite(profile["east"] + profile["north"])
+    deepest = np.where(has, profile["depth"], -np.inf).max(axis=1)
+    deep = {"deepest": np.where(has.any(axis=1), deepest, np.nan)}
+    return Columns({**_sorted(samples), **deep}, gps, dac, profile, skipped)
+
+
+def _same_length(table: Table, key: str) -> dict[str, NDArray[Any]]:
+    return {name: values for name, values in table.items() if values.size == table[key].size}
+
+
+def _sorted(samples: Table) -> Table:
+    if not samples:
+        return samples
+    order = np.argsort(samples["time"], kind="stable")
+    order = order[samples["time"][order] > 0]
+    return {key: values[order] for key, values in samples.items()}
+
+
+def _profile(values: Mapping[str, NDArray[Any]], n: int) -> Mapping[str, Array]:
+    """Return absolute currents with profiles first, whichever dimension the file has first."""
+    if not {"profile_east", "profile_north", "profile_depth"} <= set(values):
+        return {}
+    depth = values["profile_depth"].ravel()
+    east, north = values["profile_east"], values["profile_north"]
+    if east.shape == north.shape == (depth.size, n):
+        # a square is depth first, as the files of this dialect are
+        east, north = east.T, north.T
+    time_ns = values["time"].ravel() if "time" in values else np.empty(0, np.int64)
+    order = np.argsort(time_ns, kind="stable")
+    order = order[time_ns[order] > 0]
+    return {"depth": depth, "east": east[order], "north": north[order]} if east.shape == north.shape == (n, depth.size) else {}
+
+
+def joined(parts: Sequence[Columns]) -> Columns:
+    """Return the columns of several files of one mission as one, in order of time.
+
+    Raises:
+        LogError: The files hold profiles at different depths.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    profiles = [part.profile for part in parts if part.profile]
+    if len(profiles) > 1:
+        raise LogError("expected one file with absolute profiles in a log, got several; give them one by one")
+    skipped = tuple(item for part in parts for item in part.skipped)
+    samples = _sorted(_stacked([part.samples for part in parts]))
+    gps, dac = _stacked([part.gps for part in parts]), _stacked([part.dac for part in parts])
+    return Columns(samples, gps, dac, profiles[0] if profiles else MappingProxyType({}), skipped)
+
+
+def _stacked(tables: Sequence[Table]) -> Table:
+    """Return tables one below the other; what one of them lacks is unknown there."""
+    held = [table for table in tables if table]
+    keys = dict.fromkeys(key for table in held for key in table)
+    return {key: np.concatenate([table.get(key, _unknown(key, table)) for table in held]) for key in keys}
+
+
+def _unknown(key: str, table: Table) -> NDArray[Any]:
+    n = len(next(iter(table.values())))
+    return np.zeros(n, np.int64) if key.endswith("time") else np.full(n, np.nan)

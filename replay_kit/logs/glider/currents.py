@@ -1,0 +1,228 @@
+"""Mean currents of dives, each once, with the fixes between which it is the mean.
+
+Files repeat a mean current at each sample of its dive, state it once for each profile, or report it at the surface after the dive. All
+three become one form: a time within the dive, from which the fix before and the fix after are found.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.logs.glider.columns import Columns, Table
+from replay_kit.logs.glider.fixes import Fixes
+
+# m; less deep is at the surface
+_SURFACE = 3.0
+# ns; fixes farther apart than this enclose more than one dive, or a hole in the log
+_LONGEST_NS = 48 * 3600 * 10**9
+
+
+class End(NamedTuple):
+    """A fix at one end of a dive: time [ns, UTC], longitude [degrees east], latitude [degrees north]."""
+
+    time_ns: int
+    longitude: float
+    latitude: float
+
+
+@dataclass(frozen=True, slots=True)
+class DiveMean:
+    """The mean current of a dive.
+
+    Attributes:
+        east: [m/s], true.
+        north: [m/s], true.
+        error: Standard error of each component [m/s]; NaN when not stated.
+        start: Before the dive.
+        end: After it.
+        max_depth: Greatest depth of the dive [m]; NaN when unknown.
+        dive: Its number; None when the file does not number dives.
+        middle: Where the vehicle was at the deepest point of the dive, where the file's samples do not say; None where they do.
+    """
+
+    east: float
+    north: float
+    error: float
+    start: End
+    end: End
+    max_depth: float
+    dive: int | None = None
+    middle: End | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A mean current before its ends are known: rows of the samples that state it, or none; time, place [.., NaN where unknown]."""
+
+    row: int
+    table: Table
+    rows: NDArray[np.intp]
+
+    def number(self, key: str) -> float:
+        return float(self.table[key][self.row]) if key in self.table else float("nan")
+
+    def time(self, key: str) -> int:
+        return int(self.table[key][self.row]) if key in self.table else 0
+
+
+class Found(NamedTuple):
+    """Mean currents in order of time; and topic, reason and number of those that cannot be used."""
+
+    means: tuple[DiveMean, ...]
+    skipped: tuple[tuple[str, int], ...]
+
+
+def mean_currents(columns: Columns, fixes: Fixes, ascent_share: float, notes: list[str]) -> Found:
+    """Return the mean currents of a mission.
+
+    Args:
+        columns: The mission.
+        fixes: Its fixes.
+        ascent_share: As of ``Dialect``.
+        notes: What was assumed is added here.
+    """
+    table = columns.samples if "dac_east" in columns.samples else columns.dac
+    if not {"dac_east", "dac_north"} <= set(table):
+        return Found((), ())
+    east, north = table["dac_east"], table["dac_north"]
+    finite = np.isfinite(east) & np.isfinite(north)
+    zero = finite & (east == 0.0) & (north == 0.0)
+    if zero.any():
+        notes.append(f"mean current: {int(zero.sum())} values of exactly (0, 0) taken as missing")
+    candidates = (
+        _repeated(table, np.flatnonzero(finite & ~zero), fixes, notes)
+        if table is columns.samples
+        else [_Candidate(row, table, np.empty(0, np.intp)) for row in np.flatnonzero(finite & ~zero).tolist()]
+    )
+    made: dict[tuple[int, int], DiveMean] = {}
+    lost = 0
+    for candidate in candidates:
+        mean = _with_ends(candidate, columns.samples, fixes, ascent_share)
+        if mean is None:
+            lost += 1
+        else:
+            # of several reports at one surfacing the last is the glider's final one
+            made[mean.start.time_ns, mean.end.time_ns] = mean
+    if (replaced := len(candidates) - lost - len(made)) > 0:
+        notes.append(f"mean current: {replaced} earlier reports of the same dive replaced by the last one")
+    _note_ends(made.values(), fixes, notes)
+    reason = "mean current without fixes before and after it, or samples of its dive"
+    return Found(tuple(made[key] for key in sorted(made)), ((reason, lost),) if lost else ())
+
+
+def _repeated(table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[str]) -> list[_Candidate]:
+    """Return the mean currents that samples repeat, each once: by their own time, else by the fixes between which they stand."""
+    if not rows.size:
+        return []
+    own = table["dac_time"][rows] if "dac_time" in table else np.zeros(rows.size, np.int64)
+    segment = np.where(own > 0, own, np.searchsorted(fixes.time_ns, table["time"][rows]))
+    pair = np.column_stack([segment.astype(np.float64), table["dac_east"][rows], table["dac_north"][rows]])
+    begins = np.flatnonzero(np.r_[True, (np.diff(pair, axis=0) != 0.0).any(axis=1)])
+    groups = np.split(rows, begins[1:])
+    unique: dict[tuple[float, ...], NDArray[np.intp]] = {}
+    for group, begin in zip(groups, begins, strict=True):
+        key = tuple(pair[begin].tolist()) if own[begin] > 0 or fixes.time_ns.size else (float(begin),)
+        unique[key] = np.concatenate([unique[key], group]) if key in unique else group
+    if rows.size > len(unique):
+        notes.append(f"mean current: {rows.size} values repeat {len(unique)} mean currents, each counted once")
+    return [_Candidate(int(group[0]), table, group) for group in unique.values()]
+
+
+def _with_ends(candidate: _Candidate, samples: Table, fixes: Fixes, ascent_share: float) -> DiveMean | None:
+    ends = _stated_ends(candidate, ascent_share) or _fixes_about(candidate, samples, fixes) or _outer_samples(candidate)
+    if ends is None or not 0 < ends[1].time_ns - ends[0].time_ns <= _LONGEST_NS:
+        return None
+    start, end = ends
+    depth = samples.get("depth", np.empty(0))
+    if depth.size:
+        within = (samples["time"] >= start.time_ns) & (samples["time"] <= end.time_ns)
+        depth = depth[within]
+    deepest = float(np.nanmax(depth)) if np.isfinite(depth).any() else candidate.number("deepest")
+    dive = candidate.number("dive")
+    middle = None
+    if candidate.time("dac_time") and candidate.rows.size and np.unique(samples["time"][candidate.rows]).size == 1:
+        middle = End(candidate.time("dac_time"), candidate.number("dac_longitude"), candidate.number("dac_latitude"))
+    return DiveMean(
+        candidate.number("dac_east"),
+        candidate.number("dac_north"),
+        candidate.number("dac_error"),
+        start,
+        end,
+        deepest,
+        int(dive) if np.isfinite(dive) else None,
+        middle if middle is not None and np.isfinite(middle.longitude + middle.latitude) else None,
+    )
+
+
+def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[End, End] | None:
+    """Return the ends that the file states, or that follow from the middle of the dive and one more place on its straight way."""
+    start, end = (_end(candidate, part) for part in ("start_", "end_"))
+    if start is not None and end is not None:
+        return start, end
+    middle = _end(candidate, "dac_")
+    if middle is None:
+        return None
+    if start is None and end is not None:
+        return End(*(2 * mid - last for mid, last in zip(middle, end, strict=True))), end  # type: ignore[arg-type]
+    if ascent_share > 0.5 and (own := _end(candidate, "")) is not None:
+        # from the middle to the profile's place is that share of the way, less a half
+        half = [0.5 * (place - mid) / (ascent_share - 0.5) for place, mid in zip(own, middle, strict=True)]
+        before, after = ([mid + sign * step for mid, step in zip(middle, half, strict=True)] for sign in (-1.0, 1.0))
+        return End(round(before[0]), before[1], before[2]), End(round(after[0]), after[1], after[2])
+    return None
+
+
+def _end(candidate: _Candidate, part: str) -> End | None:
+    time_ns = candidate.time(f"{part}time")
+    longitude, latitude = candidate.number(f"{part}longitude"), candidate.number(f"{part}latitude")
+    return End(time_ns, longitude, latitude) if time_ns > 0 and np.isfinite(longitude + latitude) else None
+
+
+def _fixes_about(candidate: _Candidate, samples: Table, fixes: Fixes) -> tuple[End, End] | None:
+    """Return the fix before and the fix after a time within the dive."""
+    if fixes.time_ns.size < 2:
+        return None
+    inside = _time_within(candidate, samples)
+    after = int(np.searchsorted(fixes.time_ns, inside)) if inside else int(np.argmax(np.diff(fixes.time_ns))) + 1
+    if not 0 < after < fixes.time_ns.size:
+        return None
+    before, end = (End(int(fixes.time_ns[k]), float(fixes.longitude[k]), float(fixes.latitude[k])) for k in (after - 1, after))
+    return before, end
+
+
+def _time_within(candidate: _Candidate, samples: Table) -> int:
+    """Return a time within the dive [ns]; 0 when the file has neither times nor depths to tell it from."""
+    time_ns, depth = samples.get("time", np.empty(0, np.int64)), samples.get("depth", np.empty(0))
+    known = np.isfinite(depth) if depth.size else np.zeros(0, np.bool_)
+    stated = candidate.time("dac_time")
+    if not known.any() or not (stated or candidate.rows.size):
+        return stated
+    own = candidate.rows[np.isfinite(depth[candidate.rows])] if candidate.rows.size else candidate.rows
+    if not stated and own.size and depth[own].max() > _SURFACE:
+        return int(time_ns[own[np.argmax(depth[own])]])
+    at = stated or int(time_ns[candidate.rows[-1]])
+    if np.interp(at, time_ns[known], depth[known]) > _SURFACE:
+        return at
+    # a report at the surface is of the dive before it
+    deep = np.flatnonzero(known & (depth > _SURFACE) & (time_ns < at))
+    return int(time_ns[deep[-1]]) if deep.size else -1
+
+
+def _outer_samples(candidate: _Candidate) -> tuple[End, End] | None:
+    """Return the first and the last sample that state the mean current, where there are no fixes."""
+    if not candidate.rows.size:
+        return None
+    first, last = (replace(candidate, row=int(candidate.rows[k])) for k in (0, -1))
+    ends = _end(first, ""), _end(last, "")
+    return None if ends[0] is None or ends[1] is None or ends[0].time_ns == ends[1].time_ns else (ends[0], ends[1])
+
+
+def _note_ends(means: Iterable[DiveMean], fixes: Fixes, notes: list[str]) -> None:
+    known = set(fixes.time_ns.tolist())
+    ends = [end.time_ns for mean in means for end in (mean.start, mean.end)]
+    if made := sum(end not in known for end in ends):
+        how = "the first or last sample of their dive, or follow from its middle"
+        notes.append(f"mean current: {made} of {len(ends)} ends are not fixes of the file; they are {how}")

@@ -1,0 +1,289 @@
+"""The dialects of glider files: how each is recognised, and under which names it holds what.
+
+A name is compared without regard to case. Of several names of a quantity the first that a file has is read. Sources are in the README.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+from replay_kit.logs.glider.units import ANGLE, LATITUDE, LENGTH, LONGITUDE, NUMBER, PRESSURE, SPEED, Quantity
+
+Names = Mapping[str, str]
+
+#: What the reader asks for: samples along the track, fixes before (``start_``), after (``end_``) or at any time (``gps_``), mean
+#: currents (``dac_``), absolute profiles (``profile_``). Times are read apart.
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        **{f"{part}longitude": LONGITUDE for part in ("", "gps_", "start_", "end_", "dac_")},
+        **{f"{part}latitude": LATITUDE for part in ("", "gps_", "start_", "end_", "dac_")},
+        **dict.fromkeys(("depth", "gps_error", "profile_depth"), LENGTH),
+        "pressure": PRESSURE,
+        **dict.fromkeys(("heading", "pitch", "roll", "declination"), ANGLE),
+        **dict.fromkeys(("dac_east", "dac_north", "dac_error", "profile_east", "profile_north"), SPEED),
+        **dict.fromkeys(("dive", "dead_reckoning", "nav_state"), NUMBER),
+    }
+)
+TIMES = ("time", "gps_time", "start_time", "end_time", "dac_time")
+FLAGS = ("gps_flag", "start_flag", "end_flag", "dac_flag")
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """One way of writing a glider's data.
+
+    Attributes:
+        name: As in ``LogReport.format``.
+        title: For a person.
+        signature: Names that a file of the dialect has, all of them; ``a|b`` is one of both.
+        names: Quantity to the names that it may have, the preferred first, with spaces between them.
+        convention: Text in the attribute ``Conventions`` that is enough to recognise the dialect; empty for none.
+        units: Unit of a quantity where the dialect has one that the files do not state.
+        flag_meanings: ``value meaning`` pairs of flags in files that do not state them.
+        heading: What headings count from.
+        beside: Prefixes of further names that the dialect's ADCP reader needs.
+        ascent_share: Where in a dive a profile's own time and place lie, from 0 at its start to 1 at its end; 0 where that is not known.
+        dac_kind: How the mean currents were computed.
+    """
+
+    name: str
+    title: str
+    signature: str
+    names: Names
+    convention: str = ""
+    units: Names = field(default_factory=dict)
+    flag_meanings: str = ""
+    heading: Literal["magnetic", "true", "unknown"] = "unknown"
+    beside: tuple[str, ...] = ()
+    ascent_share: float = 0.0
+    dac_kind: str = "dead_reckoning"
+
+    def recognises(self, names: Collection[str], attributes: Mapping[str, Any]) -> bool:
+        """Return whether a file with these variables and attributes is of the dialect."""
+        lower = {name.lower() for name in names}
+        stated = str(attributes.get("Conventions", attributes.get("conventions", "")))
+        by_name = all(any(name in lower for name in wanted.split("|")) for wanted in self.signature.split())
+        return (bool(self.convention) and self.convention in stated.upper()) or (bool(self.signature) and by_name)
+
+    def chosen(self, names: Collection[str]) -> dict[str, str]:
+        """Return the variable of each quantity that a file has: the first of its names, in the file's own case."""
+        own = {name.lower(): name for name in names}
+        found = {key: next((own[name] for name in listed.split() if name in own), "") for key, listed in self.names.items()}
+        return {key: name for key, name in found.items() if name}
+
+    def wanted(self, names: Collection[str]) -> list[str]:
+        """Return which of a file's variables are read: those of quantities, their flags, and those of the ADCP reader."""
+        chosen = set(self.chosen(names).values())
+        flags = {name + suffix for name in chosen for suffix in ("_QC", "_qc")}
+        return [name for name in names if name in chosen or name in flags or (self.beside and name.lower().startswith(self.beside))]
+
+
+_SEAGLIDER = Dialect(
+    "seaglider",
+    "Seaglider basestation",
+    "log_gps_time log_gps_lat log_gps_lon",
+    {
+        "time": "ctd_time",
+        "longitude": "longitude",
+        "latitude": "latitude",
+        "depth": "ctd_depth",
+        "declination": "magnetic_variation",
+        "gps_time": "log_gps_time",
+        "gps_longitude": "log_gps_lon",
+        "gps_latitude": "log_gps_lat",
+        "gps_error": "log_gps_hpe",
+        "gps_flag": "log_gps_qc",
+        "dac_east": "depth_avg_curr_east",
+        "dac_north": "depth_avg_curr_north",
+        "dac_error": "depth_avg_curr_error",
+        "dac_flag": "depth_avg_curr_qc",
+    },
+    flag_meanings="3 QC_PROBABLY_BAD 4 QC_BAD 6 QC_UNSAMPLED 9 QC_MISSING",
+    heading="magnetic",
+    beside=("ad2cp_", "log_dive"),
+    dac_kind="hydrodynamic_model",
+)
+_OG1 = Dialect(
+    "og1",
+    "OceanGliders OG1",
+    "time latitude longitude profile_number|divenum|dive_number phase|trajectory",
+    {
+        "time": "time",
+        "longitude": "longitude",
+        "latitude": "latitude",
+        # not depth_z, which has the standard name of a depth and the sign of a height
+        "depth": "depth glider_depth",
+        "pressure": "pres pressure",
+        "heading": "heading glider_heading",
+        "pitch": "pitch glider_pitch",
+        "roll": "roll glider_roll",
+        "dive": "dive_number divenum",
+        "gps_time": "time_gps",
+        "gps_longitude": "longitude_gps",
+        "gps_latitude": "latitude_gps",
+        "end_time": "time_gps_end",
+        "end_longitude": "longitude_gps_end",
+        "end_latitude": "latitude_gps_end",
+        "end_flag": "gps_end_qc",
+        "gps_flag": "gps_start_qc latitude_gps_qc",
+        "dac_east": "davg_curr_east watercurrents_u wcur_x water_velocity_eastward",
+        "dac_north": "davg_curr_north watercurrents_v wcur_y water_velocity_northward",
+        "dac_time": "time_uv",
+        "dac_longitude": "longitude_uv",
+        "dac_latitude": "latitude_uv",
+        "dac_flag": "davg_curr_east_qc wcur_qc watercurrents_u_qc",
+    },
+    convention="OG-1",
+    heading="magnetic",
+)
+# one name for a profile's means in all files that follow the IOOS template
+_UV = {"dac_east": "u", "dac_north": "v", "dac_time": "time_uv", "dac_longitude": "lon_uv", "dac_latitude": "lat_uv", "dac_flag": "u_qc"}
+_GLIDERDAC = Dialect(
+    "gliderdac",
+    "IOOS GliderDAC",
+    "time lat lon profile_id profile_time",
+    {"time": "time", "longitude": "lon", "latitude": "lat", "depth": "depth", "pressure": "pressure", **_UV},
+)
+_ERDDAP = Dialect(
+    "erddap",
+    "GliderDAC aggregated by ERDDAP",
+    "time latitude longitude profile_id depth|precise_time",
+    {
+        **_GLIDERDAC.names,
+        # time, latitude and longitude are those of the profile, repeated at each of its samples
+        "time": "precise_time time",
+        "longitude": "precise_lon longitude",
+        "latitude": "precise_lat latitude",
+        "dac_longitude": "longitude_uv lon_uv",
+        "dac_latitude": "latitude_uv lat_uv",
+    },
+)
+_PYGLIDER = Dialect(
+    "pyglider",
+    "pyglider time series (L0)",
+    "time latitude longitude profile_index",
+    {
+        "time": "time",
+        "longitude": "longitude",
+        "latitude": "latitude",
+        "depth": "depth",
+        "pressure": "pressure",
+        "heading": "heading",
+        "pitch": "pitch",
+        "roll": "roll",
+        "declination": "declination",
+        "dead_reckoning": "dead_reckoning",
+        "nav_state": "nav_state",
+        "dac_east": "water_velocity_eastward u",
+        "dac_north": "water_velocity_northward v",
+    },
+)
+_SOCIB = Dialect(
+    "socib", "SOCIB glider toolbox (L1, L2)", "time latitude longitude water_velocity_eastward water_velocity_northward", _PYGLIDER.names
+)
+_SPRAY = Dialect(
+    "spray",
+    "Spray, binned (CUGN)",
+    "time_uv lat_uv lon_uv u_depth_mean v_depth_mean depth",
+    {
+        "time": "time",
+        "longitude": "lon",
+        "latitude": "lat",
+        "profile_depth": "depth",
+        "profile_east": "u",
+        "profile_north": "v",
+        **_UV,
+        "dac_east": "u_depth_mean",
+        "dac_north": "v_depth_mean",
+        "dac_flag": "",
+    },
+    ascent_share=0.75,
+)
+_SLOCUM_GLIDE = Dialect(
+    "slocum-glide",
+    "slocum-glide (L2)",
+    "time lat lon dive_id climb_id state",
+    {
+        **_GLIDERDAC.names,
+        "pitch": "pitch",
+        "roll": "roll",
+        "gps_time": "time_gps",
+        "gps_longitude": "lon_gps",
+        "gps_latitude": "lat_gps",
+    },
+)
+_SLOCUM = Dialect(
+    "slocum",
+    "Slocum, exported with the glider's own names",
+    "m_present_time|sci_m_present_time m_lat|m_gps_lat",
+    {
+        "time": "m_present_time sci_m_present_time",
+        "longitude": "m_lon",
+        "latitude": "m_lat",
+        "depth": "m_depth",
+        "pressure": "sci_water_pressure m_pressure",
+        "heading": "m_heading",
+        "pitch": "m_pitch",
+        "roll": "m_roll",
+        "declination": "m_gps_mag_var",
+        "gps_longitude": "m_gps_lon",
+        "gps_latitude": "m_gps_lat",
+        "dac_east": "m_final_water_vx m_water_vx m_initial_water_vx",
+        "dac_north": "m_final_water_vy m_water_vy m_initial_water_vy",
+    },
+    units={
+        **dict.fromkeys(("longitude", "latitude", "gps_longitude", "gps_latitude"), "nmea"),
+        **dict.fromkeys(("heading", "pitch", "roll", "declination"), "rad"),
+        "pressure": "bar",
+    },
+)
+_SEAEXPLORER = Dialect(
+    "seaexplorer",
+    "SeaExplorer raw",
+    "timestamp|pld_realtimeclock lat|nav_latitude lon|nav_longitude",
+    {
+        "time": "timestamp pld_realtimeclock",
+        "longitude": "lon nav_longitude",
+        "latitude": "lat nav_latitude",
+        "depth": "depth nav_depth",
+        "heading": "heading",
+        "pitch": "pitch",
+        "roll": "roll",
+        "declination": "declination",
+        "dead_reckoning": "deadreckoning",
+        "nav_state": "navstate nav_resource",
+    },
+    units={
+        **dict.fromkeys(("longitude", "latitude"), "nmea"),
+        **dict.fromkeys(("heading", "pitch", "roll", "declination"), "degrees"),
+        "depth": "m",
+    },
+    beside=("ad2cp_",),
+)
+_MIDAS = Dialect(
+    "midas",
+    "Nortek AD2CP exported by MIDAS",
+    "time velocitybeam1 velocitybeam2 heading pitch roll",
+    {"time": "time"},
+    heading="magnetic",
+    beside=(
+        "velocity",
+        "correlation",
+        "amplitude",
+        "heading",
+        "pitch",
+        "roll",
+        "pressure",
+        "speedofsound",
+        "accelerometerz",
+        "temperature",
+    ),
+)
+#: In the order in which they are tried: the narrower signature first.
+DIALECTS = (_SEAGLIDER, _MIDAS, _SLOCUM, _SPRAY, _OG1, _SLOCUM_GLIDE, _GLIDERDAC, _ERDDAP, _PYGLIDER, _SOCIB, _SEAEXPLORER)
+
+
+def dialect_of(names: Collection[str], attributes: Mapping[str, Any]) -> Dialect | None:
+    """Return the dialect of a file with these variables and attributes; None for a file of no known dialect."""
+    return next((dialect for dialect in DIALECTS if dialect.recognises(names, attributes)), None)

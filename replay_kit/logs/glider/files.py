@@ -1,0 +1,75 @@
+"""Glider files opened, and those of one mission put together."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from replay_kit.logs.glider.dialects import Dialect, dialect_of
+from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
+from replay_kit.logs.glider.seaexplorer import is_seaexplorer, open_seaexplorer
+
+_HEAD = 1 << 12
+#: Dialects of which a mission is many files: one a profile, or one a segment.
+_PARTS = ("gliderdac", "seaexplorer")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GliderFile:
+    """A file of a known dialect.
+
+    Attributes:
+        content: The variables that the dialect's reader uses.
+        dialect: How it is written.
+    """
+
+    content: NetcdfFile
+    dialect: Dialect
+
+
+def open_glider_file(path: Path) -> GliderFile | None:
+    """Return a file with its dialect; None for a NetCDF file of no known dialect.
+
+    Raises:
+        LogError: The file cannot be read.
+    """
+    found: list[Dialect | None] = []
+
+    def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
+        dialect = dialect_of(names, attributes)
+        found.append(dialect)
+        return [] if dialect is None else dialect.wanted(names)
+
+    with open(path, "rb") as file:
+        text = is_seaexplorer(file.read(_HEAD))
+    content = (open_seaexplorer if text else open_netcdf)(path, choose)
+    return None if found[0] is None else GliderFile(content, found[0])
+
+
+def grouped(paths: Sequence[Path]) -> list[list[int]]:
+    """Return the positions of files in groups, each one log: all profiles of a GliderDAC mission, all parts of a SeaExplorer's, else one.
+
+    Raises:
+        LogError: A file cannot be read.
+    """
+    groups: dict[tuple[str, str], list[int]] = {}
+    for place, path in enumerate(paths):
+        name, mission = _mission(path)
+        groups.setdefault((name, mission if name in _PARTS else str(place)), []).append(place)
+    return list(groups.values())
+
+
+def _mission(path: Path) -> tuple[str, str]:
+    """Return the name of a file's dialect, and of its mission where the file states it, or a SeaExplorer's file name."""
+    found: list[Dialect | None] = []
+
+    def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
+        found.append(dialect_of(names, attributes))
+        return [name for name in names if name.lower() == "trajectory"]
+
+    with open(path, "rb") as file:
+        if is_seaexplorer(file.read(_HEAD)):
+            return "seaexplorer", ".".join(path.name.lower().split(".")[:2])
+    content = open_netcdf(path, choose)
+    texts = [stored.values.tobytes().strip(b"\0 ").decode("utf-8", "replace") for stored in content.variables.values()]
+    return found[0].name if found[0] is not None else "", "".join(texts)

@@ -1,0 +1,149 @@
+"""Variables of a NetCDF file, classic or NetCDF-4, as stored; only those asked for are read."""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import netcdf_file
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import LogError
+
+_ATTRIBUTES = (
+    *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
+    *("standard_name", "positive", "flag_values", "flag_meanings", "long_name", "comment"),
+)
+_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"  # what NetCDF names a dataset that holds a dimension's length alone
+_UNREADABLE = (OSError, ValueError, KeyError, TypeError, RuntimeError, IndexError)
+
+#: Given the names of a file's variables and its attributes: the names of those to read.
+Choose = Callable[[Collection[str], Mapping[str, Any]], Collection[str]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stored:
+    """A variable as stored: nothing decoded, nothing masked.
+
+    Attributes:
+        values: Of any shape and type.
+        attributes: By name; those of ``_ATTRIBUTES`` that there are, and maybe more.
+        dims: Names of its dimensions; empty names where the file does not name them.
+    """
+
+    values: NDArray[Any]
+    attributes: Mapping[str, Any]
+    dims: tuple[str, ...] = ()
+
+    @property
+    def units(self) -> str:
+        """Unit as the file states it; empty when it states none."""
+        return self.text("units")
+
+    def text(self, attribute: str) -> str:
+        """Return an attribute as text; empty when there is none."""
+        value = self.attributes.get(attribute, "")
+        return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+    def unpacked(self) -> Array:
+        """Return the values, NaN where they are the fill value, with scale and offset applied."""
+        values = np.array(self.values, dtype=np.float64)
+        for name in ("_FillValue", "missing_value"):
+            fill = self.attributes.get(name)
+            if fill is not None and np.size(fill) and not isinstance(fill, str | bytes):
+                values[values == float(np.ravel(fill)[0])] = np.nan
+        factor, offset = (float(np.ravel(self.attributes.get(name, default))[0]) for name, default in _PACKING)
+        return values if (factor, offset) == (1.0, 0.0) else values * factor + offset
+
+
+_PACKING = (("scale_factor", 1.0), ("add_offset", 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetcdfFile:
+    """Some variables of a file.
+
+    Attributes:
+        path: The file.
+        attributes: Of the file as a whole, and of its group ``Config``.
+        variables: Those read, by name; of a group ``Data/Average`` by their own names.
+        names: Of all variables of the file.
+    """
+
+    path: Path
+    attributes: Mapping[str, Any]
+    variables: Mapping[str, Stored]
+    names: tuple[str, ...]
+
+    def has(self, *names: str) -> bool:
+        """Return whether all these variables were read."""
+        return all(name in self.variables for name in names)
+
+    def array(self, name: str) -> Array:
+        """Return a variable, NaN where it has its fill value."""
+        return self.variables[name].unpacked()
+
+    def scalar(self, name: str) -> float:
+        """Return a number; NaN when the file has none."""
+        values = self.array(name).ravel() if self.has(name) else np.empty(0)
+        return float(values[0]) if values.size else float("nan")
+
+
+def open_netcdf(path: Path, choose: Choose) -> NetcdfFile:
+    """Return the variables of a file that are chosen, loaded.
+
+    Args:
+        path: The file.
+        choose: Says which variables are read; texts of variable length are not.
+
+    Raises:
+        LogError: The file cannot be read as NetCDF.
+    """
+    try:
+        with open(path, "rb") as file:
+            classic = file.read(3) == b"CDF"
+        return _read_classic(path, choose) if classic else _read_hdf5(path, choose)
+    except _UNREADABLE as error:
+        raise LogError(f"{path}: cannot be read as NetCDF: {error}; is the file whole?") from error
+
+
+def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
+    # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
+    with h5py.File(path, "r") as file:
+        group = file.get("Data/Average", file)
+        attributes = {key: _plain(value) for part in (file.get("Config"), file) if part is not None for key, value in part.attrs.items()}
+        held = {name: item for name in group if isinstance(item := group[name], h5py.Dataset)}
+        chosen = {name: held[name] for name in choose(held, attributes) if name in held}
+        variables = {
+            name: Stored(
+                np.asarray(item[...]), {key: _plain(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs}, _dims(group, name, item)
+            )
+            for name, item in chosen.items()
+            if item.dtype.kind in "iufbS" and not str(_plain(item.attrs.get("NAME", ""))).startswith(_NO_VARIABLE)
+        }
+    return NetcdfFile(path, attributes, variables, tuple(held))
+
+
+def _dims(file: Any, name: str, item: Any) -> tuple[str, ...]:
+    """Return the names of a variable's dimensions; a variable that is a dimension's coordinate names none but its own."""
+    if "DIMENSION_LIST" in item.attrs:
+        return tuple(file[refs[0]].name.rpartition("/")[2] if len(refs) else "" for refs in item.attrs["DIMENSION_LIST"])
+    return (name,) if item.ndim == 1 else ("",) * item.ndim
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute of HDF5 as NetCDF means it: an array of one is that one, and bytes are text."""
+    value = np.ravel(value)[0] if np.size(value) == 1 else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _read_classic(path: Path, choose: Choose) -> NetcdfFile:
+    # the private mapping is the only one that tells attributes from methods
+    with netcdf_file(path, "r", mmap=False) as file:
+        attributes = {key: _plain(value) for key, value in file._attributes.items()}
+        chosen = {name: file.variables[name] for name in choose(file.variables, attributes) if name in file.variables}
+        variables = {name: Stored(np.array(v.data), dict(v._attributes), tuple(v.dimensions)) for name, v in chosen.items()}
+        return NetcdfFile(path, attributes, variables, tuple(file.variables))

@@ -1,0 +1,102 @@
+"""A NetCDF file of no known dialect, row by row: each time is a message that a mapping can read."""
+
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import LogError
+from replay_kit.core.message import Message
+from replay_kit.logs.glider import units
+from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
+from replay_kit.logs.reader import LogFile
+from replay_kit.logs.shared.payloads import numbers
+from replay_kit.logs.shared.statistics import ReadStatistics
+
+#: First part of the topic, before the name of the time variable.
+TOPIC = "netcdf/"
+_VELOCITY = ("eastward_sea_water_velocity", "northward_sea_water_velocity", "sea_water_x_velocity", "sea_water_y_velocity")
+_NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
+_EXPECTED = "expected a Seaglider basestation file or a glider's file of another known dialect"
+
+
+class NetcdfRows(LogFile):
+    """A file whose variables are rows over one time; which of them is what, ``[[measurements.map]]`` says."""
+
+    format = "netcdf"
+
+    def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
+        """Read the file; arguments as of ``LogFile``.
+
+        Raises:
+            LogError: The file cannot be read, holds no time, or is a forecast.
+        """
+        super().__init__(path, input, config, wanted)
+        file = open_netcdf(path, _all)
+        if any(stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2 for stored in file.variables.values()):
+            raise LogError(f"{path}: {_EXPECTED}, got currents on a grid: {', '.join(file.variables)}{_NOT_A_LOG}")
+        self._name = _time_name(file)
+        notes: list[str] = []
+        self._time_ns, self._known = units.time_ns(self._name, file.variables[self._name], file, notes)
+        self._time_ns, self._known = self._time_ns.ravel(), self._known.ravel()
+        self._rows, self._fixed = _split(file, self._name, self._time_ns.size)
+        self._notes = (
+            f"of no known glider dialect: each row over {self._name} is a message on {TOPIC}{self._name}, with {', '.join(self._rows)}"
+            + (f", and at each row {', '.join(self._fixed)}" if self._fixed else ""),
+            *notes,
+        )
+        self.statistics.notes = self._notes
+
+    def messages(self) -> Iterator[Message]:
+        """Yield a message a row, in order of time; rows without a time are counted and left out."""
+        self.statistics = ReadStatistics()
+        self.statistics.notes = self._notes
+        topic = f"{TOPIC}{self._name}"
+        self._skip(topic, "row without a time", int((~self._known).sum()))
+        fixed = {name: _plain(values) for name, values in self._fixed.items()}
+        yield from self._by_time(
+            (int(self._time_ns[k]), topic, "netcdf", {**{name: _plain(values[k]) for name, values in self._rows.items()}, **fixed})
+            for k in np.flatnonzero(self._known).tolist()
+        )
+
+
+def _all(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
+    del attributes
+    return names
+
+
+def _time_name(file: NetcdfFile) -> str:
+    """Return the name of the variable of time: the longest of those with an epoch, then of those with the name."""
+    stated = {name: stored for name, stored in file.variables.items() if " since " in stored.units and stored.values.ndim < 2}
+    named = {name: stored for name, stored in file.variables.items() if "time" in name.lower() and stored.values.ndim == 1}
+    found = {name: stored for name, stored in (stated or named).items() if stored.values.size and stored.values.dtype.kind in "iuf"}
+    if not found:
+        raise LogError(
+            f"{file.path}: {_EXPECTED}, or any NetCDF with a variable of time (units 'seconds since 1970-01-01'); got variables "
+            f"{', '.join(file.variables) or 'none'}{_NOT_A_LOG}"
+        )
+    return max(found, key=lambda name: (found[name].values.size, found[name].text("standard_name") == "time"))
+
+
+def _split(file: NetcdfFile, time: str, n: int) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return the variables with a row for each time, and those that hold for all, such as levels; names with dots can be in no path."""
+    rows: dict[str, Array] = {}
+    fixed: dict[str, Array] = {}
+    for name, stored in file.variables.items():
+        if name == time or "." in name or stored.values.dtype.kind not in "iufb" or stored.values.ndim > 2:
+            continue
+        values = stored.unpacked()
+        if values.ndim and values.shape[0] == n:
+            rows[name] = values
+        elif values.ndim == 2 and values.shape[1] == n:
+            rows[name] = values.T
+        elif values.ndim < 2 and values.size < n:
+            fixed[name] = values
+    return rows, fixed
+
+
+def _plain(values: Any) -> Any:
+    return numbers(values) if np.ndim(values) else float(values)

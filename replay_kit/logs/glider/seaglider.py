@@ -1,0 +1,123 @@
+"""A Seaglider's ADCP in the files of its basestation: relative velocities, and the inverted absolute profiles.
+
+What the files do not state, and how it was determined:
+
+* ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up as the
+  instrument reports them, and on real dives velZ equals the vertical speed from pressure at pitches of 35 degrees. East and
+  north are by the instrument's own compass: they lag the track by the declination, which is thus not applied.
+* The first cell's centre is one blanking and one cell from the instrument, which looks up.
+* ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units attribute states.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from replay_kit.core.errors import LogError
+from replay_kit.logs.glider import units
+from replay_kit.logs.glider.columns import dive_number
+from replay_kit.logs.glider.netcdf import NetcdfFile
+from replay_kit.logs.glider.pings import earth_ping
+from replay_kit.logs.reader import Entry
+from replay_kit.logs.shared.payloads import PING, number
+
+#: Topic of the absolute profiles.
+INVERTED = "/adcp/inverted"
+_METRES = {"m": 1.0, "meter": 1.0, "meters": 1.0, "cm": 0.01, "mm": 0.001}
+_FASTEST_SOUND = 2000.0  # m/s; more than this is stated in tenths
+
+
+def seaglider_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
+    """Yield the velocities relative to the glider, and the absolute profiles of the descent and the ascent.
+
+    A profile's time is the end of its leg, where the position is known: the deepest point for the descent, the last
+    sample or the end fix, whichever is earlier, for the ascent. The inversion itself needs the fix after the dive.
+    Because it takes the dive's pings and mean current, ``also_in`` of these and ``computed_from`` of the profiles name each other.
+
+    Raises:
+        LogError: A variable has a unit that is not understood.
+    """
+    inverted = list(_inverted(file))
+    for entry in _relative(file, notes):
+        if inverted:
+            entry[3]["also_in"] = INVERTED
+        yield entry
+    yield from inverted
+
+
+def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
+    if not file.has("ad2cp_time", "ad2cp_velX", "ad2cp_velY", "ad2cp_velZ", "ad2cp_cellSize", "ad2cp_blanking"):
+        return
+    time_ns, known = units.time_ns("ad2cp_time", file.variables["ad2cp_time"], file, notes)
+    velocity = np.stack([file.array(f"ad2cp_vel{axis}") for axis in "XYZ"], axis=-1)
+    cell_size = _metres(file, "ad2cp_cellSize")
+    bin0_distance = _metres(file, "ad2cp_blanking") + cell_size
+    tenths = 0.1 if file.scalar("ad2cp_soundspeed") > _FASTEST_SOUND else 1.0
+    if tenths != 1.0:
+        notes.append("ad2cp_soundspeed, ad2cp_temperature: in tenths of their units, converted")
+    declination = number(file.scalar("magnetic_variation"))
+    notes.append(f"ADCP: headings are magnetic; the declination used is {declination} degrees, by magnetic_variation")
+    names = ("pressure", "heading", "pitch", "roll", "temperature")
+    sensors = {name: file.array(f"ad2cp_{name}") if file.has(f"ad2cp_{name}") else np.full(time_ns.size, np.nan) for name in names}
+    sensors["temperature"] = sensors["temperature"] * tenths
+    for k in np.flatnonzero(known).tolist():
+        payload = earth_ping(int(time_ns[k]), k, dive_number(file) or 0, velocity[k], (cell_size, bin0_distance))
+        payload |= {
+            "reference": "platform",
+            "orientation": "up",
+            "bin_mapped": False,
+            "sound_speed": number(round(file.scalar("ad2cp_soundspeed") * tenths, 3)),
+            "magnetic_declination": declination,
+            "declination_applied": False,
+            **{name: number(round(float(values[k]), 4)) for name, values in sensors.items()},
+        }
+        yield int(time_ns[k]), "/adcp", PING, payload
+
+
+def _inverted(file: NetcdfFile) -> Iterator[Entry]:
+    names = [f"ad2cp_inv_profile_{name}" for name in ("depth", "uocn", "vocn", "wocn")]
+    if not file.has(*names, "ctd_time", "ctd_depth"):
+        return
+    levels, *components = (file.array(name) for name in names)
+    steps = np.diff(levels)
+    if steps.size == 0 or not np.allclose(steps, steps[0]) or steps[0] <= 0.0:
+        return
+    dive = dive_number(file) or 0
+    for leg, end_ns in enumerate(_leg_ends(file)):
+        velocity = np.stack([component[:, leg] for component in components], axis=-1)
+        payload = earth_ping(end_ns, 2 * dive + leg, dive, velocity, (float(steps[0]), float(levels[0])))
+        # the levels are depths: the profile begins at the surface, not at the glider
+        payload |= {
+            "reference": "earth",
+            "orientation": "down",
+            "bin_mapped": True,
+            "pressure": 0.0,
+            "declination_applied": True,
+            "derived": True,
+            "computed_from": ["/adcp", "/dac"],
+        }
+        yield end_ns, INVERTED, PING, payload
+
+
+def _leg_ends(file: NetcdfFile) -> tuple[int, ...]:
+    """Return the times [ns] at which the descent and the ascent end; nothing when the dive has no depths."""
+    time_ns, known = units.time_ns("ctd_time", file.variables["ctd_time"], file, [])
+    depth = np.where(known, file.array("ctd_depth"), np.nan)
+    if not np.isfinite(depth).any():
+        return ()
+    fixes, fix_known = units.time_ns("log_gps_time", file.variables["log_gps_time"], file, [])
+    last = int(time_ns[np.isfinite(depth)].max())
+    after = [int(fix) for fix in fixes[fix_known] if fix > time_ns[np.nanargmax(depth)]]
+    return int(time_ns[np.nanargmax(depth)]), min([last, *after])
+
+
+def _metres(file: NetcdfFile, name: str) -> float:
+    """Return a length [m], converted from the unit that the file states.
+
+    Raises:
+        LogError: The unit is no length.
+    """
+    unit = file.variables[name].units
+    if unit not in _METRES:
+        raise LogError(f"{file.path}: {name}: expected units of {', '.join(_METRES)}, got '{unit}'; process the dive again")
+    return file.scalar(name) * _METRES[unit]

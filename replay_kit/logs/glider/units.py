@@ -1,0 +1,197 @@
+"""Values of glider files in SI units: units by their names, times by their epochs, what is missing, and what was assumed.
+
+Every function that assumes something says so in ``notes``, as a sentence for a person.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import LogError
+from replay_kit.logs.glider.netcdf import NetcdfFile, Stored
+
+_SECONDS = {"nanosecond": 1e-9, "ns": 1e-9, "microsecond": 1e-6, "us": 1e-6, "millisecond": 1e-3, "ms": 1e-3, "msec": 1e-3}
+_SECONDS |= {"second": 1.0, "sec": 1.0, "s": 1.0, "minute": 60.0, "min": 60.0, "hour": 3600.0, "h": 3600.0, "day": 86400.0, "d": 86400.0}
+_SINCE = re.compile(r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*", re.IGNORECASE)
+# 1971 and 2100: clocks that lost their time count from 1970
+_FIRST_NS, _LAST_NS = 31_536_000 * 10**9, 4_102_444_800 * 10**9
+# of any epoch; more is no time, and does not fit into 64 bits of nanoseconds
+_MOST_MS = 9e12
+_EPOCH_SECONDS = (3.5e8, 4.1e9)
+# rad; a mission whose headings all lie below a turn, or whose tilts all lie below a right angle, is in radians
+_TURN, _LEAST_ANGLES = 6.3, 20
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A physical quantity.
+
+    Attributes:
+        unit: The unit used inside.
+        factors: By other units' names, in lower case without spaces, what turns them into it.
+        low: Least believable value; less is taken for a mark of a missing one.
+        high: Largest believable value.
+    """
+
+    unit: str
+    factors: Mapping[str, float]
+    low: float
+    high: float
+
+
+_LENGTHS = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0) | {"cm": 0.01, "mm": 0.001, "km": 1000.0}
+_PRESSURES = {"dbar": 1.0, "decibar": 1.0, "decibars": 1.0, "bar": 10.0, "mbar": 0.01, "pa": 1e-4, "hpa": 0.01, "kpa": 0.1}
+_DEGREES = dict.fromkeys(("deg", "degree", "degrees", "degrees_north", "degrees_east", "degree_north", "degree_east", "°"), 1.0)
+_ANGLES = _DEGREES | dict.fromkeys(("rad", "radian", "radians"), 180.0 / np.pi)
+_SPEEDS = dict.fromkeys(("m/s", "ms-1", "m.s-1", "ms^-1", "meter/second", "meters/second", "metersecond-1", "meterspersecond"), 1.0)
+_SPEEDS |= {
+    "cm/s": 0.01,
+    "cms-1": 0.01,
+    "cm.s-1": 0.01,
+    "mm/s": 0.001,
+    "mms-1": 0.001,
+    "dm/s": 0.1,
+    "knots": 1852.0 / 3600.0,
+    "kt": 1852.0 / 3600.0,
+}
+LATITUDE = Quantity("degrees", MappingProxyType(_ANGLES), -90.0, 90.0)
+LONGITUDE = Quantity("degrees", MappingProxyType(_ANGLES), -180.0, 360.0)
+LENGTH = Quantity("m", MappingProxyType(_LENGTHS), -12_000.0, 12_000.0)
+PRESSURE = Quantity("dbar", MappingProxyType(_PRESSURES), -20.0, 12_000.0)
+ANGLE = Quantity("degrees", MappingProxyType(_ANGLES), -360.0, 720.0)
+SPEED = Quantity("m/s", MappingProxyType(_SPEEDS), -5.0, 5.0)
+NUMBER = Quantity("", MappingProxyType({}), -1e9, 1e9)
+
+
+def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit: str = "") -> Array:
+    """Return a variable in its quantity's unit, NaN where it is missing or not believable.
+
+    Args:
+        name: Of the variable, for the notes.
+        stored: The variable.
+        quantity: What it is.
+        notes: What was assumed is added here.
+        unit: Unit to take instead of the stated one; ``nmea`` is degrees and minutes, ddmm.mmm. Empty for the stated one.
+    """
+    values = stored.unpacked()
+    stated = unit or stored.units
+    key = re.sub(r"\s+|\*\*", "", stated.lower())
+    if key == "nmea":
+        notes.append(f"{name}: degrees and minutes (ddmm.mmm) converted to degrees")
+        # marks of no fix, such as 69696969, are more degrees than there are
+        values = np.sign(values) * (np.abs(values) // 100.0 + np.abs(values) % 100.0 / 60.0)
+    elif key in quantity.factors:
+        if quantity.factors[key] != 1.0:
+            notes.append(f"{name}: converted from {stated} to {quantity.unit}")
+            values = values * quantity.factors[key]
+    elif quantity.factors:
+        notes.append(f"{name}: {f'unit {stated!r} is not known' if stated else 'states no unit'}, taken as {quantity.unit}")
+    odd = (values < quantity.low) | (values > quantity.high)
+    if odd.any():
+        notes.append(f"{name}: {int(odd.sum())} values outside {quantity.low:g}..{quantity.high:g} {quantity.unit} taken as missing")
+    return np.where(odd | ~np.isfinite(values), np.nan, values)
+
+
+def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str]) -> Array:
+    """Return angles in degrees, of a variable that says degrees and may hold radians.
+
+    Args:
+        name: Of the variable, for the notes.
+        values: shape (n,), taken as degrees so far.
+        whole_turn: Whether it is a heading, which covers a turn; else a tilt.
+        notes: What was assumed is added here.
+    """
+    known = np.abs(values[np.isfinite(values)])
+    if known.size < _LEAST_ANGLES or known.max() == 0.0 or known.max() > (_TURN if whole_turn else _TURN / 4.0):
+        return values
+    notes.append(f"{name}: no value above {known.max():.2f}, so taken as radians although its unit is degrees; converted to degrees")
+    return np.rad2deg(values)
+
+
+def time_ns(name: str, stored: Stored, file: NetcdfFile, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return times to the millisecond [ns, UTC], and whether each is known.
+
+    Raises:
+        LogError: No value is a time of a mission in the unit that the file states.
+    """
+    units, match = stored.units, _SINCE.fullmatch(stored.units)
+    values = stored.values.astype(np.float64) if stored.values.dtype.kind == "f" else stored.values
+    finite = np.isfinite(stored.unpacked())
+    stated = finite.copy()
+    factor, epoch_ms = 1000.0, 0
+    word = match[1].lower() if match is not None else ""
+    word = word if word in _SECONDS else word.removesuffix("s")
+    epoch = _epoch_ms(match) if match is not None and word in _SECONDS else None
+    if epoch is not None:
+        factor, epoch_ms = 1000.0 * _SECONDS[word], epoch
+    else:
+        inside = (stored.unpacked() > _EPOCH_SECONDS[0]) & (stored.unpacked() < _EPOCH_SECONDS[1])
+        if finite.any() and inside.any():
+            notes.append(f"{name}: {f'unit {units!r}' if units else 'no unit'}, taken as seconds since 1970")
+        finite &= inside
+    with np.errstate(over="ignore"):
+        since = np.where(finite, values * factor, np.nan)
+    countable = np.abs(since) < _MOST_MS
+    milliseconds = np.round(np.where(countable, since, 0.0)).astype(np.int64) + epoch_ms
+    finite &= countable
+    found = milliseconds * 1_000_000
+    known = finite & (found > _FIRST_NS) & (found < _LAST_NS)
+    if stated.any() and not known.any():
+        raise LogError(
+            f"{file.path}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
+            f"times from {np.nanmin(stored.unpacked()):g} on; process the dive again, or correct the units"
+        )
+    return np.where(known, found, 0), known
+
+
+def _epoch_ms(match: re.Match[str]) -> int | None:
+    year, month, day, hour, minute, second = (int(part or 0) for part in match.groups()[1:7])
+    try:
+        whole = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+    except ValueError:
+        return None
+    return round(whole.timestamp()) * 1000 + round(float(match[8] or 0.0) * 1000.0)
+
+
+# of a flag's meaning: such values are not used
+_UNUSABLE = re.compile(r"bad|fail|miss|suspect|question|unsampled|reject|spike|stuck", re.IGNORECASE)
+
+
+def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
+    """Return which values their flags call unusable, by the meanings of the flags and never by their numbers.
+
+    Args:
+        name: Of the flags, for the notes.
+        flags: The flags, of whatever type.
+        meanings: ``value meaning`` pairs to take where the file states none.
+        notes: What was found is added here.
+    """
+    known = _meanings(flags) or dict(zip(map(int, meanings.split()[::2]), meanings.split()[1::2], strict=True))
+    numbers = np.nan_to_num(_flag_numbers(flags), nan=-1.0).astype(np.int64)
+    bad = {value: words for value, words in known.items() if _UNUSABLE.search(words)}
+    found = np.isin(numbers, list(bad))
+    for value in sorted(set(numbers[found].tolist())):
+        notes.append(f"{name}: {int((numbers == value).sum())} x {value} ({bad[value]}), not used")
+    return np.asarray(found)
+
+
+def _flag_numbers(flags: Stored) -> Array:
+    if flags.values.dtype.kind != "S":
+        return flags.unpacked()
+    return np.array([float(item) if item.strip().isdigit() else np.nan for item in flags.values.ravel().astype("S1").astype(str)])
+
+
+def _meanings(flags: Stored) -> dict[int, str]:
+    """Return the meanings of flags; some writers state the values as one text."""
+    values: Any = flags.attributes.get("flag_values")
+    if values is None or not flags.text("flag_meanings"):
+        return {}
+    listed = re.findall(r"-?\d+", flags.text("flag_values")) if isinstance(values, str | bytes) else np.ravel(values).tolist()
+    return dict(zip(map(int, listed), flags.text("flag_meanings").split(), strict=False))

@@ -1,0 +1,49 @@
+"""Processor time of beginnings: help, refusals, the import of the library and the first log opened, each in a process of its own."""
+
+import os
+import resource
+import subprocess
+import sys
+from typing import Any
+
+from tests.places import ROOT
+
+_MAIN = "from replay_kit.cli import main; main()"
+_OPEN = "import replay_kit; next(iter(replay_kit.open_log({log!r}).messages()))"
+# processor time asked for [s]
+_HELP, _IMPORT, _LOG = 0.4, 0.1, 0.5
+
+
+def rows(tiny: bool) -> list[dict[str, Any]]:
+    """Return the least processor time of each beginning over some repeats; once when tiny."""
+    log = str(ROOT / "sample_logs" / "glider.mcap")
+    replay = ["replay", "a.mcap", "--ensemble", "e.nc", "-o"]
+    lines = (
+        ["--help"],
+        ["--version"],
+        ["replay", "--help"],
+        ["plan", "--help"],
+        [*replay, "x.mcap", "--mode", "3"],
+        [*replay, "x.csv"],
+        [*replay, "x.mcap", "--goal=1,2"],
+    )
+    cases = [(" ".join(("replay-kit", *words)), _MAIN, words, _HELP) for words in lines]
+    cases += [("import replay_kit", "import replay_kit", [], _IMPORT), ("first log opened", _OPEN.format(log=log), [], _LOG)]
+    return [_row(name, _least(code, words, 1 if tiny else 7), asked) for name, code, words, asked in cases]
+
+
+def _row(name: str, seconds: float, asked: float) -> dict[str, Any]:
+    without = {"peer": "none", "peer_s": None, "ratio": None, "error": {}, "peak_mb": None}
+    return {"name": name, "ours_s": seconds, "asked": asked, "asked_s": asked, **without}
+
+
+def _least(code: str, words: list[str], repeats: int) -> float:
+    """Return the least processor time [s] of a process that runs code with arguments."""
+    found = []
+    for _ in range(repeats):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"}
+        subprocess.run([sys.executable, "-c", code, *words], env=environment, capture_output=True, check=False)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        found.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return min(found)

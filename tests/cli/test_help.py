@@ -1,0 +1,101 @@
+"""The layout of help: nothing is cut, what is common comes first, every option is there."""
+
+import pytest
+
+from replay_kit.cli.app import _COMMANDS, _STUDIES, app
+from replay_kit.cli.help import layout
+from tests.command import invoke
+
+COMMANDS = [(name,) for name in _COMMANDS] + [("experiment", name) for name in _STUDIES]
+
+
+def headings(text: str) -> list[str]:
+    return [line for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
+
+
+def test_names_and_descriptions_stand_in_columns() -> None:
+    entries = [("-o, --out FILE", "Where the result goes, with many words."), ("--a-name-that-is-too-long X", "Below.")]
+    assert layout("Usage: it", "Does it.", [("Options", entries)], 50).splitlines() == [
+        "Usage: it",
+        "",
+        "Does it.",
+        "",
+        "Options:",
+        "  -o, --out FILE          Where the result goes,",
+        "                          with many words.",
+        "  --a-name-that-is-too-long X",
+        "                          Below.",
+    ]
+    # two spaces at least between a name and its description
+    assert layout("u", "a", [("C", [("x" * 22, "d"), ("y" * 23, "d")])], 50).splitlines()[-3:] == [
+        f"  {'x' * 22}  d",
+        f"  {'y' * 23}",
+        " " * 26 + "d",
+    ]
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words) -> None:
+    done = invoke([*words, "--help"], columns=80)
+    assert done.exit_code == 0
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    command = app
+    for word in words:
+        command = command[word]
+    with app.app_stack((*words,)):
+        names = {name for argument in command.assemble_argument_collection() if argument.show for name in argument.names}
+    said = done.stdout.replace(",", " ").split()
+    assert names <= set(said)
+    assert headings(done.stdout)[-1] == "Reporting:"
+
+
+def test_the_common_options_of_a_long_list_come_first() -> None:
+    said = invoke(["replay", "--help"], columns=80).stdout
+    found = headings(said)
+    assert found[:6] == ["Common options:", "Inputs:", "Outputs:", "Options:", "Settings:", "Section logs of the settings:"]
+    common = said[said.index("Common options:") : said.index("Inputs:")]
+    first = [line.split()[0].rstrip(",") for line in common.splitlines() if line.startswith("  ") and line[2] != " "]
+    assert first[:3] == ["LOG", "--ensemble", "-o"]
+    assert set(first) == {
+        "LOG",
+        "--ensemble",
+        "-o",
+        "--goal",
+        "--config",
+        "--overwrite",
+        "--json",
+        "--start",
+        "--end",
+        "--region",
+        "--levels",
+    } | {
+        "--place-ensemble",
+        "--modes",
+    }
+    # a short list has no such heading
+    assert headings(invoke(["synthesize", "--help"]).stdout) == ["Outputs:", "Options:", "Reporting:"]
+
+
+def test_forms_choices_and_defaults_are_told() -> None:
+    said = " ".join(invoke(["twin", "--help"], columns=80).stdout.split())
+    assert "--vehicle vessel|glider A vessel surveys at random positions, a glider dives. [default: vessel]" in said
+    assert "--pings COUNT Number of ADCP pings. [default: 450]" in said
+    assert "--noise NUMBER Standard deviation of each velocity component of a bin [m/s]. [default: 0.09]" in said
+    assert "--truth FILE[#member] The current that the vehicle moves in. [required]" in said
+    assert "--changing The current changes" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "begin"),
+    [
+        ([], 2, "Usage: replay-kit COMMAND [OPTIONS]\n"),
+        (["-h"], 0, "Usage: replay-kit COMMAND [OPTIONS]\n"),
+        (["experiment"], 2, "Usage: replay-kit experiment COMMAND [OPTIONS]\n"),
+        (["experiment", "dives", "-h"], 0, "Usage: replay-kit experiment dives LOG... --ensemble FILE [OPTIONS]\n"),
+        (["--help", "qc", "a.mcap"], 0, "Usage: replay-kit qc LOG... [OPTIONS]\n"),
+    ],
+)
+def test_help_is_shown_wherever_it_is_asked_for(arguments, code, begin) -> None:
+    done = invoke(arguments)
+    assert (done.exit_code, done.stderr) == (code, "")
+    assert done.stdout.startswith(begin)

@@ -1,0 +1,123 @@
+"""What the command line says of the mistakes that are made most, word by word."""
+
+import pytest
+import xarray as xr
+
+from replay_kit.config.run import RunConfig
+from tests.command import invoke
+from tests.workflows.replay.interrupted import make_ocean
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory):
+    folder = make_ocean(tmp_path_factory.mktemp("ocean"), RunConfig(), 12)
+    with xr.open_dataset(folder / "ensemble.nc", engine="h5netcdf") as opened:
+        moved = opened.load()
+    moved.assign_coords(lon=moved.lon + 10.0).to_netcdf(folder / "elsewhere.nc", engine="h5netcdf")
+    return folder
+
+
+def said(ocean, *more, ensemble="ensemble.nc", code=2):
+    """Return what a replay that is refused says."""
+    files = [str(ocean / "glider.mcap"), "--ensemble", str(ocean / ensemble), "-o", str(ocean / "never.mcap")]
+    done = invoke(["replay", *files, *more])
+    assert done.exit_code == code, done.output
+    assert not list(ocean.glob("never*"))
+    return done.stderr.removeprefix("replay-kit: ").removesuffix("\n")
+
+
+@pytest.mark.parametrize(
+    ("goal", "why"),
+    [
+        ("-61.8,16.1", "DEPTH is missing"),
+        ("-61.8", "LAT and DEPTH are missing"),
+        ("1,2,3,4", "4 numbers instead of 3"),
+        ("61.8W,16.1,300", "write -61.8 for 61.8W; west and south are negative"),
+        ("61.8,16.1 n,300", "write 16.1 for 16.1 n; west and south are negative"),
+        ("61.8,16.1S,300", "write -16.1 for 16.1S; west and south are negative"),
+        ("61.8,,300", "'' is no finite number"),
+        ("61.8,nan,300", "'nan' is no finite number"),
+        ("-40.1,152.8,300", "the latitude 152.8 is outside -90..90; did you mean --goal=152.8,-40.1,300?"),
+        ("-40.1,-90.5,3", "the latitude -90.5 is outside -90..90; did you mean --goal=-90.5,-40.1,3?"),
+        ("100,152.8,300", "the latitude 152.8 is outside -90..90; give a place on the Earth"),
+    ],
+)
+def test_what_is_wrong_with_a_place(ocean, goal, why) -> None:
+    assert said(ocean, f"--goal={goal}") == f"--goal: expected LON,LAT,DEPTH, got '{goal}': {why}"
+
+
+def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, tmp_path) -> None:
+    with xr.open_dataset(ocean / "ensemble.nc", engine="h5netcdf") as opened:
+        near = opened.load()
+    near.assign_coords(lon=near.lon - 90.0).to_netcdf(tmp_path / "near.nc", engine="h5netcdf")
+    answer = said(ocean, "--goal=-39.8,62.2,100", ensemble=tmp_path / "near.nc", code=3)
+    assert "goal at -39.80000, 62.20000, 100 m is outside the forecast's region" in answer
+    assert "did you mean 62.2,-39.8,100? Longitude is the first number" in answer
+    # one that is in the region neither way
+    answer = said(ocean, "--goal=-30,62.2,100", ensemble=tmp_path / "near.nc", code=3)
+    assert "choose a place inside it or a forecast that covers it" in answer
+
+
+def test_a_goal_outside_is_told_from_a_log_outside(ocean) -> None:
+    answer = said(ocean, "--goal=10,-40,100", code=3)
+    assert answer.startswith("goal at 10.00000, -40.00000, 100 m is outside the forecast's region (west, south, east, north: 1")
+    assert answer.endswith("); choose a place inside it or a forecast that covers it")
+    answer = said(ocean, "--goal=152.2,-39.8,100", ensemble="elsewhere.nc", code=3)
+    assert "; choose a place inside it or a forecast that covers it. The whole log lies outside it too, in 152." in answer
+    assert answer.endswith(" N: use an ensemble of that place, or --place-ensemble for a study")
+
+
+def test_a_time_span_without_messages_is_told_that_of_the_log(ocean) -> None:
+    span = "2018-11-16T00:00:00Z to "
+    after = said(ocean, "--start", "2019-01-01")
+    assert after.startswith(f"--start 2019-01-01: no message lies there; the log spans {span}2018-11-16T0")
+    before = said(ocean, "--start", "2018-01-01", "--end", "2018-11-15")
+    assert before.startswith(f"--start 2018-01-01 and --end 2018-11-15: no message lies there; the log spans {span}")
+
+
+def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text("[planner]\nspeed = 0.3\n")
+    wrong = "'logs.start': 'yesterday' is no time; write ISO 8601 UTC such as 2018-11-16T00:00:00Z"
+    assert said(ocean, "--start", "yesterday") == f"options: {wrong}"
+    assert said(ocean, "--start", "yesterday", "--config", str(path)) == f"options: {wrong}"
+    path.write_text("[planner]\nspeed = -1.0\n[logs]\nstart = 'yesterday'\n")
+    speed = "'planner.speed': Input should be greater than 0, got -1.0"
+    assert said(ocean, "--config", str(path)) == f"{path}: {wrong}; {speed}"
+    assert said(ocean, "--config", str(path), "--start", "2018-11-16", "--planner.depth=0") == (
+        f"{path}: {speed}; options: 'planner.depth': Input should be greater than 0, got '0'"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("[planner]\nspeed = 0.3\nspeed = 0.4\n", "line 3: the key 'speed' stands twice; keep one"),
+        ("[planner]\nspeed = 0.3\n[planner]\ndepth = 4\n", "line 3: the table [planner] stands twice; keep one"),
+        ("[planner\n", "not TOML: Expected ']' at the end of a table declaration (at line 1, column 9)"),
+    ],
+)
+def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text(text)
+    assert said(ocean, "--config", str(path)) == f"{path}: {why}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--ensemble", "e.nc", "replay", "a.mcap"], "--ensemble: stands before the command; write replay-kit replay --ensemble ..."),
+        (["-q", "--json=x.json", "info", "a.mcap"], "--json=x.json: stands before the command; write replay-kit info --json=x.json ..."),
+        (["--noise", "1", "experiment", "dives"], "--noise: stands before the command; write replay-kit experiment dives --noise ..."),
+    ],
+)
+def test_an_option_before_the_command_is_told_its_place(arguments, words) -> None:
+    done = invoke(arguments)
+    assert (done.exit_code, done.stderr) == (2, f"replay-kit: {words}\n")
+
+
+def test_a_region_is_told_how_many_numbers_it_has() -> None:
+    done = invoke(["plan", "flow.nc", "--start=1,2,3", "--goal=1,2,3", "--angles", "15"])
+    assert done.stderr == "replay-kit: --angles: expected MIN,MAX, got '15': MAX is missing\n"
+    done = invoke(["plan", "flow.nc", "--start=1,2,3", "--goal=1,2,3", "--mooring", "5,2,1"])
+    assert done.stderr == "replay-kit: --mooring: expected RADIUS,HOURS, got '5,2,1': 3 numbers instead of 2\n"

@@ -1,0 +1,97 @@
+"""How much is printed, where a copy is kept, and how progress is shown."""
+
+import io
+import json
+import re
+import sys
+
+import pytest
+
+from replay_kit.cli import reporting
+from replay_kit.cli.console import FORMAT_VERSION, progress
+from replay_kit.core.errors import ConfigError
+from tests.command import invoke, run_command
+from tests.places import ROOT
+
+TRUTH = str(ROOT / "sample_logs" / "truth.nc")
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    made = tmp_path_factory.mktemp("log") / "survey.mcap"
+    assert invoke(["twin", "--truth", TRUTH, "--pings", "3", "-o", str(made), "-q"]).exit_code == 0
+    return str(made)
+
+
+@pytest.fixture(scope="module")
+def usual(log):
+    done = invoke(["info", log], columns=80)
+    assert done.exit_code == 0
+    return done.stdout
+
+
+@pytest.mark.parametrize(("before", "after"), [([], ["-q"]), (["-q"], []), (["--quiet"], ["-q"])])
+def test_quiet_prints_nothing_wherever_it_stands(log, before, after) -> None:
+    done = invoke([*before, "info", log, *after])
+    assert (done.exit_code, done.output) == (0, "")
+
+
+def test_quiet_keeps_answers_that_are_asked_for_and_errors(log) -> None:
+    done = invoke(["info", log, "-q", "--json", "-"])
+    assert json.loads(done.stdout)["format_version"] == FORMAT_VERSION == 2
+    assert done.stderr == ""
+    assert "no such file" in invoke(["-q", "info", "absent.mcap"]).stderr
+
+
+def test_a_log_keeps_what_is_printed_with_the_time(log, usual, tmp_path) -> None:
+    for more in ([], ["-q"]):
+        assert invoke(["--log", str(tmp_path / "a.log"), "info", log, *more], columns=80).exit_code == 0
+    run_command(tmp_path, ["info", "absent.mcap", "--log", "a.log"])
+    lines = (tmp_path / "a.log").read_text().splitlines()
+    assert all(re.match(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\dZ .", line) for line in lines)
+    kept = [line[21:] for line in lines]
+    printed = [line.rstrip() for line in usual.splitlines() if line.strip()]
+    # the second run is added to the first
+    assert kept[: 2 * len(printed) + 4] == 2 * ["started", "reading", *printed]
+    assert kept[2 * len(printed) + 4] == "started"
+    assert kept[-1].startswith("ERROR: absent.mcap: expected a log, there is no such file")
+
+
+def test_a_log_is_no_other_file_of_the_command(log, tmp_path) -> None:
+    (tmp_path / "flight.log").write_bytes(b"precious")
+    done = run_command(tmp_path, ["info", "flight.log", "--log", "./flight.log"])
+    assert done.returncode == 2
+    assert done.stderr == "replay-kit: --log: 'flight.log' is another file of this command; choose another name\n"
+    assert (tmp_path / "flight.log").read_bytes() == b"precious"
+    done = run_command(tmp_path, ["info", log, "--log", "absent/a.log"])
+    assert done.stderr == "replay-kit: --log: cannot write 'absent/a.log': No such file or directory; choose another file\n"
+    assert "--log: expected the name of a file that ends in one of .log, .txt" in run_command(tmp_path, ["info", log, "--log", log]).stderr
+
+
+def test_one_run_does_not_report_as_the_one_before(log, tmp_path) -> None:
+    invoke(["info", log, "-q", "-v"])
+    assert reporting.current() == reporting.Reporting(quiet=True, verbose=True)
+    invoke(["--version"])
+    assert reporting.current() == reporting.Reporting()
+    with pytest.raises(ConfigError):
+        reporting.begin(reporting.Reporting(log=tmp_path))
+    assert reporting.current().log is None
+
+
+def test_a_terminal_is_shown_the_stages_and_a_pipe_nothing(monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(reporting, "_CURRENT", reporting.ContextVar("own", default=reporting.Reporting(log=tmp_path / "a.log")))
+    for stream in (Terminal(), io.StringIO()):
+        monkeypatch.setattr(sys, "stderr", stream)
+        with progress() as advance:
+            advance(0, 0, "computing the basis")
+            for k in range(5):
+                advance(k, 4, f"planning: try {k}")
+        shown = stream.getvalue()
+        assert ("computing the basis" in shown, "planning: try 4" in shown, "100 %" in shown) == (stream.isatty(),) * 3
+    # a stage once, without its details
+    assert [line[21:] for line in (tmp_path / "a.log").read_text().splitlines()] == 2 * ["computing the basis", "planning"]

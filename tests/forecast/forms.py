@@ -1,0 +1,117 @@
+"""One known field in the forms in which producers write theirs; a form is a dataset, or several files' datasets."""
+
+import numpy as np
+import xarray as xr
+
+LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
+N_MEMBERS = 3
+PACKING = 0.00061037018951994385
+_CMEMS = {"standard_name": "eastward_sea_water_velocity"}, {"standard_name": "northward_sea_water_velocity"}
+
+
+def truth(longitude, latitude, depth, member=0):
+    """East and north component [m/s] at points, smooth and different for each member."""
+    x, y = 0.9 * np.asarray(longitude), 0.9 * np.asarray(latitude)
+    decay = np.exp(-np.asarray(depth) / (200.0 + 60.0 * member))
+    east = (0.25 * np.sin(x + 0.4 * member) * np.cos(y) + 0.05) * decay
+    north = (0.2 * np.cos(x - y + 0.7 * member) - 0.03 * member) * decay
+    return east, north
+
+
+def regular(longitude, latitude, levels=LEVELS):
+    """Components of all members on a separable grid, shape (E, Z, J, I)."""
+    x, y = np.meshgrid(longitude, latitude)
+    fields = [truth(x, y, levels[:, None, None], member) for member in range(N_MEMBERS)]
+    return np.stack([field[0] for field in fields]), np.stack([field[1] for field in fields])
+
+
+def lonlat(west=10.0, south=40.0, shape=(7, 8), step=0.1):
+    return west + step * np.arange(shape[1]), south + step * np.arange(shape[0])
+
+
+def standard(u, v, longitude, latitude, names=("uo", "vo"), attrs=_CMEMS, levels=LEVELS):
+    """A file with members, depth, latitude and longitude."""
+    dims = ("member", "depth", "latitude", "longitude")
+    return xr.Dataset(
+        {name: (dims, part, {"units": "m s-1", **own}) for name, part, own in zip(names, (u, v), attrs, strict=True)},
+        {"depth": ("depth", levels, {"units": "m", "positive": "down"}), "latitude": latitude, "longitude": longitude},
+    )
+
+
+def rotated(angle_deg=44.0, shape=(14, 16), cell=0.05, centre=(5.0, 60.0)):
+    """Longitude and latitude at fractional indices of a grid turned against true east, and its angle there [radians]."""
+    turn = np.exp(1j * np.deg2rad(angle_deg))
+
+    def at(j, i):
+        place = ((i - shape[1] / 2) + 1j * (j - shape[0] / 2)) * cell * turn
+        latitude = centre[1] + place.imag
+        return centre[0] + place.real / np.cos(np.deg2rad(latitude)), latitude
+
+    return at
+
+
+def along_grid(at, j, i, depth, member):
+    """Components along the axes of a grid, which are found by differences over a thousandth of a cell, and true ones."""
+    longitude, latitude = at(j, i)
+    ahead = at(j, i + 1e-3)
+    angle = np.arctan2(ahead[1] - latitude, (ahead[0] - longitude) * np.cos(np.deg2rad(latitude)))
+    east, north = truth(longitude, latitude, depth, member)
+    turned = (east + 1j * north) * np.exp(-1j * angle)
+    return turned.real, turned.imag
+
+
+def roms(at, shape, member, transform=2, packed=False):
+    """A ROMS file at one time: C-grid, terrain-following levels, mask, land in a corner; packed without a fill value if asked."""
+    ny, nx = shape
+    s = (np.arange(40) + 0.5) / 40 - 1.0
+    c = (1.0 - np.cosh(3.0 * s)) / (np.cosh(3.0) - 1.0)
+    hc = 20.0
+
+    def depths(j, i):
+        h = 400.0 + 10.0 * np.asarray(i) + 0.0 * np.asarray(j)
+        zeta = 0.3 * np.sin(0.3 * np.asarray(j) + member)
+        s_, c_ = (axis.reshape(-1, *(1,) * h.ndim) for axis in (s, c))
+        if transform == 1:
+            z0 = hc * (s_ - c_) + c_ * h
+            return -(z0 + zeta * (1.0 + z0 / h)), h, zeta
+        return -(zeta + (zeta + h) * (hc * s_ + c_ * h) / (hc + h)), h, zeta
+
+    j, i = np.meshgrid(np.arange(ny, dtype=float), np.arange(nx, dtype=float), indexing="ij")
+    u = along_grid(at, j[:, 1:], i[:, 1:] - 0.5, depths(j[:, 1:], i[:, 1:] - 0.5)[0], member)[0]
+    v = along_grid(at, j[1:] - 0.5, i[1:], depths(j[1:] - 0.5, i[1:])[0], member)[1]
+    mask = np.ones(shape)
+    mask[:4, :5] = 0.0
+    mask_u, mask_v = mask[:, 1:] * mask[:, :-1], mask[1:] * mask[:-1]
+    longitude, latitude = at(j, i)
+    _, h, zeta = depths(j, i)
+    rho, time = ("eta_rho", "xi_rho"), "ocean_time"
+    ds = xr.Dataset(
+        {
+            "u": ((time, "s_rho", "eta_u", "xi_u"), (u * mask_u)[None], {"units": "meter second-1"}),
+            "v": ((time, "s_rho", "eta_v", "xi_v"), (v * mask_v)[None], {"units": "meter second-1"}),
+            "zeta": ((time, *rho), zeta[None]),
+            "h": (rho, h),
+            "mask_rho": (rho, mask),
+            "mask_u": (("eta_u", "xi_u"), mask_u),
+            "mask_v": (("eta_v", "xi_v"), mask_v),
+            "lon_rho": (rho, longitude),
+            "lat_rho": (rho, latitude),
+            # some writers give those of u the standard names too, and some leave them 0
+            "lon_u": (("eta_u", "xi_u"), 0.0 * longitude[:, 1:], {"standard_name": "longitude"}),
+            "lat_u": (("eta_u", "xi_u"), 0.0 * latitude[:, 1:], {"standard_name": "latitude"}),
+            "angle": (rho, np.full(shape, 0.5)),
+            "Cs_r": ("s_rho", c),
+            "hc": ((), hc),
+            "Vtransform": ((), transform),
+        },
+        {"s_rho": ("s_rho", s), time: (time, np.array(["2020-01-01"], "M8[ns]"))},
+    )
+    if packed:
+        for name in ("u", "v"):
+            # as NCO packs with a fill value that 16 bits cannot hold: land is 0, which stands for the offset
+            values = ds[name].values
+            numbers = np.where(values == 0.0, 0, np.round((values - 0.125) / 2e-5)).astype("i2")
+            attrs = {"units": "meter second-1", "scale_factor": 2e-5, "add_offset": 0.125}
+            ds[name] = xr.Variable(ds[name].dims, numbers, attrs)
+        ds = ds.drop_vars(["mask_rho", "mask_u", "mask_v"])
+    return ds, mask

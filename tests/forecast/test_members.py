@@ -1,0 +1,268 @@
+"""What a member is, and what comes of files that do not belong together."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.config.run import ForecastConfig, load_config
+from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.estimator import build_estimator
+from replay_kit.forecast import ensemble_files, read_ensemble, read_series
+from tests import synthetic
+from tests.forecast import forms
+from tests.forecast.forms import LEVELS
+from tests.forecast.test_forms import assert_comes_back, save
+from tests.places import DATA
+
+DAY = np.timedelta64(1, "D")
+
+
+def fields(n=3, folder=None, name="mem{:03d}.nc", **changed):
+    """Single-field files of the known field, one a member."""
+    longitude, latitude = changed.pop("at", forms.lonlat())
+    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude)
+    return [save(ds.isel(member=k % 3), folder / name.format(k)) for k in range(n)]
+
+
+def dated(ds, times):
+    return ds.expand_dims(time=np.array(times, "M8[ns]"))
+
+
+@pytest.mark.parametrize("rule", [None, "files", "files:mem0*(\\d+)", "files:mem\\d+"])
+@pytest.mark.parametrize("how", ["folder", "pattern", "names"])
+def test_a_file_a_member_by_folder_pattern_or_name(tmp_path, rule, how):
+    paths = fields(3, tmp_path, "mem{}.nc")
+    given = {"folder": [tmp_path], "pattern": [tmp_path / "mem*.nc"], "names": paths}[how]
+    read = read_ensemble(given, ForecastConfig(members=rule))
+    assert_comes_back(read, 1e-12)
+    assert read.members == ("mem0.nc", "mem1.nc", "mem2.nc")
+
+
+def test_numbers_in_names_count_and_do_not_sort_as_text(tmp_path):
+    names = [tmp_path / f"mem{k}.nc" for k in (1, 2, 10)]
+    for path, source in zip(names, fields(3, tmp_path, "x{}.nc"), strict=True):
+        source.rename(path)
+    assert ensemble_files([tmp_path]) == tuple(names)
+    assert_comes_back(read_ensemble(tmp_path, ForecastConfig()), 1e-12)
+
+
+@pytest.mark.parametrize("name", ["r{}i1p1f1_uv.nc", "ens0{}/uv.nc", "run{}/uv.nc", "a_m0{}.nc", "00{}iORCA.nc", "case{}.nc"])
+def test_usual_names_of_members(tmp_path, name):
+    for k in range(3):
+        (tmp_path / name.format(k)).parent.mkdir(exist_ok=True)
+    fields(3, tmp_path, name)
+    assert_comes_back(read_ensemble(tmp_path, ForecastConfig(members="files")), 1e-12)
+
+
+def test_files_of_u_and_v_without_member_names_are_paired_in_order(tmp_path):
+    longitude, latitude = forms.lonlat()
+    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude)
+    for k in range(3):
+        save(ds.isel(member=k)[["uo"]], tmp_path / f"{'abc'[k]}_uo.nc")
+        save(ds.isel(member=k)[["vo"]], tmp_path / f"{'abc'[k]}_vo.nc")
+    read = read_ensemble(tmp_path, ForecastConfig(members="files"))
+    assert_comes_back(read, 1e-12)
+    assert read.members == ("a_uo.nc + a_vo.nc", "b_uo.nc + b_vo.nc", "c_uo.nc + c_vo.nc")
+
+
+def test_members_of_one_file_at_times_of_another(tmp_path):
+    ds = synthetic.dataset()
+    for k in range(3):
+        parts = xr.concat([ds * (1.0 + k)], "time", data_vars="all", coords="minimal", compat="override", join="override")
+        parts["uo"].attrs, parts["vo"].attrs = ds["uo"].attrs, ds["vo"].attrs
+        save(parts.assign_coords(time=[np.datetime64("2020-01-01", "ns") + 2 * k * DAY]), tmp_path / f"day{k}.nc")
+    series = read_series(tmp_path, ForecastConfig())
+    assert [part.time_ns - series[0].time_ns for part in series] == [0, 2 * 86_400 * 10**9, 4 * 86_400 * 10**9]
+    for k, part in enumerate(series):
+        np.testing.assert_allclose(part.velocity, (1.0 + k) * synthetic.ensemble().velocity, atol=1e-14)
+    near = int(np.datetime64("2020-01-04T00:00", "ns").astype(np.int64) + 1)
+    np.testing.assert_array_equal(read_ensemble(tmp_path, ForecastConfig(), near_ns=near).velocity, series[2].velocity)
+
+
+def test_files_of_several_members_each_add_up(tmp_path):
+    ds = synthetic.dataset()
+    save(ds.isel(member=slice(0, 5)), tmp_path / "first.nc")
+    save(ds.isel(member=slice(5, 8)), tmp_path / "second.nc")
+    np.testing.assert_array_equal(read_ensemble(tmp_path, ForecastConfig()).velocity, synthetic.ensemble().velocity)
+
+
+def lagged(folder, runs=3, days=6):
+    """Forecasts started a day apart; the field of run r valid at day d is (1 + r) (1 + d) times the first member."""
+    one = synthetic.dataset().isel(member=0, drop=True)
+    for run in range(runs):
+        times = np.datetime64("2020-01-01", "ns") + (run + np.arange(days)) * DAY
+        parts = [one * (1.0 + run) * (1.0 + run + day) for day in range(days)]
+        ds = xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override", join="override")
+        for name in ("uo", "vo"):
+            ds[name].attrs = one[name].attrs
+        save(ds.assign_coords(time=times), folder / f"fc{run}.nc")
+
+
+def test_lagged_forecasts_valid_at_one_time(tmp_path):
+    lagged(tmp_path)
+    one = synthetic.ensemble().velocity[0]
+    read = read_ensemble(tmp_path, ForecastConfig(members="lags"))
+    # the last day that all hold is day 5 of the first
+    np.testing.assert_allclose(read.velocity, np.array([1.0, 2.0, 3.0])[:, None, None, None, None] * 6.0 * one, atol=1e-13)
+    assert str(np.datetime64(read.time_ns, "ns"))[:10] == "2020-01-06"
+    assert read.members[1] == "fc1.nc started 2020-01-02T00:00"
+    near = int(np.datetime64("2020-01-04", "ns").astype(np.int64))
+    np.testing.assert_allclose(read_ensemble(tmp_path, ForecastConfig(members="lags"), near_ns=near).velocity[2], 12.0 * one, atol=1e-13)
+    lagged(tmp_path, runs=2, days=1)
+    (tmp_path / "fc2.nc").unlink()
+    with pytest.raises(ForecastError, match=r"needs a time that all forecasts hold; they hold 2020-01-01T00:00: 2020-01-01T00:00Z to"):
+        read_ensemble(tmp_path, ForecastConfig(members="lags"))
+
+
+def test_fields_of_the_season_are_anomalies_about_the_forecast(tmp_path):
+    one = synthetic.dataset().isel(member=0, drop=True)
+    days = ["2018-01-10", "2018-07-01", "2019-01-25", "2019-02-20", "2020-01-02", "2020-01-15"]
+    parts = [one * factor for factor in (1.0, 50.0, 2.0, 50.0, 6.0, 10.0)]
+    ds = xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override", join="override")
+    for name in ("uo", "vo"):
+        ds[name].attrs = one[name].attrs
+    save(ds.assign_coords(time=np.array(days, "M8[ns]")), tmp_path / "archive.nc")
+    read = read_ensemble(tmp_path / "archive.nc", ForecastConfig(members="times:15d"))
+    unit = synthetic.ensemble().velocity[0]
+    np.testing.assert_allclose(read.velocity, np.array([8.0, 9.0, 13.0])[:, None, None, None, None] * unit, atol=1e-13)
+    assert "3 fields within 15 days" in read.notes[0]
+    assert read.members[0] == "archive.nc 2018-01-10T00:00Z, as an anomaly about 2020-01-15T00:00Z"
+    near = int(np.datetime64("2019-01-25", "ns").astype(np.int64))
+    assert read_ensemble(tmp_path / "archive.nc", ForecastConfig(members="times:16d"), near_ns=near).n_members == 2
+    with pytest.raises(ForecastError, match=r"1 fields lie within 3 days of the season of 2018-07-01|0 fields lie within 3 days"):
+        read_ensemble(tmp_path / "archive.nc", ForecastConfig(members="times:3d", time="2018-07-01"))
+
+
+@pytest.mark.parametrize("times", [1, 6])
+def test_models_lose_their_own_bias(tmp_path, times):
+    one = synthetic.dataset().isel(member=0, drop=True)
+    rng = np.random.default_rng(1)
+    factors = rng.normal(size=(2, times))
+    for model, bias in enumerate((0.0, 0.4)):
+        parts = [one * factor + bias for factor in factors[model]]
+        ds = xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override", join="override")
+        for name in ("uo", "vo"):
+            ds[name].attrs = one[name].attrs
+        save(ds.assign_coords(time=np.datetime64("2020-01-01", "ns") + np.arange(times) * DAY), tmp_path / f"{'ab'[model]}.nc")
+    read = read_ensemble([tmp_path / "a.nc", tmp_path / "b.nc"], ForecastConfig(members="models", time="2020-01-01"))
+    unit = synthetic.ensemble().velocity[0]
+    difference = read.velocity[1] - read.velocity[0]
+    if times > 1:
+        expected = (factors[1, 0] - factors[1].mean() - factors[0, 0] + factors[0].mean()) * unit
+    else:
+        mean = unit.mean(axis=(-2, -1), keepdims=True)
+        expected = (factors[1, 0] - factors[0, 0]) * (unit - mean)
+    # the bias lies along true axes, which turn by up to 0.16 degrees against the frame's
+    np.testing.assert_allclose(difference, expected, atol=1.2e-3 if times == 1 else 1e-12)
+    assert any(("over its times" if times > 1 else "over the region") in note for note in read.notes)
+
+
+def test_members_on_other_grids_and_levels_are_interpolated(tmp_path):
+    fields(1, tmp_path, "mem0.nc")
+    longitude, latitude = forms.lonlat(9.83, 39.81, (24, 26), 0.04)
+    levels = np.arange(0.0, 320.0, 10.0)
+    u, v = forms.regular(longitude, latitude, levels)
+    u[:, :, :8, :8] = np.nan
+    save(forms.standard(u, v, longitude, latitude, levels=levels).isel(member=1), tmp_path / "mem1.nc")
+    read = read_ensemble(tmp_path, ForecastConfig())
+    np.testing.assert_allclose(read.grid.levels, LEVELS)
+    wet = np.ones((7, 8), bool)
+    # dry nodes reach to 10.11 E and 40.09 N of the other grid; 40.1 N is a quarter of its cell farther
+    wet[:2, :2] = False
+    np.testing.assert_array_equal(read.grid.wet[0], wet)
+    assert_comes_back(read, 1.5e-3, n_members=2)
+    assert any("1 members were interpolated to the grid of the first" in note for note in read.notes)
+
+
+def test_copies_are_told_and_refused_where_there_is_nothing_else(tmp_path):
+    fields(4, tmp_path)
+    read = read_ensemble(tmp_path, ForecastConfig())
+    (note,) = (note for note in read.notes if "copies" in note)
+    assert note.startswith("WARNING: 1 members are copies of others, such as 'mem003.nc' and 'mem000.nc'")
+    with pytest.raises(ForecastError, match="all 2 members are the same; give members that differ"):
+        read_ensemble([tmp_path / "mem000.nc", tmp_path / "mem003.nc"], ForecastConfig())
+
+
+def test_speeds_of_no_current_are_told(tmp_path):
+    ds = synthetic.dataset()
+    for name in ("uo", "vo"):
+        ds[name] = (100.0 * ds[name]).assign_attrs(ds[name].attrs)
+    (note,) = read_ensemble(save(ds, tmp_path / "e.nc"), ForecastConfig()).notes
+    assert note.startswith("WARNING: currents of ")
+    assert "check the attribute units" in note
+
+
+def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
+    fields(3, tmp_path)
+    first = tmp_path / "mem000.nc"
+    with xr.open_dataset(first) as ds:
+        alone = save(ds[["uo"]].load(), tmp_path / "u1.nc")
+    with pytest.raises(ForecastError, match=r"u1\.nc: holds uo and no v; 1 files of u and 0 of v belong together.*: give a file of v"):
+        read_ensemble([first, alone], ForecastConfig(members="files"))
+    with pytest.raises(ForecastError, match=r"mem000\.nc: given twice"):
+        read_ensemble([first, first], ForecastConfig(members="files"))
+    with pytest.raises(ForecastError, match=r"nothing\*\.nc: no file matches this pattern"):
+        read_ensemble([tmp_path / "nothing*.nc"], ForecastConfig())
+    with pytest.raises(ForecastError, match=r"--members files:case\(\\d\) does not fit this file"):
+        read_ensemble([tmp_path / "mem*.nc"], ForecastConfig(members="files:case(\\d)"))
+    with pytest.raises(ForecastError, match=r"no member dimension; .*--members files: 2 files"):
+        read_ensemble([first.rename(tmp_path / "one.nc"), (tmp_path / "mem001.nc").rename(tmp_path / "two.nc")], ForecastConfig())
+    with pytest.raises(ForecastError, match=r"needs dated forecasts|needs dated fields"):
+        read_ensemble([tmp_path / "one.nc", tmp_path / "two.nc"], ForecastConfig(members="lags"))
+    with pytest.raises(ForecastError, match=r"--members suffix, but no variables differ by a suffix alone"):
+        read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="suffix"))
+    with pytest.raises(ForecastError, match=r"no member dimension cycle; expected one of"):
+        read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="dim:cycle"))
+    with pytest.raises(ConfigError, match="is no regular expression"):
+        read_ensemble([tmp_path / "one.nc"], ForecastConfig(members="files:mem("))
+    for wrong in ("times:fortnight", "time:3", "dim:", "suffixes", "xlags"):
+        with pytest.raises(ConfigError, match=rf"forecast\.members.*expected dim\[:NAME\], .*times:15d or models, got '{wrong}'"):
+            load_config(None, {"forecast": {"members": wrong}})
+    assert load_config(None, {"forecast": {"members": "times:2.5d"}}).forecast.members == "times:2.5d"
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ForecastError, match="the folder holds no NetCDF file"):
+        read_ensemble([tmp_path / "empty"], ForecastConfig())
+    (tmp_path / "empty" / "mem001.nc.analysis").write_bytes(b"")
+    with pytest.raises(ForecastError, match=r"holds results alone, such as mem001\.nc\.analysis"):
+        read_ensemble([tmp_path / "empty"], ForecastConfig())
+
+
+def test_other_times_of_u_and_v_are_refused(tmp_path):
+    longitude, latitude = forms.lonlat()
+    ds = forms.standard(*forms.regular(longitude, latitude), longitude, latitude).isel(member=0)
+    save(dated(ds[["uo"]], ["2020-01-01"]), tmp_path / "u.nc")
+    save(dated(ds[["vo"]], ["2020-01-02"]), tmp_path / "v.nc")
+    with pytest.raises(ForecastError, match=r"v\.nc: its times \(1 from 2020-01-02T.*\) are not those of .*u\.nc"):
+        read_ensemble(tmp_path, ForecastConfig(members="files"))
+
+
+@pytest.mark.parametrize("form", ["dim:time", "files", "suffix"])
+def test_natl_nemo_in_other_forms_gives_the_same_estimate(tmp_path, form):
+    source = DATA / "natl_nemo" / "ensemble.nc"
+    if not source.exists():
+        pytest.skip("the shared data are not on this machine")
+    with xr.open_dataset(source) as ds:
+        whole = ds.isel(member=slice(0, 12)).load()
+    plain = save(whole, tmp_path / "plain.nc")
+    folder = tmp_path / "form"
+    folder.mkdir()
+    if form == "files":
+        for k in range(12):
+            save(whole.isel(member=k, drop=True), folder / f"mem{k + 1:03d}.nc")
+    elif form == "dim:time":
+        times = np.datetime64("2000-01-01", "ns") + np.arange(12) * DAY
+        save(whole.drop_vars("member").rename(member="time").assign_coords(time=times), folder / "times.nc")
+    else:
+        members = {f"{name}_m{k}": whole[name].isel(member=k, drop=True) for k in range(12) for name in ("uo", "vo")}
+        save(xr.Dataset(members), folder / "suffix.nc")
+    flows = []
+    for path, rule in ((plain, None), (folder, form)):
+        config = load_config(None, {"forecast": {"members": rule, "levels": [0.0, 50.0]}, "estimator": {"modes": 8}})
+        ensemble = read_ensemble(path, config.forecast)
+        estimator = build_estimator(ensemble, config.estimator)
+        state = estimator.initial()
+        for observation in synthetic.random_profiles(ensemble.grid, 3):
+            state, _ = estimator.step(state, observation)
+        flows.append(estimator.flow(state).velocity(ensemble.grid.east[3:6, 4:9], ensemble.grid.north[3:6, 4:9], 20.0))
+    np.testing.assert_allclose(flows[1], flows[0], rtol=0.0, atol=1e-12)
+    assert np.abs(flows[0]).max() > 0.01

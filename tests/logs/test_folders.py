@@ -1,0 +1,97 @@
+"""Folders as logs: the parts of a ROS 2 bag, a glider's files, and readers that other packages register."""
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from replay_kit.core.errors import LogError
+from replay_kit.logs import open_log, open_logs, registry
+from replay_kit.logs.mcap.reader import McapReader
+from tests.logs.glider import glider_samples
+from tests.logs.log_samples import json_mcap
+from tests.places import DATA
+
+METADATA = """rosbag2_bagfile_information:
+  version: 5
+  relative_file_paths:
+    - {}
+    - "{}"
+  duration:
+    nanoseconds: 1
+"""
+
+
+def _bag(folder: Path) -> Path:
+    (folder / "metadata.yaml").write_text(METADATA.format("b_0.mcap", "b_1.mcap"))
+    for part in (0, 1):
+        (folder / f"b_{part}.mcap").write_bytes(json_mcap(range(10 * part, 10 * part + 10)))
+    (folder / "a_stray.mcap").write_bytes(json_mcap(range(3)))
+    return folder
+
+
+def test_a_bag_is_the_files_that_its_metadata_lists(tmp_path: Path) -> None:
+    logs = open_logs([_bag(tmp_path)])
+    assert [(Path(log.path).name, log.input, log.format) for log in logs] == [("b_0.mcap", 0, "mcap"), ("b_1.mcap", 1, "mcap")]
+    assert sum(len(list(log.messages())) for log in logs) == 20
+    with pytest.raises(LogError, match="expected a folder with one log, it holds 2"):
+        open_log(tmp_path)
+
+
+def test_a_bag_that_lacks_a_part_is_refused(tmp_path: Path) -> None:
+    (_bag(tmp_path) / "b_1.mcap").unlink()
+    with pytest.raises(LogError, match=r"expected the files of metadata\.yaml, missing: b_1\.mcap"):
+        open_logs([tmp_path])
+
+
+def test_a_compressed_part_says_how_to_unpack_it(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text(METADATA.format("b_0.mcap.zstd", "b_1.mcap"))
+    with pytest.raises(LogError, match=r"unpack it with: zstd -d b_0\.mcap\.zstd"):
+        open_logs([tmp_path])
+
+
+def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("x")
+    with pytest.raises(LogError, match=r"the folder holds notes\.txt; give the logs one by one"):
+        open_logs([tmp_path])
+
+
+def test_one_part_alone_is_a_log_with_the_input_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "b.mcap").write_bytes(json_mcap(range(5)))
+    log = open_log(tmp_path, 3)
+    assert (log.input, {message.input for message in log.messages()}) == (3, {3})
+
+
+def test_a_file_given_twice_stays_two_logs(tmp_path: Path) -> None:
+    path = glider_samples.bodc(tmp_path / "a.nc")
+    assert [log.input for log in open_logs([path, path])] == [0, 1]
+
+
+def test_profiles_of_two_missions_are_two_logs(tmp_path: Path) -> None:
+    raw = tmp_path / "raw"
+    first, second = glider_samples.seaexplorer(raw)
+    other = raw / "SEA063.23.gli.sub.1"
+    other.write_text(first.read_text())
+    assert [Path(log.path).name for log in open_logs([raw])] == [first.name, other.name]
+    assert len(open_logs([first, second])) == 1
+
+
+def open_plugin(path: Path, input: int, config: object, wanted: object) -> McapReader | None:
+    return McapReader(path, input) if path.suffix == ".dbd" else None
+
+
+def test_another_package_may_read_a_form_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint("slocum", "tests.logs.test_folders:open_plugin", registry.PLUGINS)
+    monkeypatch.setattr(registry, "entry_points", lambda group: [point] if group == "replay_kit.logs" else [])
+    for name in ("a.dbd", "a.xyz"):
+        (tmp_path / name).write_bytes(b"dbd_label: DBD_ASC")
+    assert isinstance(open_log(tmp_path / "a.dbd"), McapReader)
+    with pytest.raises(LogError, match="expected an MCAP file"):
+        open_log(tmp_path / "a.xyz")
+
+
+@pytest.mark.skipif(not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there")
+def test_a_folder_of_real_dives_is_one_log_a_dive() -> None:
+    logs = open_logs([DATA / "seaglider"])
+    assert len(logs) == 11
+    assert {log.format for log in logs} == {"seaglider"}

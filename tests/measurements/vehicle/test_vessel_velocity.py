@@ -1,0 +1,81 @@
+"""A vessel's velocity from its fixes, and its error against ordinary linear regression."""
+
+import numpy as np
+import pytest
+from scipy.stats import linregress
+
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Source, VehicleState
+from replay_kit.measurements.vehicle.vessel_velocity import append_fix, fixes_around, vessel_velocity, waits_until
+
+SECOND = 10**9
+HOME = Projection(152.0, -40.0)
+
+
+def track(since, east, north, home=HOME):
+    times = np.round(np.asarray(since) * SECOND).astype(np.int64).tolist()
+    places = zip(times, *(column.tolist() for column in to_geographic(home, east, north)), strict=True)
+    return tuple(VehicleState(time, x, y, 0.0, False, Source(0, "/fix", 0, time)) for time, x, y in places)
+
+
+@pytest.mark.parametrize("n", [3, 4, 11])
+def test_the_error_counts_the_degrees_of_freedom_of_two_lines(n):
+    rng = np.random.default_rng(n)
+    since = np.linspace(-10.0, 10.0, n)
+    east, north = 1.5 * since + 20.0 * rng.standard_normal(n), -0.7 * since + 20.0 * rng.standard_normal(n)
+    found = vessel_velocity(0, track(since, east, north))
+    lines = [linregress(since, component) for component in (east, north)]
+    np.testing.assert_allclose((found.east, found.north), [line.slope for line in lines], rtol=1e-4)
+    # one variance for both components: each line has n - 2 degrees of freedom, the two together twice as many
+    assert found.error_std == pytest.approx(np.sqrt(np.mean([line.stderr**2 for line in lines])), rel=1e-4)
+    assert found.source == "gps"
+
+
+def test_fixes_on_a_line_have_the_error_of_their_rounding():
+    since = np.arange(-5.0, 6.0)
+    found = vessel_velocity(0, track(since, 2.0 * since, 0.0 * since))
+    assert found.error_std == pytest.approx(0.5 / np.sqrt(since @ since), rel=1e-6)
+
+
+def test_the_velocity_is_the_slope_of_the_fixes_within_twenty_seconds():
+    rng = np.random.default_rng(3)
+    seconds = np.sort(rng.uniform(0.0, 300.0, 90))
+    place = seconds[:, None] * np.array([1.2, -0.4]) + rng.normal(0.0, 2.0, (90, 2))
+    fixes = track(seconds, place[:, 0], place[:, 1], Projection(20.0, 60.0))
+    velocity, error = [], []
+    for time in range(30, 300, 30):
+        found = vessel_velocity(time * SECOND, fixes)
+        near = np.abs(seconds - time) <= 20.0
+        np.testing.assert_allclose((found.east, found.north), np.polyfit(seconds[near], place[near], 1)[0], atol=1e-3)
+        velocity.append((found.east, found.north))
+        error.append(found.error_std)
+    # nine tenths of the components lie within 1.65 of their stated errors, but for the scatter of eighteen
+    assert np.mean(np.abs(np.array(velocity) - [1.2, -0.4]) < 1.65 * np.array(error)[:, None]) >= 0.75
+
+
+@pytest.mark.parametrize(
+    ("since", "known"), [([-20, 0, 20], True), ([-21, 0, 20], False), ([-2, -1, 0], True), ([-3, -2, -1], False), ([1, 2, 3], False)]
+)
+def test_three_fixes_on_both_sides_are_needed(since, known):
+    away = np.array(since, np.float64)
+    assert (vessel_velocity(0, track(since, away, away)) is not None) == known
+
+
+def test_a_ping_waits_for_the_fixes_after_it_where_one_came_in_the_window_before():
+    fixes = track([-30, 0], *np.zeros((2, 2)))
+    assert waits_until(20 * SECOND, fixes) == 40 * SECOND
+    assert waits_until(20 * SECOND + 1, fixes) == 20 * SECOND + 1
+    assert waits_until(0, ()) == 0
+
+
+def test_fixes_are_kept_for_the_pings_that_the_next_one_releases():
+    kept = ()
+    for fix in track([0, 1, 1, 40, 41, 81], *np.zeros((2, 6))):
+        kept = append_fix(kept, fix)
+    # the last fix before 81 s is that of 41 s, less two windows of 20 s
+    assert [fix.time_ns // SECOND for fix in kept] == [40, 41, 81]
+    before, after = fixes_around(kept, 40 * SECOND)
+    assert (before.time_ns, after.time_ns) == (40 * SECOND, 41 * SECOND)
+    assert fixes_around(kept, 40 * SECOND - 1)[0] is None
+    assert fixes_around(kept, 81 * SECOND)[1] is None

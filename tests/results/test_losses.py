@@ -1,0 +1,101 @@
+"""What a damaged MCAP says of its losses, and what no checksum covers."""
+
+import struct
+from pathlib import Path
+
+import pytest
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType
+
+from replay_kit.core.message import Loss
+from replay_kit.logs import open_log
+from replay_kit.results.losses import loss_json, loss_words, unchecked_words
+from tests.logs.log_samples import SECOND, json_mcap
+from tests.logs.mcap.test_broken_mcap import numbers, read, record_offsets
+from tests.places import SAMPLES
+
+TIMES = [k * SECOND for k in range(1, 41)]
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_lost_chunk_is_counted_in_messages_and_time(tmp_path: Path, compression: CompressionType) -> None:
+    whole = json_mcap(TIMES, compression)
+    damaged = bytearray(whole)
+    damaged[record_offsets(whole, Opcode.CHUNK)[2] + 90] ^= 1
+    messages, report = read(tmp_path, bytes(damaged))
+    missing = sorted(set(range(40)) - set(numbers(messages)))
+    (loss,) = report.losses
+    assert loss.messages == len(missing) > 0
+    assert (loss.first_ns, loss.last_ns) == (TIMES[missing[0]], TIMES[missing[-1]])
+    assert f"{len(missing)} messages of 1970-01-01T" in loss_words(loss)
+
+
+def test_what_a_cut_took_is_said_to_be_unknown(tmp_path: Path) -> None:
+    whole = json_mcap(TIMES)
+    third = record_offsets(whole, Opcode.CHUNK)[2]
+    _, report = read(tmp_path, whole[: third + 150])
+    (loss,) = report.losses
+    assert loss.messages is None
+    assert loss_json(loss)["messages"] is None
+    assert loss.first_ns == TIMES[len(read(tmp_path, whole[:third])[0])]
+    assert "unknown number of messages" in loss_words(loss)
+
+
+def test_a_cut_after_the_last_message_lost_none(tmp_path: Path) -> None:
+    whole = json_mcap(TIMES)
+    _, report = read(tmp_path, whole[: record_offsets(whole, Opcode.DATA_END)[0]])
+    assert [loss.messages for loss in report.losses] == [0]
+
+
+def test_a_damaged_summary_is_not_believed(tmp_path: Path) -> None:
+    whole = bytearray(json_mcap(TIMES))
+    # the topic of the channel that the summary repeats
+    whole[whole.rindex(b"/a") + 1] ^= 2
+    whole[record_offsets(bytes(whole), Opcode.CHUNK)[0] + 90] ^= 1
+    messages, report = read(tmp_path, bytes(whole))
+    assert {message.topic for message in messages} <= {"/a", "/b"}
+    assert any("checksum of the summary" in loss.what for loss in report.losses)
+
+
+def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path: Path) -> None:
+    whole = json_mcap(TIMES)
+    chunks = record_offsets(whole, Opcode.CHUNK)
+    damaged = bytearray(whole[: record_offsets(whole, Opcode.DATA_END)[0]])
+    damaged[chunks[2] + 6] = 0xFF
+    messages, report = read(tmp_path, bytes(damaged))
+    assert numbers(messages) == list(range(40))
+    assert f"goes on at byte {chunks[3]}" in report.losses[0].what
+
+
+def test_what_no_checksum_covers_is_said(tmp_path: Path) -> None:
+    whole = json_mcap(TIMES, use_chunking=False)
+    assert unchecked_words(read(tmp_path, whole)[1]) == "messages outside chunks, without a checksum (40)"
+    assert unchecked_words(read(tmp_path, json_mcap(TIMES, use_chunking=False, data_crcs=True))[1]) == ""
+    without = bytearray(json_mcap(TIMES))
+    chunks = record_offsets(bytes(without), Opcode.CHUNK)
+    for chunk in chunks:
+        struct.pack_into("<I", without, chunk + 9 + 24, 0)
+    assert unchecked_words(read(tmp_path, bytes(without))[1]) == f"chunks without a checksum ({len(chunks)})"
+
+
+def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> None:
+    damaged = bytearray(json_mcap(TIMES))
+    chunk = record_offsets(bytes(damaged), Opcode.CHUNK)[1]
+    struct.pack_into("<I", damaged, chunk + 9 + 24, 0)
+    damaged[damaged.index(struct.pack("<Q", TIMES[8]), chunk + 60) + 7] ^= 0x40
+    messages, report = read(tmp_path, bytes(damaged))
+    assert numbers(messages) == [n for n in range(40) if n != 8]
+    assert [(loss.messages, "outside its chunk's" in loss.what) for loss in report.losses] == [(1, True)]
+
+
+def test_stamps_of_a_telemetry_log_are_not_covered() -> None:
+    reader = open_log(SAMPLES / "glider.tlog")
+    count = sum(1 for _ in reader.messages())
+    assert unchecked_words(reader.report()) == f"stamps of frames ({count})"
+
+
+def test_words_of_a_loss() -> None:
+    loss = Loss("cut", 10, 20, 3, 0, 1_500_000_000)
+    assert loss_words(loss) == "cut (20 bytes, from byte 10; 3 messages of 1970-01-01T00:00:00.000Z to 1970-01-01T00:00:01.500Z)"
+    assert loss_words(Loss("cut", 10, 20, 0, 0, 1)) == "cut (20 bytes, from byte 10; 0 messages)"
+    assert loss_json(Loss("cut", 10, 20, 0, 0, 2**70))["last"].startswith("2262")

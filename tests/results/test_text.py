@@ -1,0 +1,143 @@
+"""Tables of topics in a narrow terminal, and the codes of reasons."""
+
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow, print_summary, to_json
+from replay_kit.results.text import code_of, fold_names, folded, iso, not_used_lines, print_table, short_times
+
+DAY = 86_400 * 10**9
+# 2018-11-16
+START = 17_851 * DAY
+
+
+def printed(work, width: int = 80) -> list[str]:
+    said = io.StringIO()
+    work(Console(file=said, width=width))
+    return [line.rstrip() for line in said.getvalue().splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("names", "one"),
+    [
+        ([f"/glider42/adcp/cell_{k:02}" for k in range(1, 9)], "/glider42/adcp/cell_01 ... _08, 8 topics"),
+        (["/adcp1/status", "/adcp2/status"], "/adcp1/status ... p2/status, 2 topics"),
+        (["1", "2"], "1 ... 2, 2 topics"),
+        (["/a"], "/a"),
+    ],
+)
+def test_names_that_differ_in_a_number_are_one(names, one) -> None:
+    assert fold_names(names) == one
+
+
+def test_rows_fold_that_are_equal_but_for_one_number() -> None:
+    rows = [("/a1", "5"), ("/a2", "5"), ("/a3", "6"), ("/b3", "6"), ("/b4/c4", "6"), ("/b5/c5", "6"), ("/b5/c6", "6")]
+    assert folded(rows) == [
+        ("/a1 ... a2, 2 topics", "5"),
+        ("/a3", "6"),
+        ("/b3", "6"),
+        ("/b4/c4", "6"),
+        ("/b5/c5 ... c6, 2 topics", "6"),
+    ]
+    assert folded(rows, whole=True) == rows
+
+
+@pytest.mark.parametrize(
+    ("times", "short"),
+    [
+        ((START, START + DAY - 10**9, None), ["00:00:00", "23:59:59", ""]),
+        ((START, START + DAY), ["11-16 00:00", "11-17 00:00"]),
+        ((START, START + 60 * DAY), ["2018-11-16 00:00", "2019-01-15 00:00"]),
+        ((None, None), ["", ""]),
+    ],
+)
+def test_times_are_shown_without_what_they_share(times, short) -> None:
+    assert short_times(times) == short
+
+
+def test_a_time_is_iso_and_none_stays_none() -> None:
+    assert (iso(START), iso(None)) == ("2018-11-16T00:00:00Z", None)
+
+
+def test_a_table_keeps_names_and_folds_words_at_80_columns() -> None:
+    name, schema = "/vehicles/glider42/sensors/adcp/current", "marine_acoustic_msgs/msg/CurrentProfile"
+    lines = printed(lambda console: print_table(console, "Topics", ("topic", "schema", "n"), [(name, schema, "12"), ("/b", "x", "3")]))
+    assert lines[0] == "Topics"
+    assert max(map(len, lines)) <= 80
+    assert any(line.startswith(f"{name}  marine_acoustic_msgs") and line.endswith(" 12") for line in lines)
+    assert lines[-1].startswith("/b ")
+    assert lines[-1].endswith("   3")
+
+
+def test_a_name_wider_than_the_terminal_is_whole() -> None:
+    name = "/" + "0123456789" * 9
+    lines = printed(lambda console: print_table(console, None, ("topic", "n"), [(name, "12")]))
+    assert max(map(len, lines)) <= 80
+    assert "".join(line.removesuffix("12").strip() for line in lines[1:]) == name
+
+
+@pytest.mark.parametrize(
+    ("reason", "code"),
+    [
+        ("not asked for: of no use to the estimator, or outside the time span", "not_asked_for"),
+        ("later than the reorder window allows", "later_than_the_reorder_window_allows"),
+        ("GPS fix without time or position, or flagged bad (quality 3)", "gps_fix_without_time_or_position"),
+        ("of MAVLink system 7, where 1 counts", "of_mavlink_system"),
+        ("position in the frame 'earth', whose axes", "position_in_the_frame"),
+        ("no fix (status < 0)", "no_fix"),
+        ("12.5: -3", "other"),
+    ],
+)
+def test_a_code_has_no_numbers_and_no_details(reason, code) -> None:
+    assert code_of(reason) == code
+
+
+def test_topics_alike_share_a_line_unless_all_are_asked_for() -> None:
+    not_used = {"/a1": {"late": 2}, "/a2": {"late": 3}, "/b": {"late": 4, "empty": 1}}
+    assert list(not_used_lines(not_used, whole=False)) == ["Not used: 1 x /b: empty", "Not used: 9 x /a1 ... a2, 2 topics, /b: late"]
+    assert list(not_used_lines(not_used)) == [
+        "Not used: 2 x /a1: late",
+        "Not used: 3 x /a2: late",
+        "Not used: 4 x /b: late",
+        "Not used: 1 x /b: empty",
+    ]
+
+
+SUMMARY = ReplaySummary(
+    messages=tuple(TopicRow(f"/adcp/cell_{k}", 5, 3, 2, {"late: by 3 s": 2}) for k in (1, 2, 3)),
+    losses=(),
+    late=0,
+    profiles_used=4,
+    profiles_rejected=0,
+    bins_used=4,
+    bins_rejected={},
+    rms_before=0.1,
+    rms_after=0.1,
+    rms_prior=0.1,
+    nis_per_dof=1.0,
+    by_dive=tuple(
+        DiveRow(k, 1, bins, rms, 0.2, 1.0) for k, bins, rms in ((1, 1, 0.1), (2, 3, 0.3), (3, 0, math.nan), (4, 1, 0.2), (5, 1, 0.05))
+    ),
+)
+
+
+def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for() -> None:
+    few = printed(lambda console: print_summary(SUMMARY, console), 400)
+    # sqrt((1 x 0.1^2 + 3 x 0.3^2 + 0.2^2 + 0.05^2) / 6)
+    assert (
+        "Dives: 5; RMS innovation 23.18 cm/s predicted from earlier dives, 20.00 cm/s from the ensemble alone; "
+        "worst: 2 (30.00 cm/s), 4 (20.00 cm/s), 1 (10.00 cm/s); -v shows all"
+    ) in few
+    assert "/adcp/cell_1 ... _3, 3 topics     5     3        2" in few
+    assert "Not used: 6 x /adcp/cell_1 ... _3, 3 topics: late: by 3 s" in few
+    whole = printed(lambda console: print_summary(SUMMARY, console, verbose=True), 400)
+    assert not any("worst" in line for line in whole)
+    assert sum(line.startswith("/adcp/cell_") for line in whole) == 3
+    assert [line.split() for line in whole if line.split()[1:3] == ["1", "3"]] == [["2", "1", "3", "30.00", "20.00", "1.00"]]
+
+
+def test_reasons_have_codes_in_json() -> None:
+    assert to_json(SUMMARY)["messages"][0]["reasons"] == [{"code": "late", "reason": "late: by 3 s", "count": 2}]

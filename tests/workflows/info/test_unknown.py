@@ -1,0 +1,83 @@
+"""``info`` on what it does not know: what is missing, what it looks like, what to type next, and the mapping that makes it usable."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit.core.message import Message
+from replay_kit.logs.mcap.writer import write_mcap_log
+from tests.command import invoke
+from tests.logs.glider import glider_samples as made
+
+
+def _cells(path: Path) -> Path:
+    """A position, and a twist for each of two cells on topics of their own."""
+    fix = {"latitude": -40.0, "longitude": 152.0, "status": {"status": 0}}
+    messages = []
+    for k in range(5):
+        messages.append(Message(k * 10**9, "/gps", "sensor_msgs/msg/NavSatFix", fix, 0, 0))
+        for cell in (1, 2):
+            linear = {"x": 0.1 * cell, "y": -0.05, "z": 0.0}
+            payload = {"header": {"frame_id": "enu"}, "twist": {"linear": linear, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}}
+            messages.append(Message(k * 10**9, f"/adcp/cell_{cell}", "geometry_msgs/msg/TwistStamped", payload, 0, 0))
+    messages.append(Message(5 * 10**9, "/battery", "vendor.Battery", {"volts": 24.0}, 0, 0))
+    write_mcap_log(path, messages)
+    return path
+
+
+def test_topics_of_unknown_types_are_named_with_what_to_type(tmp_path):
+    log = _cells(tmp_path / "a.mcap")
+    said = invoke(["info", str(log)]).stdout
+    assert "Missing for a replay: profiles of the current, or mean currents of dives with their fixes" in said
+    for cell in (1, 2):
+        assert f"Unknown type: /adcp/cell_{cell} looks like a velocity" in said
+    assert "Unknown type: 1 more topics" in said
+    step = f"Next: replay-kit info {log} --suggest map.toml, correct map.toml, then replay-kit info {log} --config map.toml"
+    assert said.rstrip().endswith(step)
+
+
+def test_the_mapping_suggested_makes_the_cells_usable(tmp_path):
+    log, mapping = _cells(tmp_path / "a.mcap"), tmp_path / "map.toml"
+    assert invoke(["info", str(log), "--suggest", str(mapping)]).exit_code == 0
+    answer = tmp_path / "i.json"
+    arguments = ["info", str(log), "--config", str(mapping), "--json", str(answer), "--overwrite"]
+    assert invoke(arguments).exit_code == 0
+    assert json.loads(answer.read_text())["logs"][0]["profiles"] == 0
+    mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
+    done = invoke(arguments)
+    (found,) = json.loads(answer.read_text())["logs"]
+    assert (found["profiles"], found["bins"], found["missing"]) == (10, 10, "")
+    assert done.stdout.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble FORECAST.nc -o RESULT.mcap")
+
+
+def test_a_netcdf_file_of_no_known_dialect(tmp_path):
+    track = made.samples(600.0)
+    rows = {"t": track["time"], "lat": track["latitude"], "lon": track["longitude"], "u": np.full(10, 0.1), "v": np.full(10, 0.2)}
+    log = made.write(tmp_path / "lab.nc", {name: (("obs",), values, made.EPOCH if name == "t" else {}) for name, values in rows.items()})
+    said = invoke(["info", str(log)]).stdout
+    assert "each row over t is a message on netcdf/t, with lat, lon, u, v" in said
+    assert "Unknown type: netcdf/t looks like a velocity" in said
+    mapping = tmp_path / "map.toml"
+    assert invoke(["info", str(log), "--suggest", str(mapping)]).exit_code == 0
+    text = mapping.read_text()
+    assert 'reference = "unknown"' in text
+    mapping.write_text(text.replace('"unknown"', '"earth"'))
+    assert "10 profiles with 10 usable bins" in invoke(["info", str(log), "--config", str(mapping)]).stdout
+
+
+@pytest.mark.parametrize(("write", "ending"), [(made.bodc, "--ensemble FORECAST.nc -o RESULT.mcap"), (made.spray, "-o RESULT.mcap")])
+def test_a_gliders_log_is_ready_for_a_replay(tmp_path, write, ending):
+    said = invoke(["info", str(write(tmp_path / "a b.nc"))]).stdout
+    assert f"Next: replay-kit replay '{tmp_path / 'a b.nc'}'" in said
+    assert said.rstrip().endswith(ending)
+    assert "Use: replay: it has" in said
+
+
+def test_a_log_without_currents_says_what_to_add(tmp_path):
+    folder = tmp_path / "raw"
+    made.seaexplorer(folder)
+    said = invoke(["info", str(folder)]).stdout
+    assert said.rstrip().endswith(f"Next: replay-kit info {folder} ANOTHER_LOG, with the log of this mission that has what is missing")
+    assert "SeaExplorer raw: 2 files are one log" in said

@@ -1,0 +1,133 @@
+"""Gliders' files through the commands: what a replay makes of mean currents alone, and what is said of pings that are lost."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from replay_kit.core.message import LogReport, Message
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.workflows.replay.statistics import RunStatistics
+from tests import synthetic
+from tests.command import invoke
+from tests.logs.glider import glider_samples as made
+from tests.places import DATA
+
+FAST = ["--modes", "20", "--place-ensemble", "--overwrite", "--estimator.sample-share", "0.5", "--estimator.shift-distance", "0"]
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("ocean")
+    synthetic.dataset(seed=4, n_members=12, shape=(5, 5)).to_netcdf(folder / "E.nc", engine="h5netcdf")
+    return folder
+
+
+def replay(ocean: Path, *arguments: str | Path) -> tuple[dict, str]:
+    given = [*map(str, arguments), "--ensemble", str(ocean / "E.nc"), "-o", str(ocean / "out.mcap"), "--json", str(ocean / "out.json")]
+    done = invoke(["replay", *given, *FAST])
+    assert done.exit_code == 0, done.output
+    return json.loads((ocean / "out.json").read_text()), done.output
+
+
+def test_mean_currents_alone_estimate_a_field_and_say_so(ocean, tmp_path):
+    answer, said = replay(ocean, made.bodc(tmp_path / "a.nc"))
+    assert answer["observations"]["used"] == 2
+    assert "the estimate rests on 2 mean currents of dives and 0 drifts between fixes alone (measurements.use_drift = true adds" in said
+    assert answer["rms_innovation"]["after"] < answer["rms_innovation"]["prior"]
+    (tmp_path / "drift.toml").write_text("[measurements]\nuse_drift = true\n")
+    answer, said = replay(ocean, tmp_path / "a.nc", "--config", tmp_path / "drift.toml")
+    assert answer["observations"]["used"] == 3
+    assert "2 mean currents of dives and 1 drifts between fixes alone; how" in said
+
+
+def test_what_was_assumed_is_kept_in_the_result(ocean, tmp_path):
+    made.gliderdac(tmp_path / "profiles")
+    replay(ocean, tmp_path / "profiles")
+    with (ocean / "out.mcap").open("rb") as stream:
+        records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+    (kept,) = records["replay_kit.reading"].values()
+    assert "mean current: 118 values repeat 2 mean currents, each counted once" in kept
+
+
+def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
+    path = made.spray(tmp_path / "a.nc")
+    answer, _ = replay(ocean, path)
+    assert (answer["observations"]["used"], answer["observations"]["bins_used"]) == (2, 19)
+    done = invoke(["qc", str(path)])
+    assert done.exit_code == 0, done.output
+    done = invoke(["convert", str(path), "-o", str(tmp_path / "a.mcap")])
+    assert done.exit_code == 0, done.output
+    again, _ = replay(ocean, tmp_path / "a.mcap")
+    assert again["rms_innovation"] == answer["rms_innovation"]
+    done = invoke(["experiment", "dives", str(made.bodc(tmp_path / "b.nc")), "--ensemble", str(ocean / "E.nc"), "--place-ensemble"])
+    assert done.exit_code == 0, done.output
+    assert "dive" in done.stdout
+
+
+def test_qc_of_mean_currents_alone_says_what_they_are(tmp_path):
+    done = invoke(["qc", str(made.bodc(tmp_path / "b.nc"))])
+    assert done.exit_code == 3
+    assert "got mean currents alone, which a replay uses as they are" in done.output
+
+
+def _log(path: Path, reference: str | None, *, last_fix: float = 4000.0) -> Path:
+    """Ten pings of which the first is at a fix, and the others up to 3600 s later at the surface."""
+    ping = {
+        "coordinate_system": "earth",
+        "reference": reference,
+        "orientation": "down",
+        "n_cells": 3,
+        "cell_size": 30.0,
+        "bin0_distance": 30.0,
+        "velocity": [[0.1, 0.2, 0.0]] * 3,
+        "pressure": 0.0,
+        "transducer_depth": 0.0,
+    }
+    fixes = [
+        Message(round(t * 1e9), "/fix", "foxglove.LocationFix", {"longitude": 152.0 + 1e-5 * t, "latitude": -40.0}, 0, 0)
+        for t in (0.0, last_fix)
+    ]
+    pings = [Message(round(t * 1e9), "/adcp", "replay_kit.AdcpPing", ping, 0, 0) for t in np.linspace(1.0, 3600.0, 10)]
+    write_mcap_log(path, sorted([*fixes, *pings], key=lambda message: message.time_ns))
+    return path
+
+
+def test_a_summary_begins_with_the_pings_that_a_setting_would_keep(ocean, tmp_path):
+    answer, said = replay(ocean, _log(tmp_path / "a.mcap", "earth", last_fix=4500.0))
+    # of ten pings two are within 600 s of the first fix, and none of the last
+    lost = "8 of 10 pings on /adcp were not used: no position within 600 s; a larger measurements.position_max_age, or positions after"
+    assert answer["lost_pings"].startswith(lost)
+    assert said.startswith(f"MANY PINGS LOST: {lost}")
+    (tmp_path / "c.toml").write_text("[measurements]\nposition_max_age = 4000.0\n")
+    answer, said = replay(ocean, tmp_path / "a.mcap", "--config", tmp_path / "c.toml")
+    assert answer["lost_pings"] == ""
+    assert answer["observations"]["used"] == 10
+    assert "MANY PINGS LOST" not in said
+
+
+def test_an_unknown_reference_ends_with_the_line_to_set(ocean, tmp_path):
+    log = _log(tmp_path / "a.mcap", None)
+    done = invoke(["replay", str(log), "--ensemble", str(ocean / "E.nc"), "-o", str(tmp_path / "o.mcap"), *FAST])
+    assert done.exit_code == 3
+    assert "10 of 10 pings on /adcp were not used: ping: expected reference to be one of earth, platform, got none" in done.output
+    assert 'measurements.reference = "earth" or "platform", whichever the velocities are relative to, would keep them' in done.output
+
+
+@pytest.mark.skipif(not (DATA / "glider").is_dir(), reason="../shared/data/glider is not there")
+@pytest.mark.parametrize(("name", "used"), [("seagliderOG1_sg033_delayed.nc", 18), ("og1_sp028_20230202T1637_R.nc", 9)])
+def test_mean_currents_of_real_files_are_used(ocean, name, used):
+    answer, _ = replay(ocean, DATA / "glider" / name)
+    (dac,) = (row for row in answer["messages"] if row["topic"] == "/dac")
+    assert (dac["read"], dac["used"]) == (used, used)
+    assert answer["observations"]["used"] + answer["observations"]["rejected"] == used
+
+
+def test_a_note_that_several_logs_have_is_given_once():
+    def report(path, *notes):
+        return LogReport(path, "seaglider", {}, {}, (), notes=notes)
+
+    notes = RunStatistics().notes([report("a.nc", "feet", "miles"), report("b.nc", "feet")])
+    assert notes == ["2 logs: feet", "a.nc: miles"]
