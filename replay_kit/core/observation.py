@@ -105,6 +105,10 @@ class RawValues:
     digest: bytes = b""
 
 
+#: Of a ping that has too few of them.
+NO_RAW_VALUES = RawValues()
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observation:
     """One profile of the horizontal current: n bins under one position.
@@ -145,7 +149,7 @@ class Observation:
     common_std: float = 0.0
     correlation_depth: float = 0.0
     platform_velocity: tuple[float, float] | None = None
-    raw: RawValues = RawValues()
+    raw: RawValues = NO_RAW_VALUES
     position_std: float = 0.0
 
     def __repr__(self) -> str:

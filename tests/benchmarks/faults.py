@@ -10,12 +10,12 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
+from replay_kit.studies.twins.faults import Faults
 
 from replay_kit.config.run import ForecastConfig, LogConfig, MeasurementConfig
 from replay_kit.core.message import Message
@@ -23,18 +23,16 @@ from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.measurements import finish, initial_state, interpret
-from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import ConsistencyState, check
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds
-from replay_kit.studies.twins.faults import Faults
 from replay_kit.studies.twins.make import Options, make_twin
+from tests.benchmarks.fault_kinds import FAULTS, Edit, Fault
 from tests.places import ROOT
 
 _DATA = ROOT.parent / "shared" / "data"
 _SAMPLES = ROOT / "sample_logs"
-_SEEDS, _PINGS, _TINY_PINGS = 5, 200, 60
+_SEEDS, _PINGS, _TINY_PINGS = 5, 240, 60
 _PLATFORM_STD = 0.03
-Edit = Callable[[Iterator[Message]], Iterator[Message]]
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ class Log:
         ensemble: Speeds of the ensemble that goes with it.
         vehicle: ``vessel``, ``glider`` or ``seaglider``.
         heading: The same log made with a compass that is off, by degrees.
-        through_water: Not used by any of the logs.
+        config: How its messages become observations.
     """
 
     name: str
@@ -55,28 +53,7 @@ class Log:
     ensemble: EnsembleSpeeds
     vehicle: str
     heading: Mapping[int, Path]
-    config: MeasurementConfig = MeasurementConfig()
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A fault, and what may be found of it.
-
-    Attributes:
-        name: Of the fault.
-        edit: Makes it.
-        expected: Names of findings, any of which counts.
-        vehicles: Of the logs in which something can tell.
-        heading: Of the compass, where the twin makes the fault [degrees].
-        asked: Median number of pings of the prototype.
-    """
-
-    name: str
-    edit: Edit
-    expected: tuple[str, ...]
-    vehicles: tuple[str, ...]
-    asked: int
-    heading: int = 0
+    config: MeasurementConfig = field(default_factory=MeasurementConfig)
 
 
 def rows(tiny: bool) -> list[dict[str, Any]]:
@@ -107,7 +84,7 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
 
 
 def _blank(name: str) -> dict[str, Any]:
-    return {"name": name, "ours_s": 0.0, "peer": "none", "peer_s": None, "ratio": None, "asked": None, "error": {}}
+    return {"name": name, "ours_s": 0.0, "peer": "none", "peer_s": None, "ratio": None, "asked": None, "error": {}, "peak_mb": None}
 
 
 def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> dict[str, Any]:
@@ -116,7 +93,7 @@ def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> dict[str, Any
         "runs": len(runs),
         "share": len(hits) / len(runs),
         "median_pings": median(hits) if hits else math.nan,
-        "asked_pings": fault.asked,
+        "asked_pings": 2 * fault.asked,
         "otherwise": sum(bool(names) and not pings for names, pings in runs),
     }
 
@@ -172,17 +149,9 @@ def sound_logs(folder: Path, seed: int, tiny: bool) -> Iterator[Log]:
         ensemble = read_ensemble(path, ForecastConfig())
         speeds, truth = ensemble_speeds(ensemble.grid.levels, ensemble.velocity), read_truth(spec, ForecastConfig())
         for vehicle, moves in (("vessel", False), ("glider", False), ("glider", True)):
-            kind = f"{vehicle}{'-motion' if moves else ''}"
-
-            def made(heading: float, vehicle: Any = vehicle, moves: bool = moves, kind: str = kind, name: str = name, truth: Any = truth) -> Path:
-                out = folder / f"{name}-{kind}-{seed}-{heading:g}.mcap"
-                stated = {"reference": "platform", "platform_std": _PLATFORM_STD} if moves else {}
-                faults = Faults(heading_bias_deg=heading, **stated)  # type: ignore[arg-type]
-                make_twin(truth, vehicle, _TINY_PINGS if tiny else _PINGS, 0.09, seed, out, True, Options(faults))
-                return out
-
-            headings = (180,) if tiny else (30, 90, 180)
-            yield Log(f"{name} {kind}", (made(0.0),), speeds, vehicle, {angle: made(float(angle)) for angle in headings})
+            twin = _Twin(folder, f"{name}-{vehicle}{'-motion' * moves}-{seed}", truth, vehicle, moves, _TINY_PINGS if tiny else _PINGS)
+            headings = {angle: twin.made(seed, angle) for angle in ((180,) if tiny else (30, 90, 180))}
+            yield Log(twin.name, (twin.made(seed, 0),), speeds, vehicle, headings)
             if tiny and vehicle == "glider":
                 return
     if not seed and (dives := tuple(sorted((_DATA / "seaglider").glob("p1710*.nc")))):
@@ -190,116 +159,20 @@ def sound_logs(folder: Path, seed: int, tiny: bool) -> Iterator[Log]:
         yield Log("seaglider inverted", dives, speeds, "inverted", {})
 
 
-def _pings(change: Callable[[dict[str, Any], int], None]) -> Edit:
-    """Return a fault of pings: ``change`` alters a copy of a payload, given the ping's number."""
+@dataclass(frozen=True)
+class _Twin:
+    """A vehicle's log in a truth; ``moves`` is whether it states the platform's motion."""
 
-    def edit(messages: Iterator[Message]) -> Iterator[Message]:
-        number = 0
-        for message in messages:
-            if "velocity" in message.payload and "n_cells" in message.payload:
-                payload = dict(message.payload)
-                change(payload, number)
-                number += 1
-                message = message._replace(payload=payload)
-            yield message
+    folder: Path
+    name: str
+    truth: Any
+    vehicle: Any
+    moves: bool
+    pings: int
 
-    return edit
-
-
-def _velocity(matrix: Any) -> Edit:
-    turn = np.array(matrix, np.float64)
-
-    def change(payload: dict[str, Any], number: int) -> None:
-        payload["velocity"] = [
-            cell if cell is None or cell[0] is None or cell[1] is None else [*(turn @ np.array(cell[:2])).tolist(), *cell[2:]]
-            for cell in payload["velocity"]
-        ]
-        if isinstance(payload.get("platform_velocity"), Mapping):
-            moved = payload["platform_velocity"]
-            east, north = (turn @ np.array([moved["east"], moved["north"]])).tolist()
-            payload["platform_velocity"] = {**moved, "east": east, "north": north}
-
-    return _pings(change)
-
-
-def _values(value: Callable[[int, list[Any]], list[Any]]) -> Edit:
-    def change(payload: dict[str, Any], number: int) -> None:
-        payload["velocity"] = value(number, payload["velocity"])
-
-    return _pings(change)
-
-
-def _stale() -> Edit:
-    kept: list[Any] = []
-
-    def value(number: int, cells: list[Any]) -> list[Any]:
-        if number <= 10:
-            kept[:] = cells
-        return list(kept)
-
-    return _values(value)
-
-
-def _constant(cells: list[Any], value: float) -> list[Any]:
-    return [None if cell is None or cell[0] is None else [value, -value, *cell[2:]] for cell in cells]
-
-
-def _mean_current(matrix: Any) -> Edit:
-    turn = np.array(matrix, np.float64)
-
-    def edit(messages: Iterator[Message]) -> Iterator[Message]:
-        for message in messages:
-            if "dac_eastward" in message.payload:
-                east, north = (turn @ np.array([message.payload["dac_eastward"], message.payload["dac_northward"]])).tolist()
-                message = message._replace(payload={**message.payload, "dac_eastward": east, "dac_northward": north})
-            yield message
-
-    return edit
-
-
-def _frozen(messages: Iterator[Message]) -> Iterator[Message]:
-    place: dict[str, Any] = {}
-    for message in messages:
-        if "latitude" in message.payload and "longitude" in message.payload:
-            place = place or {name: message.payload[name] for name in ("latitude", "longitude")}
-            message = message._replace(payload={**message.payload, **place})
-        yield message
-
-
-def _depth_sign(payload: dict[str, Any], number: int) -> None:
-    payload["bin0_distance"], payload["cell_distances"] = -payload["bin0_distance"], None
-    n, size = payload["n_cells"], payload["cell_size"]
-    payload["cell_distances"] = [payload["bin0_distance"] - size * k for k in range(n)]
-    payload["pressure"] = -payload["pressure"]
-
-
-def _up(payload: dict[str, Any], number: int) -> None:
-    payload["orientation"] = "up"
-
-
-def _same(messages: Iterator[Message]) -> Iterator[Message]:
-    return messages
-
-
-_SWAP, _EAST, _NORTH, _BOTH = [[0, 1], [1, 0]], [[-1, 0], [0, 1]], [[1, 0], [0, -1]], [[-1, 0], [0, -1]]
-_TWINS, _DIRECTION = ("vessel", "glider"), (findings.CONTRADICTION, findings.COMPASS)
-FAULTS = (
-    Fault("all zero", _values(lambda number, cells: _constant(cells, 0.0)), (findings.DEAD,), _TWINS, 16),
-    Fault("constant", _values(lambda number, cells: _constant(cells, 0.123)), (findings.DEAD,), _TWINS, 16),
-    Fault("stale from ping 11", _stale(), (findings.DEAD,), _TWINS, 27),
-    Fault("heading off by 30 degrees", _same, _DIRECTION, _TWINS, 18, 30),
-    Fault("heading off by 90 degrees", _same, _DIRECTION, _TWINS, 18, 90),
-    Fault("heading off by 180 degrees", _same, _DIRECTION, _TWINS, 18, 180),
-    Fault("profiles: east and north exchanged", _velocity(_SWAP), _DIRECTION, ("glider",), 68),
-    Fault("profiles: sign of east", _velocity(_EAST), _DIRECTION, ("glider",), 68),
-    Fault("profiles: sign of north", _velocity(_NORTH), _DIRECTION, ("glider",), 68),
-    Fault("profiles: both signs", _velocity(_BOTH), _DIRECTION, ("glider",), 68),
-    Fault("mean currents: east and north exchanged", _mean_current(_SWAP), _DIRECTION, ("glider",), 68),
-    Fault("mean currents: both signs", _mean_current(_BOTH), _DIRECTION, ("glider",), 68),
-    Fault("cm/s", _velocity(100.0 * np.eye(2)), (findings.UNIT,), _TWINS, 30),
-    Fault("mm/s", _velocity(1000.0 * np.eye(2)), (findings.UNIT,), _TWINS, 30),
-    Fault("knots", _velocity(1.943844 * np.eye(2)), (findings.KNOTS,), ("glider",), 101),
-    Fault("sign of depth", _pings(_depth_sign), (findings.DEPTH,), _TWINS, 5),
-    Fault("up for down", _pings(_up), (findings.DEPTH,), _TWINS, 5),
-    Fault("frozen positions", _frozen, (findings.FROZEN,), ("glider",), 5),
-)
+    def made(self, seed: int, heading: int) -> Path:
+        """Return the log, with a compass that is off by some degrees."""
+        out, bias = self.folder / f"{self.name}-{heading}.mcap", float(heading)
+        faults = Faults("platform", _PLATFORM_STD, bias) if self.moves else Faults(heading_bias_deg=bias)
+        make_twin(self.truth, self.vehicle, self.pings, 0.09, seed, out, True, Options(faults))
+        return out

@@ -40,7 +40,7 @@ class Outputs(Answer):
     include_inputs: Annotated[bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")] = False
 
 
-@takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "planner", "output")
+@takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "consistency", "planner", "output")
 def replay(
     *logs: Log,
     inputs: Annotated[Inputs, TO_INPUTS],

@@ -56,6 +56,7 @@ class ConsistencyState:
         positions: The positions since the last one that differed.
         frozen_named: Whether a dead receiver was told.
         pings: Pings judged.
+        absolute_pings: Number of those that are not relative to a platform of unknown velocity.
         findings: What was found, in order.
     """
 
@@ -63,6 +64,7 @@ class ConsistencyState:
     positions: PositionRun = field(default_factory=PositionRun)
     frozen_named: bool = False
     pings: int = 0
+    absolute_pings: int = 0
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -80,7 +82,9 @@ class ConsistencyState:
         )
 
 
-def check(state: ConsistencyState, event: Input, ensemble: EnsembleSpeeds | None = None, through_water: bool = False) -> tuple[ConsistencyState, Input]:
+def check(
+    state: ConsistencyState, event: Input, ensemble: EnsembleSpeeds | None = None, through_water: bool = False
+) -> tuple[ConsistencyState, Input]:
     """Return the state after an event, and the event as it may be used: bins that must not be are flagged.
 
     Args:
@@ -100,7 +104,9 @@ def check(state: ConsistencyState, event: Input, ensemble: EnsembleSpeeds | None
 
 
 def _with(state: ConsistencyState, topic: str, instrument: Instrument, found: tuple[Finding, ...]) -> ConsistencyState:
-    return replace(state, instruments={**state.instruments, topic: instrument}, findings=state.findings + found)
+    return replace(
+        state, instruments={**state.instruments, topic: instrument}, findings=state.findings + found if found else state.findings
+    )
 
 
 def _after_position(state: ConsistencyState, vehicle: VehicleState) -> ConsistencyState:
@@ -129,7 +135,8 @@ def _after_ping(
     reason = Reason.DEAD if wrong else Reason.NONE
     if not instrument.is_believed or state.positions.is_frozen:
         reason |= Reason.INCONSISTENT
-    state = _with(replace(state, pings=state.pings + 1), topic, instrument, tuple(found))
+    absolute = state.absolute_pings + bool(np.isfinite(ping.common_std))
+    state = _with(replace(state, pings=state.pings + 1, absolute_pings=absolute), topic, instrument, tuple(found))
     return state, unused(ping, reason) if reason else ping
 
 

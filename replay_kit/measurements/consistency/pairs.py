@@ -106,7 +106,9 @@ class Pair(NamedTuple):
     def products(self) -> "_Sums":
         """Return the weighted products on which the likelihood ratio depends."""
         a, n, b, m, w = self
-        return _Sums(w, w * (a * a + n * n), w * (b * b + m * m), w * (a * b + n * m), w * (a * m - n * b), w * (a * b - n * m), w * (n * b + a * m))
+        return _Sums(
+            w, w * (a * a + n * n), w * (b * b + m * m), w * (a * b + n * m), w * (a * m - n * b), w * (a * b - n * m), w * (n * b + a * m)
+        )
 
 
 class _Sums(NamedTuple):
@@ -121,6 +123,9 @@ class _Sums(NamedTuple):
     mirror_sine: float
 
 
+_NO_SUMS = _Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class PairStatistics:
     """The latest pairs, and their sums of products.
@@ -128,11 +133,12 @@ class PairStatistics:
     Attributes:
         floor: Twice the variance of a component that is expected of a - b [m^2/s^2].
         pairs: Latest pairs, oldest first.
+        sums: Of their products.
     """
 
     floor: float
     pairs: tuple[Pair, ...] = ()
-    sums: _Sums = _Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sums: _Sums = _NO_SUMS
 
     def with_pair(self, pair: Pair) -> "PairStatistics":
         """Return the statistics with one more pair; the oldest is forgotten when there are many."""

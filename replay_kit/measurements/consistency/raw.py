@@ -13,7 +13,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.observation import RawValues
 
 # Fewer cells say little: a current meter's one value may repeat.
-_LEAST_CELLS = 3
+_LEAST_CELLS = 5
 # Pings with which one is compared, the pings judged together, and the share and the run of bad ones from which the instrument is named.
 _COMPARED, _WINDOW, _SHARE, _RUN = 16, 32, 0.25, 5
 _WORDS = {"zero": "all zero", "constant": "equal in all cells", "stale": "equal to an earlier ping's"}

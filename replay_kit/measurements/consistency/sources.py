@@ -2,8 +2,8 @@
 
 * ``current``: the mean of a dive's profiles within 100 m of the instrument, and the dive's mean current.
 * ``drift``: the same of the profiles about a drift at the surface.
-* ``vehicle``: the same profiles relative to the vehicle, in blocks of half an hour, and the mean current relative to it. Most of both is the
-  vehicle's motion through water, which shows a compass that is wrong where the current itself is weak, and also in relative profiles.
+* ``vehicle``: the same profiles relative to the vehicle, in blocks of half an hour, and the mean current relative to it. Most of both is
+  the vehicle's motion through water, which shows a compass that is wrong where the current itself is weak, and also in relative profiles.
 * ``motion``: changes of the relative velocity and of minus the platform's velocity from ping to ping: the current changes less than both.
 * ``track``: the platform's velocity as an instrument states it, and as the positions of the pings give it.
 
@@ -163,7 +163,7 @@ def track_velocity(first: NearMean, last: NearMean) -> Vector | None:
 
 
 def metres_per_degree(latitude: float) -> Vector:
-    """Return the lengths of a degree of longitude and of latitude on WGS84 [m]: exact enough for a velocity, and cheaper than a projection."""
+    """Return the lengths of a degree of longitude and of latitude on WGS84 [m]: exact enough for a velocity."""
     squared = 1.0 - _ECCENTRICITY_SQUARED * math.sin(math.radians(latitude)) ** 2
     across = _SEMI_MAJOR / math.sqrt(squared)
     along = across * (1.0 - _ECCENTRICITY_SQUARED) / squared

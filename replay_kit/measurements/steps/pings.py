@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from replay_kit.measurements.vehicle.vessel_velocity import waits_until
 
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
+_UNITS: Mapping[str | None, float] = MappingProxyType({"cm/s": 0.01, "mm/s": 0.001, "knots": 1852.0 / 3600.0})
 _INCOMPLETE = "part of an incomplete ping"
 _ALSO_INVERTED = "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
 _INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
@@ -90,9 +92,19 @@ def take_dvl(state: MeasurementState, stated: Dvl, source: Source, config: Measu
     return resolve_ping(state, ping, source, 1, config)
 
 
+def in_metres_per_second(ping: AdcpPing, unit: str | None) -> AdcpPing:
+    """Return a ping whose velocities are in a unit that its message does not state, with all of them in m/s.
+
+    Args:
+        ping: The ping; errors and the platform's velocity that it states are in m/s.
+        unit: As in ``MeasurementConfig.velocity_unit``; None for m/s.
+    """
+    return ping if unit in (None, "m/s") else replace(ping, velocity=ping.velocity * _UNITS[unit])
+
+
 def _take_payload(state: MeasurementState, payload: Mapping[str, Any], source: Source, n_messages: int, config: MeasurementConfig) -> Step:
     try:
-        ping = parse_ping(payload, config.reference)
+        ping = in_metres_per_second(parse_ping(payload, config.reference), config.velocity_unit)
         return resolve_ping(state, with_attitude(ping, state.orientation, source.time_ns), source, n_messages, config)
     except MeasurementError as error:
         return state, [Skipped(source.topic, str(error))] * n_messages

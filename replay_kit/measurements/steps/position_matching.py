@@ -14,7 +14,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Observation, RawValues, Source, VehicleState
+from replay_kit.core.observation import NO_RAW_VALUES, Observation, RawValues, Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
@@ -51,7 +51,7 @@ class WaitingPing:
     dive: int
     n_messages: int
     until_ns: int
-    raw: RawValues = RawValues()
+    raw: RawValues = NO_RAW_VALUES
     in_dive: bool = False
 
     def longest_wait(self, config: MeasurementConfig) -> float:
