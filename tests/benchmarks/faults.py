@@ -6,16 +6,13 @@ vehicle's motion. A row holds the runs of one fault: the share named as expected
 that names anything is a false alarm.
 """
 
-import math
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any
-
-from replay_kit.studies.twins.faults import Faults
 
 from replay_kit.config.run import ForecastConfig, LogConfig, MeasurementConfig
 from replay_kit.core.message import Message
@@ -25,7 +22,7 @@ from replay_kit.logs import merge, open_log
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.measurements.consistency.monitor import ConsistencyState, check
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds
-from replay_kit.studies.twins.make import Options, make_twin
+from replay_kit.studies.twins import Faults, Twin, make_twin
 from tests.benchmarks.fault_kinds import FAULTS, Edit, Fault
 from tests.places import ROOT
 
@@ -92,7 +89,7 @@ def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> dict[str, Any
     return _blank(fault.name) | {
         "runs": len(runs),
         "share": len(hits) / len(runs),
-        "median_pings": median(hits) if hits else math.nan,
+        "median_pings": median(hits) if hits else None,
         "asked_pings": 2 * fault.asked,
         "otherwise": sum(bool(names) and not pings for names, pings in runs),
     }
@@ -100,33 +97,22 @@ def _row(fault: Fault, runs: list[tuple[tuple[str, ...], int]]) -> dict[str, Any
 
 def named(log: Log, paths: tuple[Path, ...], fault: Fault) -> tuple[tuple[str, ...], int]:
     """Return the names of what was found in a log with a fault, and the pings until it was named as expected; 0 when it was not."""
-    at = 0
-
-    def watch(state: ConsistencyState) -> None:
-        nonlocal at
-        if not at and any(finding.name in fault.expected for finding in state.findings):
-            at = max(1, state.pings)
-
-    state = run(log, paths, fault.edit, log.ensemble, watch)
-    return tuple(finding.name for finding in state.findings), at
+    state = run(log, paths, fault.edit, log.ensemble, fault.expected)
+    names = tuple(finding.name for finding in state.findings)
+    return names, max(1, state.pings) if set(names) & set(fault.expected) else 0
 
 
-def run(
-    log: Log, paths: tuple[Path, ...], edit: Edit | None, ensemble: EnsembleSpeeds, watch: Callable[[ConsistencyState], None] | None = None
-) -> ConsistencyState:
-    """Return the state of the checks after a log."""
+def run(log: Log, paths: tuple[Path, ...], edit: Edit | None, ensemble: EnsembleSpeeds, until: tuple[str, ...] = ()) -> ConsistencyState:
+    """Return the state of the checks after a log, or as soon as one of some findings is there."""
     readers = [open_log(path, position, LogConfig()) for position, path in enumerate(paths)]
     messages: Iterator[Message] = iter(merge(readers, 1.0, None, None))
     state, measured = ConsistencyState(), initial_state()
     for message in edit(messages) if edit is not None else messages:
         measured, events = interpret(measured, message, log.config)
         state = _checked(state, events, ensemble)
-        if watch is not None and state.findings:
-            watch(state)
-    state = _checked(state, finish(measured, log.config), ensemble)
-    if watch is not None:
-        watch(state)
-    return state
+        if any(finding.name in until for finding in state.findings):
+            return state
+    return _checked(state, finish(measured, log.config), ensemble)
 
 
 def _checked(state: ConsistencyState, events: Iterable[object], ensemble: EnsembleSpeeds) -> ConsistencyState:
@@ -149,7 +135,7 @@ def sound_logs(folder: Path, seed: int, tiny: bool) -> Iterator[Log]:
         ensemble = read_ensemble(path, ForecastConfig())
         speeds, truth = ensemble_speeds(ensemble.grid.levels, ensemble.velocity), read_truth(spec, ForecastConfig())
         for vehicle, moves in (("vessel", False), ("glider", False), ("glider", True)):
-            twin = _Twin(folder, f"{name}-{vehicle}{'-motion' * moves}-{seed}", truth, vehicle, moves, _TINY_PINGS if tiny else _PINGS)
+            twin = _Voyage(folder, f"{name}-{vehicle}{'-motion' * moves}-{seed}", truth, vehicle, moves, _TINY_PINGS if tiny else _PINGS)
             headings = {angle: twin.made(seed, angle) for angle in ((180,) if tiny else (30, 90, 180))}
             yield Log(twin.name, (twin.made(seed, 0),), speeds, vehicle, headings)
             if tiny and vehicle == "glider":
@@ -160,7 +146,7 @@ def sound_logs(folder: Path, seed: int, tiny: bool) -> Iterator[Log]:
 
 
 @dataclass(frozen=True)
-class _Twin:
+class _Voyage:
     """A vehicle's log in a truth; ``moves`` is whether it states the platform's motion."""
 
     folder: Path
@@ -174,5 +160,5 @@ class _Twin:
         """Return the log, with a compass that is off by some degrees."""
         out, bias = self.folder / f"{self.name}-{heading}.mcap", float(heading)
         faults = Faults("platform", _PLATFORM_STD, bias) if self.moves else Faults(heading_bias_deg=bias)
-        make_twin(self.truth, self.vehicle, self.pings, 0.09, seed, out, True, Options(faults))
+        make_twin(self.truth, Twin(self.vehicle, self.pings, 0.09, seed, faults), out, True)
         return out
