@@ -1,7 +1,5 @@
 """The findings of the checks, in words: name, evidence, likely cause, what to set."""
 
-import math
-
 from replay_kit.core.finding import Finding
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
@@ -85,8 +83,8 @@ def unit(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
         UNIT if gross else KNOTS,
         mean.time_ns,
         f"{topic}: the profiles are {scale:.4g} times as fast as the {_SOURCE[mean.kind]} ({_strength(explanation)})",
-        f"the velocities are {explanation.map.name}",
-        f"state measurements.velocity_unit = {explanation.map.name.split()[1].rstrip(',')!r}, or check both sources",
+        f"the velocities are in {explanation.map.unit}, taken for m/s",
+        f'state measurements.velocity_unit = "{explanation.map.unit}", or check both sources',
         "unusable" if gross else "inconsistent",
     )
 
@@ -97,7 +95,7 @@ def contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Findi
     return Finding(
         CONTRADICTION,
         mean.time_ns,
-        f"profiles of {topic} and {other}: the profiles look {explanation.map.name} ({_strength(explanation)})",
+        f"profiles of {topic} and {other}: the profiles look {_names(explanation)} ({_strength(explanation)})",
         f"the axes or signs of the profiles, or those of the {other}",
         f"neither rejects the other any more; check the frame of both, and leave out the wrong one (measurements.use_dac, or {topic})",
     )
@@ -108,7 +106,7 @@ def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Fin
     return Finding(
         COMPASS,
         time_ns,
-        f"{topic}: {what}; relative to the vehicle the profiles look {explanation.map.name} ({_strength(explanation)})",
+        f"{topic}: {what}; relative to the vehicle the profiles look {_names(explanation)} ({_strength(explanation)})",
         "the compass, the sign of the heading or of the declination, or how the instrument is mounted",
         "its profiles are not used, the estimate is rebuilt without them; correct the heading or the mounting and replay again",
     )
@@ -138,6 +136,9 @@ def ensemble_contradicts(evidence: str) -> Finding:
     )
 
 
+def _names(explanation: Explanation) -> str:
+    return ", or ".join(each.name for each in (explanation.map, *explanation.alike))
+
+
 def _strength(explanation: Explanation) -> str:
-    odds = f"e^{explanation.gain:.0f}" if math.isfinite(explanation.gain) else "beyond all bounds"
-    return f"likelihood ratio {odds}, {100.0 * explanation.favoured:.0f} % of {explanation.pairs} pairs agree"
+    return f"likelihood ratio e^{explanation.gain:.0f}, {100.0 * explanation.favoured:.0f} % of {explanation.pairs} pairs agree"

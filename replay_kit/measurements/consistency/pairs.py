@@ -25,6 +25,8 @@ LEAST_GAIN = 9.0
 _MAJORITY = 2.0 / 3.0
 # Factor by which M must reduce the sum of squared differences.
 _LEAST_RATIO = 4.0
+# Maps whose gains differ by less are equally likely: a slip of axes or signs, or a turn, is then the likelier cause.
+_ALIKE = 3.0
 # Pairs remembered: what is correlated over a long log is not more evidence without end.
 _MOST_PAIRS = 128
 # degrees; smaller turns are biases of a compass, which the estimator can estimate, and not faults
@@ -43,12 +45,19 @@ class LinearMap:
         kind: ``turn``, ``mirror`` or ``unit``.
         angle: A turn's, clockwise [degrees]; a mirror's, twice that of its axis from east to north; 0 for a unit.
         scale: How many times too large the logged vectors are; 1 but for a unit.
+        unit: Its name; empty for a turn or a mirror.
     """
 
     name: str
     kind: str
     angle: int = 0
     scale: float = 1.0
+    unit: str = ""
+
+    @property
+    def is_slip(self) -> bool:
+        """Whether it is an exchange of axes or of signs."""
+        return self.angle == 180 or (self.kind == "mirror" and self.angle in _MIRRORS)
 
 
 @cache
@@ -56,7 +65,7 @@ def linear_maps() -> tuple[tuple[LinearMap, ...], Array]:
     """Return the maps examined, and their matrices, shape (m, 2, 2)."""
     turns = [LinearMap(_turn_name(angle), "turn", angle) for angle in range(_LEAST_TURN, 361 - _LEAST_TURN, _STEP)]
     mirrors = [LinearMap(_mirror_name(angle), "mirror", angle) for angle in range(0, 360, _STEP)]
-    units = [LinearMap(f"in {unit}, taken for m/s", "unit", scale=scale) for scale, unit in _SCALES]
+    units = [LinearMap(f"in {unit}", "unit", scale=scale, unit=unit) for scale, unit in _SCALES]
     maps = (*turns, *mirrors, *units)
     return maps, np.array([_matrix(each) for each in maps])
 
@@ -81,14 +90,18 @@ def _mirror_name(angle: int) -> str:
 class Explanation:
     """The map that explains pairs best, and by how much.
 
+    Pairs of nearly one direction cannot tell a turn from a mirror: of maps that explain them equally well the likelier cause is named.
+
     Attributes:
         map: What the first vectors of the pairs are.
+        alike: Slips that explain the pairs as well.
         gain: Log-likelihood ratio to equality.
         favoured: Share of the pairs that favour it.
         pairs: Number of pairs.
     """
 
     map: LinearMap
+    alike: tuple[LinearMap, ...]
     gain: float
     favoured: float
     pairs: int
@@ -168,24 +181,22 @@ class PairStatistics:
     def _as_logged(self) -> float:
         return max(self.sums.first + self.sums.second - 2.0 * self.sums.turn_cosine, 0.0) + self.floor
 
-    def _most_gain(self) -> float:
-        """Return a bound of the gain of every map, which costs little: that of the best turn or mirror, and of an exact unit."""
+    def _may_be_explained(self) -> bool:
+        """Return whether any map may halve the RMS difference: whether the best turn, mirror or scale does, which costs little to know."""
         sums = self.sums
         best = max(math.hypot(sums.turn_cosine, sums.turn_sine), math.hypot(sums.mirror_cosine, sums.mirror_sine))
-        isometry = max(sums.first + sums.second - 2.0 * best, 0.0) + self.floor
-        # the least |a / s - b|^2 over all s, with the least loss of density
-        parallel = sums.second - (sums.turn_cosine**2 / sums.first if sums.first > 0.0 else 0.0)
-        unit = (sums.count + 1.0) * math.log(self._as_logged / (max(parallel, 0.0) + self.floor)) - 2.0 * sums.count * math.log(KNOTS)
-        return max((sums.count + 1.0) * math.log(self._as_logged / isometry), unit)
+        scaled = sums.turn_cosine**2 / sums.first if sums.first > 0.0 else 0.0
+        least = min(sums.first - 2.0 * best, -scaled) + sums.second
+        return self._as_logged >= _LEAST_RATIO * (max(least, 0.0) + self.floor)
 
     def explanation(self, kinds: tuple[str, ...], least_pairs: int) -> Explanation | None:
         """Return the best map of some kinds, when it explains the pairs much better than equality; else None.
 
         Args:
-            kinds: Of maps.
+            kinds: Of maps, the likelier first.
             least_pairs: Number of pairs before which nothing is said.
         """
-        if len(self.pairs) < least_pairs or self._most_gain() < LEAST_GAIN:
+        if len(self.pairs) < least_pairs or not self._may_be_explained():
             return None
         (maps, matrices), gains = linear_maps(), self.gains()
         values = np.array(self.pairs)
@@ -193,7 +204,11 @@ class PairStatistics:
         misfit = np.sum((first @ matrices.swapaxes(1, 2) - second) ** 2, axis=2)
         favoured = (misfit < np.sum((first - second) ** 2, axis=1)) @ weight / weight.sum()
         allowed = np.array([each.kind in kinds for each in maps]) & (favoured >= _MAJORITY) & (self.ratios() >= _LEAST_RATIO)
-        best = int(np.argmax(np.where(allowed, gains, -np.inf)))
-        if not allowed[best] or gains[best] < LEAST_GAIN:
+        best = float(np.max(gains, initial=-np.inf, where=allowed))
+        if best < LEAST_GAIN:
             return None
-        return Explanation(maps[best], float(gains[best]), float(favoured[best]), len(self.pairs))
+        alike = [k for k in np.flatnonzero(allowed) if gains[k] > best - _ALIKE]
+        # turns before mirrors in the order of kinds asked for, and slips before any other
+        chosen = min(alike, key=lambda k: (not maps[k].is_slip, kinds.index(maps[k].kind), -gains[k]))
+        others = tuple(maps[k] for k in alike if k != chosen and maps[k].is_slip)
+        return Explanation(maps[chosen], others, float(gains[chosen]), float(favoured[chosen]), len(self.pairs))
