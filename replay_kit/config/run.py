@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
+from replay_kit.config.consistency import ConsistencyConfig
 from replay_kit.config.explain import explain, explain_syntax
 from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
 from replay_kit.config.mapping import TopicMap
@@ -117,6 +118,10 @@ class MeasurementConfig(_Section):
     max_speed: float = Field(default=5.0, gt=0.0, description="Largest velocity component of a bin that is used [m/s].")
     magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(
         default=None, description="Declination for pings with a magnetic heading that state none [degrees east]."
+    )
+    velocity_unit: Literal["m/s", "cm/s", "mm/s", "knots"] | None = Field(
+        default=None,
+        description="Unit of the velocities in pings whose message states m/s wrongly; stated, a log is used although its speeds are odd.",
     )
     quality: QualityConfig = Field(default_factory=QualityConfig)
 
@@ -239,6 +244,7 @@ class RunConfig(_Section):
     estimator: EstimatorConfig = Field(default_factory=EstimatorConfig)
     time: TimeConfig = Field(default_factory=TimeConfig)
     gating: GatingConfig = Field(default_factory=GatingConfig)
+    consistency: ConsistencyConfig = Field(default_factory=ConsistencyConfig)
     planner: PlannerConfig = Field(default_factory=PlannerConfig)
     output: OutputConfig = Field(default_factory=OutputConfig)
 

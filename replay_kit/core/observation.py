@@ -50,6 +50,8 @@ class Reason(IntFlag):
     AT_SURFACE = 1048576
     DUPLICATE = 2097152
     OUT_OF_ORDER = 4194304
+    DEAD = 8388608
+    INCONSISTENT = 16777216
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,23 @@ class Source:
     time_ns: int
 
 
+@dataclass(frozen=True, slots=True)
+class RawValues:
+    """What is remembered of a ping's velocities before any rotation.
+
+    Attributes:
+        kind: ``zero`` when all are zero, ``constant`` when all cells are equal, else ``varied``.
+        digest: Equal for equal velocities; empty with too few of them.
+    """
+
+    kind: Literal["varied", "constant", "zero"] = "varied"
+    digest: bytes = b""
+
+
+#: Of a ping that has too few of them.
+NO_RAW_VALUES = RawValues()
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observation:
     """One profile of the horizontal current: n bins under one position.
@@ -112,6 +131,7 @@ class Observation:
             independent ones.
         platform_velocity: True east and north [m/s], what was added to the velocity measured relative to the platform; None when
             it is not known, or when the instrument's log does not say.
+        raw: Of the velocities as the instrument gave them.
         position_std: Standard error of its place [m], interpolated between positions far apart in time; 0 for a place that is near one.
     """
 
@@ -129,6 +149,7 @@ class Observation:
     common_std: float = 0.0
     correlation_depth: float = 0.0
     platform_velocity: tuple[float, float] | None = None
+    raw: RawValues = NO_RAW_VALUES
     position_std: float = 0.0
 
     def __repr__(self) -> str:

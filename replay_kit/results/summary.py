@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from replay_kit.core.finding import Finding, finding_json
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
 from replay_kit.results.losses import loss_json, loss_words
 from replay_kit.results.summary_plan import outcomes_json, outcomes_sentence, plan_json, plan_sentence
 from replay_kit.results.text import coded, folded, not_used_lines, print_lines, print_table
+from replay_kit.results.verdict import verdict
 
+_STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
 # Dives that the summary names.
 _WORST = 3
 
@@ -104,6 +107,8 @@ class ReplaySummary:
         outcomes: Predicted surfacings with the actual ones.
         truth: Score against a truth, if one was given.
         notes: What the user should know.
+        findings: Contradictions in the inputs.
+        doubts: What the measurements cannot tell, and why the forecast may not fit.
         lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
     """
 
@@ -125,6 +130,8 @@ class ReplaySummary:
     outcomes: tuple[Outcome, ...] = ()
     truth: TruthScore | None = None
     notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    doubts: tuple[str, ...] = ()
     lost_pings: str = ""
 
     def __repr__(self) -> str:
@@ -132,9 +139,21 @@ class ReplaySummary:
         return "\n".join(_estimate_sentences(self))
 
     @property
+    def verdict(self) -> tuple[str, ...]:
+        """Share of the observations used, consistency, errors before and after, how far to trust the estimate; each a sentence."""
+        used, rms = (self.profiles_used, self.profiles_rejected), (self.rms_before, self.rms_after, self.rms_prior)
+        return verdict(used, self.lost_pings, self.findings, rms, (self.nis_per_dof, self.doubts))
+
+    @property
     def exit_code(self) -> int:
-        """4 when bytes, frames or late messages were lost, else 0."""
-        return 4 if self.losses or self.late else 0
+        """The first of ``exit_codes``, else 0."""
+        return next(iter(self.exit_codes), 0)
+
+    @property
+    def exit_codes(self) -> tuple[int, ...]:
+        """All that apply: 4 when bytes, frames or late messages were lost, 6 when the inputs contradict each other or themselves."""
+        lost, contradicted = self.losses or self.late, any(finding.severity != "warning" for finding in self.findings)
+        return (4,) * bool(lost) + (6,) * contradicted
 
 
 def to_json(summary: ReplaySummary) -> dict[str, Any]:
@@ -144,8 +163,11 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
         plan = {"status": "failed", "message": summary.plan_note}
     summary_json: dict[str, Any] = _plain(
         {
-            "status": "loss" if summary.exit_code == 4 else "done",
+            "status": _STATUS[summary.exit_code],
             "exit_code": summary.exit_code,
+            "exit_codes": list(summary.exit_codes),
+            "verdict": list(summary.verdict),
+            "consistency": [finding_json(finding) for finding in summary.findings],
             "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
             "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
             "late": summary.late,
@@ -210,8 +232,7 @@ def print_summary(summary: ReplaySummary, console: Console, verbose: bool = Fals
         console: Where to.
         verbose: Whether each topic and each dive has a row of its own.
     """
-    if summary.lost_pings:
-        print_lines(console, [f"MANY PINGS LOST: {summary.lost_pings}"])
+    print_lines(console, [f"Verdict: {'; '.join(summary.verdict)}", *(f"CONTRADICTION: {finding}" for finding in summary.findings)])
     rows = ((row.topic, str(row.read), str(row.used), str(row.skipped)) for row in summary.messages)
     print_table(console, "Messages", ("topic", "read", "used", "skipped"), folded(rows, verbose))
     print_lines(console, not_used_lines({row.topic: row.reasons for row in summary.messages}, verbose))

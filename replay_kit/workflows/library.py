@@ -69,9 +69,11 @@ def replay(
         if folder is not None:
             shutil.rmtree(folder)
         raise
-    if summary.exit_code:
+    if 4 in summary.exit_codes:
         lost = f"{len(summary.losses)} damaged parts of the logs, {summary.late} late messages"
         warnings.warn(f"lost: {lost}; result.summary.losses says what", stacklevel=2)
+    if 6 in summary.exit_codes:
+        warnings.warn("; ".join(map(str, summary.findings)), stacklevel=2)
     result = Result(file, summary)
     # the estimate is at hand, and need not be read back
     vars(result)["estimate"] = flow

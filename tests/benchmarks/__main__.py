@@ -8,11 +8,12 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, forecasts, logs, planners, scaling, start
+from tests.benchmarks import estimator, faults, forecasts, logs, planners, scaling, start
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "estimator": estimator.rows,
+    "faults": faults.rows,
     "forecasts": forecasts.rows,
     "logs": logs.rows,
     "planners": planners.rows,

@@ -41,7 +41,7 @@ class Outputs(Answer):
     report: Annotated[bool, flag("--report", "Write the result as a page for a browser too: its name with the ending .html.")] = False
 
 
-@takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "planner", "output")
+@takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "consistency", "planner", "output")
 def replay(
     *logs: Log,
     inputs: Annotated[Inputs, TO_INPUTS],

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation import Source, VehicleState
+from replay_kit.measurements.consistency.raw import raw_values
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame, assemble, is_complete
@@ -24,6 +26,7 @@ from replay_kit.measurements.vehicle.vessel_velocity import waits_until
 
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
+_UNITS: Mapping[str | None, float] = MappingProxyType({"cm/s": 0.01, "mm/s": 0.001, "knots": 1852.0 / 3600.0})
 _INCOMPLETE = "part of an incomplete ping"
 _ALSO_INVERTED = "its dive's computed profile has it; measurements.use_inverted = false uses this instead"
 _INVERTED = "computed from the dive's pings and mean current, which are used instead (measurements.use_inverted)"
@@ -89,9 +92,19 @@ def take_dvl(state: MeasurementState, stated: Dvl, source: Source, config: Measu
     return resolve_ping(state, ping, source, 1, config)
 
 
+def in_metres_per_second(ping: AdcpPing, unit: str | None) -> AdcpPing:
+    """Return a ping whose velocities are in a unit that its message does not state, with all of them in m/s.
+
+    Args:
+        ping: The ping; errors and the platform's velocity that it states are in m/s.
+        unit: As in ``MeasurementConfig.velocity_unit``; None for m/s.
+    """
+    return ping if unit in (None, "m/s") else replace(ping, velocity=ping.velocity * _UNITS[unit])
+
+
 def _take_payload(state: MeasurementState, payload: Mapping[str, Any], source: Source, n_messages: int, config: MeasurementConfig) -> Step:
     try:
-        ping = parse_ping(payload, config.reference)
+        ping = in_metres_per_second(parse_ping(payload, config.reference), config.velocity_unit)
         return resolve_ping(state, with_attitude(ping, state.orientation, source.time_ns), source, n_messages, config)
     except MeasurementError as error:
         return state, [Skipped(source.topic, str(error))] * n_messages
@@ -105,11 +118,12 @@ def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_mess
     Raises:
         MeasurementError: The ping does not say what turns its velocities to the earth's axes.
     """
+    raw = raw_values(ping.velocity)
     ping = with_bottom_track(ping, state.bottom, source.time_ns, config.max_speed)
     ping = earth_referenced(ping, config)
     absolute = ping.reference == "earth"
     until_ns = source.time_ns if absolute or state.submerged else waits_until(source.time_ns, state.track)
-    waiting = WaitingPing(ping, source, state.depth, 0, n_messages, until_ns)
+    waiting = WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, raw)
     if until_ns == source.time_ns and is_unwanted(ping, config):
         return state, refuse(waiting, RELATIVE)
     depth = depth_of_pressure(ping.pressure, state.latitude)

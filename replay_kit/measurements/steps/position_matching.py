@@ -14,7 +14,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Observation, Source, VehicleState
+from replay_kit.core.observation import NO_RAW_VALUES, Observation, RawValues, Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
@@ -41,6 +41,7 @@ class WaitingPing:
         dive: The dive it belongs to.
         n_messages: Messages that carried it: more than one in MAVLink.
         until_ns: When the fixes are there that give its place, and its platform's velocity [ns, UTC].
+        raw: Of its velocities before any rotation.
         in_dive: Whether the vehicle was in a dive, and a position before it is known.
     """
 
@@ -50,6 +51,7 @@ class WaitingPing:
     dive: int
     n_messages: int
     until_ns: int
+    raw: RawValues = NO_RAW_VALUES
     in_dive: bool = False
 
     def longest_wait(self, config: MeasurementConfig) -> float:
@@ -141,6 +143,7 @@ def observe(waiting: WaitingPing, before: VehicleState | None, after: VehicleSta
         common_std,
         ping.correlation_depth if ping.correlation_depth >= 0.0 else config.correlation_depth,
         platform_velocity,
+        raw=waiting.raw,
         position_std=position_std,
     )
     return [*[Used(source.topic)] * (waiting.n_messages - 1), Used(source.topic, found), observation]

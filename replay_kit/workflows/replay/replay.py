@@ -25,6 +25,7 @@ from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore, to_record
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
+from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
 from replay_kit.workflows.replay.inputs import (
     ReplayJob,
     check_goal,
@@ -133,6 +134,7 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progres
     with clock.stage("forecast"):
         forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
         ensemble = forecasts.ensemble
+        speeds = checked_speeds(ensemble, config)
         truth = open_truth(job, config, near_ns, ensemble)
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
@@ -145,7 +147,7 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progres
     metadata = {} if job.out is None else run_metadata(job.logs, ensemble_files(job.ensemble), ensemble, _options(job, prior_flow))
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
-    session = Session(estimator, ensemble.grid.levels, config, problem, clock)
+    session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
     return session, _Inputs(job, readers, forecasts, prior_flow, truth, metadata)
 
 
@@ -228,16 +230,20 @@ def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
 def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEstimate]:
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
     job, reports = inputs.job, [reader.report() for reader in inputs.readers]
-    session.statistics.require_usable(reports, inputs.forecasts.ensemble.grid)
+    if not session.monitoring.explains_no_profile:
+        session.statistics.require_usable(reports, inputs.forecasts.ensemble.grid)
     flow = session.conclude()
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
-    planning = session.planning
+    planning, (found, blind) = session.planning, conclusions(session.monitoring, session.statistics, session.config)
+    outside = tuple(note for note in inputs.forecasts.notes if "outside" in note)
     summary = replace(
         session.statistics.summary(reports),
         plan=None if planning.result is None else planning.result.plan,
         plan_note=planning.failure,
         outcomes=planning.outcomes,
         notes=tuple(notes),
+        findings=found,
+        doubts=blind + outside,
     )
     with session.clock.stage("write"):
         if session.writer is not None:

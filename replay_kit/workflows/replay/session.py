@@ -11,15 +11,18 @@ from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.finding import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.estimator import Estimator
 from replay_kit.measurements import Event
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
 from replay_kit.results import ResultWriter
-from replay_kit.workflows.replay import plans
+from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.build import flow_at
+from replay_kit.workflows.replay.consistency import Checked, MonitoringState
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
-from replay_kit.workflows.replay.outputs import Output, write
+from replay_kit.workflows.replay.outputs import LogWarning, Output, write
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.publishing import PublishingState, depth_slices, publish_step
 from replay_kit.workflows.replay.statistics import RunStatistics
@@ -38,6 +41,7 @@ class ReplayState:
         publishing: Of the depth slices.
         planning: Of the plans.
         statistics: What was counted.
+        monitoring: Of the consistency checks.
         last_ns: Time of the last message [ns, UTC].
     """
 
@@ -45,6 +49,7 @@ class ReplayState:
     publishing: PublishingState = field(default_factory=PublishingState)
     planning: PlanningState = field(default_factory=PlanningState)
     statistics: RunStatistics = field(default_factory=RunStatistics)
+    monitoring: MonitoringState = field(default_factory=MonitoringState)
     last_ns: int = 0
 
 
@@ -63,6 +68,7 @@ class Session:
         config: RunConfig,
         problem: PlanningProblem | None = None,
         clock: Stopwatch | None = None,
+        speeds: EnsembleSpeeds | None = None,
     ) -> None:
         """Begin with the prior.
 
@@ -72,8 +78,10 @@ class Session:
             config: The run's settings.
             problem: What to plan; None plans nothing.
             clock: Wall time of each stage so far; None for a new one.
+            speeds: Of the ensemble, with which those of the log are compared; None compares none.
         """
-        self.estimator = estimator
+        self.estimator = self._built = estimator
+        self._speeds = speeds
         self.config = config
         self.problem = problem
         self.writer: ResultWriter | None = None
@@ -91,22 +99,44 @@ class Session:
         """The states of all stages; None while observations wait, for which there is no state yet."""
         if self._buffer:
             return None
-        return ReplayState(self.estimation, self.publishing, self.planning, self.statistics, self.last_ns)
+        return ReplayState(self.estimation, self.publishing, self.planning, self.statistics, self.monitoring, self.last_ns)
 
     def restore(self, state: ReplayState) -> None:
         """Continue from a state."""
         self.estimation, self.publishing, self.planning = state.estimation, state.publishing, state.planning
-        self.statistics, self.last_ns = state.statistics, state.last_ns
+        self.statistics, self.monitoring, self.last_ns = state.statistics, state.monitoring, state.last_ns
+        self.estimator = consistency.trusting(self._built, self.monitoring)
 
     def take(self, events: Sequence[Event]) -> None:
         """Count the messages used and skipped, and assimilate positions and measurements as soon as a block of them is complete."""
         self.statistics = self.statistics.after_events(event for event in events if not isinstance(event, self._inputs))
-        for event in events:
+        for given in events:
+            event = self._monitored(given) if isinstance(given, Checked) else given
             if isinstance(event, self._inputs):
                 self._buffer.append(event)
                 self._n_observations += isinstance(event, Measurement)
                 if self._n_observations == self.estimator.block_size or len(self._buffer) == _BUFFERED:
                     self.assimilate_buffer()
+
+    def _monitored(self, event: Checked) -> Checked:
+        """Return an event as it may be used, after what it showed of the log was acted on."""
+        means = self.monitoring.means
+        with self.clock.stage("check"):
+            self.monitoring, event, found = consistency.monitor(self.monitoring, event, self.config, self._speeds)
+        if found:
+            self._act_on(found, means)
+        return event
+
+    def _act_on(self, found: Sequence[Finding], means: Sequence[PathMean]) -> None:
+        """Rebuild the estimate without an instrument that is not believed, and open the gate between sources that contradict each other."""
+        self.assimilate_buffer()
+        self.estimator = consistency.trusting(self._built, self.monitoring)
+        if consistency.is_distrusted(found):
+            prior, kept = self.estimator.initial(), list(means) if self.estimator.supports_path_means else []
+            with self.clock.stage("estimate"):
+                self.estimation, steps = assimilate(self.estimator, EstimationState(prior, prior), kept)
+            self.statistics = consistency.rebuilt(self.statistics, steps)
+        self._write(LogWarning(finding.since_ns, str(finding)) for finding in found)
 
     def assimilate_buffer(self) -> None:
         """Assimilate the observations that wait, then publish everything in the order of the log."""

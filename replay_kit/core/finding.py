@@ -1,0 +1,47 @@
+"""A contradiction in the inputs: what was found, since when, on what evidence, and what a person can do."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from replay_kit.core.text import time_text
+
+#: ``warning``: told and nothing else. ``inconsistent``: the run goes on without what is named. ``unusable``: the input cannot be used.
+Severity = Literal["warning", "inconsistent", "unusable"]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A contradiction.
+
+    Attributes:
+        name: What contradicts what, in a few words that are the same for all such findings.
+        since_ns: Time of the message with which it was established [ns, UTC]; 0 when it holds for the whole run.
+        evidence: The figures.
+        cause: The likely cause.
+        advice: What to check or set.
+        severity: What follows.
+    """
+
+    name: str
+    since_ns: int
+    evidence: str
+    cause: str
+    advice: str
+    severity: Severity = "inconsistent"
+
+    def __str__(self) -> str:
+        """Return it as a sentence."""
+        since = f" (since {time_text(self.since_ns)})" if self.since_ns else ""
+        return f"{self.name}{since}: {self.evidence}; likely cause: {self.cause}; {self.advice}"
+
+
+def finding_json(finding: Finding) -> dict[str, Any]:
+    """Return a finding for JSON; a time that is not known is null."""
+    return {
+        "name": finding.name,
+        "since": time_text(finding.since_ns) if finding.since_ns else None,
+        "evidence": finding.evidence,
+        "likely_cause": finding.cause,
+        "set": finding.advice,
+        "severity": finding.severity,
+    }

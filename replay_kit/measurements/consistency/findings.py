@@ -1,0 +1,144 @@
+"""The findings of the checks, in words: name, evidence, likely cause, what to set."""
+
+from replay_kit.core.finding import Finding
+from replay_kit.core.observation import Observation, PathMean
+from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
+from replay_kit.measurements.consistency.pairs import Explanation
+from replay_kit.measurements.consistency.raw import RawHistory
+from replay_kit.measurements.consistency.speeds import SpeedCounts
+
+DEAD = "dead or stale instrument"
+COMPASS = "compass or instrument turned"
+CONTRADICTION = "two sources of the current contradict each other"
+UNIT = "unit of the velocities"
+KNOTS = "velocities in knots"
+DEPTH = "depths above the surface"
+FROZEN = "frozen positions"
+ENSEMBLE_UNIT = "unit of the ensemble"
+ENSEMBLE = "log and ensemble contradict each other"
+#: After these the profiles of an instrument are not used, neither later ones nor those before.
+DISTRUSTED = frozenset({COMPASS, DEPTH})
+# Scale from which no slip but that of a unit explains a ratio.
+_GROSS = 8.0
+
+OF_MOTION = "changes of the measured velocity follow those of the platform's velocity"
+OF_TRACK = "the platform's stated velocity contradicts that of its positions"
+OF_VEHICLE = "relative to the vehicle, profiles contradict the mean currents of dives"
+_SOURCE = {"dac": "mean currents of dives", "drift": "drifts at the surface"}
+
+
+def dead(history: RawHistory, ping: Observation) -> Finding:
+    """Return the finding of raw values that no living instrument gives."""
+    return Finding(
+        DEAD,
+        ping.time_ns,
+        f"{ping.source.topic}: {history.evidence}",
+        "an instrument that is off or hangs, or a logger that repeats its last message",
+        "those profiles are not used; check the instrument's power and its logger",
+    )
+
+
+def wrong_depths(counts: DepthCounts, ping: Observation) -> Finding:
+    """Return the finding of bins above the surface."""
+    return Finding(
+        DEPTH,
+        ping.time_ns,
+        f"{ping.source.topic}: most bins of {counts.above} of {counts.pings} pings lie above the surface",
+        "the sign of depth, or an instrument that looks up and is read as looking down, or the other way round",
+        "its profiles are not used; check depth_positive and orientation of the mapping, or the ping's orientation",
+    )
+
+
+def frozen(run: PositionRun) -> Finding:
+    """Return the finding of a receiver that repeats its position."""
+    return Finding(
+        FROZEN,
+        run.last_ns,
+        f"{run.fixes} positions over {(run.last_ns - run.since_ns) * 1e-9:.0f} s are equal to the last digit "
+        f"while the vehicle moved between {run.shallowest:.0f} and {run.deepest:.0f} m",
+        "a receiver without a fix that repeats its last one",
+        "pings at such positions are not used; check the receiver, or give the dead-reckoned positions of the vehicle",
+    )
+
+
+def odd_speeds(counts: SpeedCounts, ping: Observation) -> Finding:
+    """Return the finding of speeds that no current explains."""
+    ratio = counts.ratio
+    words = f"{ratio:.3g} times as fast" if ratio > 1.0 else f"{1.0 / ratio:.3g} times as slow"
+    return Finding(
+        UNIT,
+        ping.time_ns,
+        f"{ping.source.topic}: {counts.pings} pings are {words} as the ensemble's currents",
+        "velocities in cm/s or mm/s that are taken for m/s, or an ensemble in another unit",
+        "state measurements.velocity_unit (m/s when the log is right), and check the ensemble's unit",
+        "unusable",
+    )
+
+
+def unit(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
+    """Return the finding of velocities in another unit than the mean currents'."""
+    scale = explanation.map.scale
+    gross = scale >= _GROSS
+    return Finding(
+        UNIT if gross else KNOTS,
+        mean.time_ns,
+        f"{topic}: the profiles are {scale:.4g} times as fast as the {_SOURCE[mean.kind]} ({_strength(explanation)})",
+        f"the velocities are in {explanation.map.unit}, taken for m/s",
+        f'state measurements.velocity_unit = "{explanation.map.unit}", or check both sources',
+        "unusable" if gross else "inconsistent",
+    )
+
+
+def contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
+    """Return the finding of two sources of which either may be wrong."""
+    other = _SOURCE[mean.kind]
+    return Finding(
+        CONTRADICTION,
+        mean.time_ns,
+        f"profiles of {topic} and {other}: the profiles look {_names(explanation)} ({_strength(explanation)})",
+        f"the axes or signs of the profiles, or those of the {other}",
+        f"neither rejects the other any more; check the frame of both, and leave out the wrong one (measurements.use_dac, or {topic})",
+    )
+
+
+def turned(explanation: Explanation, what: str, time_ns: int, topic: str) -> Finding:
+    """Return the finding of an instrument that is turned."""
+    return Finding(
+        COMPASS,
+        time_ns,
+        f"{topic}: {what}; relative to the vehicle the profiles look {_names(explanation)} ({_strength(explanation)})",
+        "the compass, the sign of the heading or of the declination, or how the instrument is mounted",
+        "its profiles are not used, the estimate is rebuilt without them; correct the heading or the mounting and replay again",
+    )
+
+
+def ensemble_unit(evidence: str, source: str) -> Finding:
+    """Return the finding of an ensemble whose speeds no ocean has."""
+    return Finding(
+        ENSEMBLE_UNIT,
+        0,
+        f"{source}: {evidence}",
+        "velocities in cm/s or knots that the file calls m/s",
+        'convert the ensemble and correct its units; consistency.on_failure = "ignore" takes it as it is',
+        "unusable",
+    )
+
+
+def ensemble_contradicts(evidence: str) -> Finding:
+    """Return the warning that a log and an ensemble do not fit."""
+    return Finding(
+        ENSEMBLE,
+        0,
+        evidence,
+        "an ensemble of another region or season, or errors of the profiles that are stated too small",
+        "nothing follows from it; replay-kit info --ensemble names faults of the log that would explain it",
+        "warning",
+    )
+
+
+def _names(explanation: Explanation) -> str:
+    return ", or ".join(each.name for each in (explanation.map, *explanation.alike))
+
+
+def _strength(explanation: Explanation) -> str:
+    return f"likelihood ratio e^{explanation.gain:.0f}, {100.0 * explanation.favoured:.0f} % of {explanation.pairs} pairs agree"

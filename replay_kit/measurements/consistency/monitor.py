@@ -1,0 +1,199 @@
+"""The checks of a log as it is read: a frozen state and an event in; the state, the event as it may be used, and what was found out.
+
+Nothing here looks ahead or at an estimate. An instrument is a topic, in
+all logs of a mission.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from replay_kit.core.finding import Finding
+from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
+from replay_kit.measurements.consistency.pairs import Explanation
+from replay_kit.measurements.consistency.raw import RawHistory
+from replay_kit.measurements.consistency.sources import SourceStatistics, near_mean
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, SpeedCounts
+
+# Pairs before which nothing is said: of mean currents, and of the platform's motion.
+_LEAST_MEANS, _LEAST_MOTIONS, _LEAST_UNITS = 3, 4, 1
+_ANY, _TURNED, _UNIT = ("turn", "mirror", "unit"), ("turn", "mirror"), ("unit",)
+
+Input = TypeVar("Input", VehicleState, Observation, PathMean)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instrument:
+    """What is remembered of one ADCP.
+
+    Attributes:
+        raw: Of its raw values.
+        depths: Of the depths of its bins.
+        sources: Of its profiles and other measurements of the current.
+        speeds: Of its speeds.
+        is_believed: Whether its profiles are used.
+        named: Names of what was found.
+    """
+
+    raw: RawHistory = field(default_factory=RawHistory)
+    depths: DepthCounts = field(default_factory=DepthCounts)
+    sources: SourceStatistics = field(default_factory=SourceStatistics)
+    speeds: SpeedCounts = field(default_factory=SpeedCounts)
+    is_believed: bool = True
+    named: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConsistencyState:
+    """What is remembered of a log.
+
+    Attributes:
+        instruments: By topic.
+        positions: The positions since the last one that differed.
+        frozen_named: Whether a dead receiver was told.
+        pings: Pings judged.
+        absolute_pings: Number of those that are not relative to a platform of unknown velocity.
+        findings: What was found, in order.
+    """
+
+    instruments: Mapping[str, Instrument] = field(default_factory=dict)
+    positions: PositionRun = field(default_factory=PositionRun)
+    frozen_named: bool = False
+    pings: int = 0
+    absolute_pings: int = 0
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def sources_contradict(self) -> bool:
+        """Whether two sources of the current contradict each other, and none of them is known to be wrong."""
+        believed = [instrument for instrument in self.instruments.values() if instrument.is_believed]
+        return any(findings.CONTRADICTION in instrument.named for instrument in believed)
+
+    @property
+    def can_tell_directions(self) -> bool:
+        """Whether anything in the log can tell that directions are wrong."""
+        sources = [instrument.sources for instrument in self.instruments.values()]
+        return any(len(each.current.pairs) + len(each.drift.pairs) >= _LEAST_MEANS for each in sources) or any(
+            len(each.motion.pairs) >= _LEAST_MOTIONS or len(each.track.pairs) >= _LEAST_MOTIONS for each in sources
+        )
+
+
+def check(
+    state: ConsistencyState, event: Input, ensemble: EnsembleSpeeds | None = None, through_water: bool = False
+) -> tuple[ConsistencyState, Input]:
+    """Return the state after an event, and the event as it may be used: bins that must not be are flagged.
+
+    Args:
+        state: Before the event.
+        event: A position or a measurement.
+        ensemble: Speeds of the ensemble's currents; None compares none.
+        through_water: Whether positions under water are dead-reckoned without a current.
+    """
+    if isinstance(event, VehicleState):
+        return _after_position(state, event), event
+    if isinstance(event, PathMean):
+        for topic, instrument in state.instruments.items():
+            after, found = _after_mean(instrument, event, topic)
+            state = _with(state, topic, after, found)
+        return state, event
+    return _after_ping(state, event, ensemble, through_water)
+
+
+def _with(state: ConsistencyState, topic: str, instrument: Instrument, found: tuple[Finding, ...]) -> ConsistencyState:
+    return replace(
+        state, instruments={**state.instruments, topic: instrument}, findings=state.findings + found if found else state.findings
+    )
+
+
+def _after_position(state: ConsistencyState, vehicle: VehicleState) -> ConsistencyState:
+    run = state.positions.after(vehicle)
+    if run.is_frozen and not state.frozen_named:
+        return replace(state, positions=run, frozen_named=True, findings=(*state.findings, findings.frozen(run)))
+    return replace(state, positions=run)
+
+
+def _after_ping(
+    state: ConsistencyState, ping: Observation, ensemble: EnsembleSpeeds | None, through_water: bool
+) -> tuple[ConsistencyState, Observation]:
+    topic = ping.source.topic
+    instrument = state.instruments.get(topic) or Instrument(sources=SourceStatistics(through_water=through_water))
+    raw, wrong = instrument.raw.after(ping.time_ns, ping.raw)
+    instrument = replace(instrument, raw=raw)
+    found: list[Finding] = []
+    if raw.is_dead and findings.DEAD not in instrument.named:
+        found.append(findings.dead(raw, ping))
+    if not wrong:
+        instrument = _measured(instrument, ping, ensemble)
+        found += _of_ping(instrument, ping)
+    named = frozenset(finding.name for finding in found)
+    distrusted = bool(named & findings.DISTRUSTED)
+    instrument = replace(instrument, named=instrument.named | named, is_believed=instrument.is_believed and not distrusted)
+    reason = Reason.DEAD if wrong else Reason.NONE
+    if not instrument.is_believed or state.positions.is_frozen:
+        reason |= Reason.INCONSISTENT
+    absolute = state.absolute_pings + bool(np.isfinite(ping.common_std))
+    state = _with(replace(state, pings=state.pings + 1, absolute_pings=absolute), topic, instrument, tuple(found))
+    return state, unused(ping, reason) if reason else ping
+
+
+def _measured(instrument: Instrument, ping: Observation, ensemble: EnsembleSpeeds | None) -> Instrument:
+    """Return an instrument after a ping that is neither dead nor stale."""
+    near = near_mean(ping)
+    sources = instrument.sources if near is None else instrument.sources.after_ping(near)
+    speeds = instrument.speeds
+    if ensemble is not None and np.isfinite(ping.common_std):
+        speeds = speeds.after(ping, ensemble)
+    return replace(instrument, depths=instrument.depths.after(ping), sources=sources, speeds=speeds)
+
+
+def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
+    """Return what a ping established about its instrument."""
+    found = []
+    if instrument.depths.is_wrong and findings.DEPTH not in instrument.named:
+        found.append(findings.wrong_depths(instrument.depths, ping))
+    if instrument.speeds.is_odd and findings.UNIT not in instrument.named:
+        found.append(findings.odd_speeds(instrument.speeds, ping))
+    if findings.COMPASS not in instrument.named:
+        sources = instrument.sources
+        for statistics, what in ((sources.motion, findings.OF_MOTION), (sources.track, findings.OF_TRACK)):
+            explanation = statistics.explanation(_TURNED, _LEAST_MOTIONS)
+            if explanation is not None:
+                return [*found, findings.turned(explanation, what, ping.time_ns, ping.source.topic)]
+    return found
+
+
+def _after_mean(instrument: Instrument, mean: PathMean, topic: str) -> tuple[Instrument, tuple[Finding, ...]]:
+    """Return an instrument after a mean current, and what that established."""
+    sources = instrument.sources.after_mean(mean)
+    instrument = replace(instrument, sources=sources)
+    if not instrument.is_believed:
+        return instrument, ()
+    vehicle = sources.vehicle.explanation(_TURNED, _LEAST_MOTIONS)
+    current = sources.drift if mean.kind == "drift" else sources.current
+    contradiction = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(_ANY, _LEAST_MEANS)
+    if vehicle is not None and (contradiction is None or vehicle.gain > contradiction.gain):
+        finding = findings.turned(vehicle, findings.OF_VEHICLE, mean.time_ns, topic)
+        return replace(instrument, is_believed=False, named=instrument.named | {finding.name}), (finding,)
+    if contradiction is None:
+        return instrument, ()
+    finding = _contradiction(contradiction, mean, topic)
+    if finding.name in instrument.named:
+        return instrument, ()
+    return replace(instrument, named=instrument.named | {finding.name}), (finding,)
+
+
+def _contradiction(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
+    return (findings.unit if explanation.map.kind == "unit" else findings.contradiction)(explanation, mean, topic)
+
+
+def unused(ping: Observation, reason: Reason) -> Observation:
+    """Return a ping whose usable bins are failed for a reason."""
+    bad = (ping.flags == Flag.GOOD) | (ping.flags == Flag.SUSPECT) | (ping.flags == Flag.NOT_EVALUATED)
+    flags, reasons = ping.flags.copy(), ping.reasons.copy()
+    flags[bad] = Flag.FAIL
+    reasons[bad] |= np.int32(reason)
+    return replace(ping, flags=flags, reasons=reasons)

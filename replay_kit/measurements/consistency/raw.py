@@ -1,0 +1,66 @@
+"""Values as the instrument gave them: dead when they are all zero or all equal, stale when a ping repeats an earlier one.
+
+Noise makes both impossible for a living instrument. They are judged before any rotation, after which equal values differ.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.observation import RawValues
+
+# Fewer cells say little: a current meter's one value may repeat.
+_LEAST_CELLS = 5
+# Pings with which one is compared, the pings judged together, and the share and the run of bad ones from which the instrument is named.
+_COMPARED, _WINDOW, _SHARE, _RUN = 16, 32, 0.25, 5
+_WORDS = {"zero": "all zero", "constant": "equal in all cells", "stale": "equal to an earlier ping's"}
+
+
+def raw_values(velocity: Array) -> RawValues:
+    """Return what is remembered of a ping's velocities, shape (n, k), NaN where missing."""
+    known = velocity[np.isfinite(velocity[:, :2]).all(axis=1), :2]
+    if len(known) < _LEAST_CELLS:
+        return RawValues()
+    kind: Literal["varied", "constant", "zero"] = "varied"
+    if (known == known[0]).all():
+        kind = "constant" if known.any() else "zero"
+    return RawValues(kind, hashlib.blake2b(np.ascontiguousarray(velocity).tobytes(), digest_size=8).digest())
+
+
+@dataclass(frozen=True, slots=True)
+class RawHistory:
+    """The latest pings.
+
+    Attributes:
+        digests: Time [ns, UTC] and digest of the latest ones, oldest first.
+        latest: What was wrong with each of the latest ones, oldest first; empty for a sound one.
+        run: Number of bad ones in a row.
+    """
+
+    digests: tuple[tuple[int, bytes], ...] = ()
+    latest: tuple[str, ...] = ()
+    run: int = 0
+
+    def after(self, time_ns: int, raw: RawValues) -> "tuple[RawHistory, str]":
+        """Return the history after a ping, and what is wrong with it; empty for a sound one."""
+        if not raw.digest:
+            return self, ""
+        # the same ping from two logs is a duplicate, which the estimator drops
+        stale = any(digest == raw.digest and other_ns != time_ns for other_ns, digest in self.digests)
+        wrong = _WORDS.get(raw.kind, _WORDS["stale"] if stale else "")
+        digests = (*self.digests, (time_ns, raw.digest))[-_COMPARED:]
+        return RawHistory(digests, (*self.latest, wrong)[-_WINDOW:], self.run + 1 if wrong else 0), wrong
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether so many are bad that the instrument is."""
+        return self.run >= _RUN or sum(map(bool, self.latest)) >= _SHARE * _WINDOW
+
+    @property
+    def evidence(self) -> str:
+        """What is wrong, with the number of pings."""
+        bad = [wrong for wrong in self.latest if wrong]
+        return f"the velocities of {len(bad)} of the last {len(self.latest)} pings are {max(set(bad), key=bad.count) if bad else 'sound'}"

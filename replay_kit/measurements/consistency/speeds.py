@@ -1,0 +1,95 @@
+"""Speeds against those of the ensemble: units of the ensemble, and of a log that nothing else contradicts."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.observation import Observation
+from replay_kit.measurements.consistency.sources import REPAIRABLE
+
+# m/s; no region's currents have an RMS speed outside, and no model resolves much faster ones
+_LEAST_RMS, _MOST_RMS, _MOST_SPEED, _PERCENTILE = 0.004, 1.5, 4.0, 99.9
+# Pings after which speeds are judged, and the factor beyond which no current explains them.
+_LEAST_PINGS, _ODD = 30, 8.0
+
+
+def odd_ensemble_speeds(velocity: Array) -> str:
+    """Return how the speeds of an ensemble, shape (E, 2, ...) [m/s], cannot be those of currents; empty when they can."""
+    squared = np.square(velocity).sum(axis=1)
+    squared = squared[np.isfinite(squared)]
+    if not squared.any():
+        # without a wet point, or at rest: another matter
+        return ""
+    rms, fastest = math.sqrt(float(squared.mean())), math.sqrt(float(np.percentile(squared, _PERCENTILE)))
+    if _LEAST_RMS <= rms <= _MOST_RMS and fastest <= _MOST_SPEED:
+        return ""
+    return f"RMS speed {rms:.3g} m/s, {_PERCENTILE:g} % below {fastest:.3g} m/s"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EnsembleSpeeds:
+    """How fast the currents of an ensemble are.
+
+    Attributes:
+        levels: shape (Z,) [m].
+        mean_square: shape (Z,), mean squared speed at the levels [m^2/s^2].
+    """
+
+    levels: Array
+    mean_square: Array
+
+
+def ensemble_speeds(levels: Array, velocity: Array) -> EnsembleSpeeds:
+    """Return the speeds of an ensemble, shape (E, 2, Z, J, I) [m/s], NaN where dry; a dry level has those of the first one."""
+    squared = np.square(velocity).sum(axis=1)
+    wet = np.isfinite(squared)
+    count = wet.sum(axis=(0, 2, 3))
+    mean = np.where(wet, squared, 0.0).sum(axis=(0, 2, 3)) / np.maximum(count, 1)
+    return EnsembleSpeeds(levels, np.where(count > 0, mean, mean[0]))
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedCounts:
+    """Absolute pings so far, by their speed. Each counts by the median of its bins, so that a few outliers change nothing.
+
+    Attributes:
+        pings: Number of pings.
+        fast: Number of those more than eight times as fast as the ensemble, less their stated errors.
+        slow: Number of those less than an eighth as fast, errors included.
+        log_ratio: Sum of the logarithm of how many times as fast as the ensemble each is.
+    """
+
+    pings: int = 0
+    fast: int = 0
+    slow: int = 0
+    log_ratio: float = 0.0
+
+    def after(self, observation: Observation, ensemble: EnsembleSpeeds) -> "SpeedCounts":
+        """Return the counts after an absolute ping."""
+        squared = np.square(observation.velocity).sum(axis=1)
+        good = ((observation.reasons & ~np.int32(REPAIRABLE)) == 0) & np.isfinite(squared + observation.error_std)
+        if not good.any():
+            return self
+        expected = np.interp(observation.depth[good], ensemble.levels, ensemble.mean_square)
+        measured, typical = float(np.median(squared[good])), float(np.median(expected))
+        error = 2.0 * float(np.median(observation.error_std[good])) ** 2
+        if not (measured > 0.0 and typical > 0.0):
+            return self
+        return SpeedCounts(
+            self.pings + 1,
+            self.fast + (measured - error > _ODD**2 * typical),
+            self.slow + (measured < typical / _ODD**2),
+            self.log_ratio + 0.5 * math.log(measured / typical),
+        )
+
+    @property
+    def ratio(self) -> float:
+        """How many times as fast as the ensemble the profiles are, the geometric mean; NaN before the first."""
+        return math.exp(self.log_ratio / self.pings) if self.pings else math.nan
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether most pings are faster or slower than any current explains."""
+        return self.pings >= _LEAST_PINGS and 2 * max(self.fast, self.slow) > self.pings

@@ -1,0 +1,138 @@
+"""The consistency stage: each event is checked before it is used, and what is found changes what the estimate is made of."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, is_dataclass, replace
+from typing import Any
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ForecastError, MeasurementError
+from replay_kit.core.finding import Finding
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Observation, PathMean, VehicleState
+from replay_kit.measurements.consistency import findings
+from replay_kit.measurements.consistency.monitor import ConsistencyState, check
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
+from replay_kit.workflows.replay.estimation import Step
+from replay_kit.workflows.replay.profile_counts import ProfileCounts
+from replay_kit.workflows.replay.statistics import RunStatistics
+
+Checked = VehicleState | Observation | PathMean
+
+_UNDETERMINED = "nothing here can tell whether directions are right; a mean current, GPS drift or bottom track would"
+_SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
+# After these a run without any profile still has a result: the estimate without them.
+_WITHOUT_PROFILES = findings.DISTRUSTED | {findings.FROZEN}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonitoringState:
+    """What the consistency stage remembers.
+
+    Attributes:
+        checks: Of the checks.
+        means: Mean currents so far, from which an estimate without profiles is rebuilt.
+    """
+
+    checks: ConsistencyState = field(default_factory=ConsistencyState)
+    means: tuple[PathMean, ...] = ()
+
+    @property
+    def explains_no_profile(self) -> bool:
+        """Whether a finding is the reason that no profile may be used."""
+        return any(finding.name in _WITHOUT_PROFILES for finding in self.checks.findings)
+
+
+def monitor(
+    state: MonitoringState, event: Checked, config: RunConfig, speeds: EnsembleSpeeds | None
+) -> tuple[MonitoringState, Checked, tuple[Finding, ...]]:
+    """Return the state after an event, the event as it may be used, and what was found.
+
+    Args:
+        state: Before the event.
+        event: A position or a measurement.
+        config: The run's settings.
+        speeds: Of the ensemble's currents.
+
+    Raises:
+        MeasurementError: The log cannot be used, or a contradiction is to stop the run.
+    """
+    if config.consistency.on_failure == "ignore":
+        return state, event, ()
+    through_water = config.measurements.dead_reckoning == "through_water"
+    checks, checked = check(state.checks, event, speeds, through_water)
+    means = (*state.means, event) if isinstance(event, PathMean) else state.means
+    if checks.findings is state.checks.findings:
+        return MonitoringState(checks, means), checked, ()
+    new = tuple(_as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :])
+    for finding in new:
+        if finding.severity == "unusable" or (finding.severity == "inconsistent" and config.consistency.on_failure == "stop"):
+            raise MeasurementError(str(finding))
+    return MonitoringState(replace(checks, findings=state.checks.findings + new), means), checked, new
+
+
+def _as_stated(finding: Finding, config: RunConfig) -> Finding:
+    """Return a finding on the unit of a log whose unit is stated as a contradiction that the run survives."""
+    stated = finding.name == findings.UNIT and config.measurements.velocity_unit is not None
+    return replace(finding, severity="inconsistent") if stated else finding
+
+
+def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | None:
+    """Return the speeds of an ensemble; None where nothing is to be checked.
+
+    Raises:
+        ForecastError: They are no ocean's.
+    """
+    if config.consistency.on_failure == "ignore":
+        return None
+    if evidence := odd_ensemble_speeds(ensemble.velocity):
+        raise ForecastError(str(findings.ensemble_unit(evidence, ensemble.source)))
+    return ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
+
+
+def is_distrusted(found: Iterable[Finding]) -> bool:
+    """Return whether findings leave an instrument unused, so that the estimate is rebuilt without it."""
+    return any(finding.name in findings.DISTRUSTED for finding in found)
+
+
+def trusting(estimator: Any, state: MonitoringState) -> Any:
+    """Return the estimator as it is, or, while two sources contradict each other, one whose gate rejects neither."""
+    gating = getattr(estimator, "gating", None)
+    if not state.checks.sources_contradict or gating is None or gating.gate != "reject" or not is_dataclass(estimator):
+        return estimator
+    # Any: which estimators have a gate is known to them alone
+    gated: Any = estimator
+    return replace(gated, gating=gating.model_copy(update={"gate": "soften"}))
+
+
+def rebuilt(statistics: RunStatistics, steps: Sequence[Step]) -> RunStatistics:
+    """Return the statistics of an estimate that was rebuilt: what was used before counts as rejected, but for the steps of the new one."""
+    counts = statistics.profiles
+    start = ProfileCounts(rejected=counts.rejected + counts.total.profiles - len(steps), last_position=counts.last_position)
+    after = start.after(steps)
+    unused = counts.total.bins - after.total.bins
+    bins = {**counts.bins_rejected, "inconsistent": counts.bins_rejected.get("inconsistent", 0) + unused}
+    return RunStatistics(statistics.messages, replace(after, bins_rejected=bins))
+
+
+def conclusions(state: MonitoringState, statistics: RunStatistics, config: RunConfig) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Return all findings of a run, and what its measurements cannot tell.
+
+    Args:
+        state: At the end of the run.
+        statistics: Of the run.
+        config: Its settings.
+    """
+    if config.consistency.on_failure == "ignore":
+        return (), ("no consistency check was made (consistency.on_failure)",)
+    found, counts = state.checks.findings, statistics.profiles
+    if counts.inflations and not found:
+        found = (findings.ensemble_contradicts(f"most profiles exceeded the expected innovation {len(counts.inflations)} times"),)
+    blind = []
+    if not state.checks.can_tell_directions:
+        blind.append(_UNDETERMINED)
+    if state.checks.pings and not state.checks.absolute_pings:
+        blind.append(_SHEAR_ALONE)
+    beyond = counts.gated + counts.softened
+    if 2 * beyond > (total := counts.total.profiles + counts.gated):
+        blind.append(f"{beyond} of {total} observations exceeded the gate")
+    return found, tuple(blind)

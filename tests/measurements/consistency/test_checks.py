@@ -1,0 +1,179 @@
+"""Raw values, depths, positions and speeds that cannot be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.core.observation import Flag, Observation, RawValues, Reason, Source, VehicleState
+from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
+from replay_kit.measurements.consistency.monitor import unused
+from replay_kit.measurements.consistency.raw import RawHistory, raw_values
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, SpeedCounts, ensemble_speeds, odd_ensemble_speeds
+
+SOURCE = Source(0, "/adcp", 0, 0)
+
+
+def ping(velocity, depth=None, std=0.01):
+    n = len(velocity)
+    depths = np.linspace(10.0, 50.0, n) if depth is None else np.asarray(depth, float)
+    flags, reasons = np.full(n, Flag.GOOD, np.int8), np.zeros(n, np.int32)
+    return Observation(0, 150.0, -40.0, depths, np.asarray(velocity, float), np.full(n, std), "earth", flags, reasons, 1, SOURCE)
+
+
+def noise(seed=0, cells=6):
+    return np.random.default_rng(seed).standard_normal((cells, 3))
+
+
+def test_raw_values_tell_dead_cells_from_living_ones():
+    assert raw_values(np.zeros((5, 3))).kind == "zero"
+    assert raw_values(np.full((5, 3), 0.1)).kind == "constant"
+    assert raw_values(noise()).kind == "varied"
+    one_differs = np.zeros((5, 3))
+    one_differs[3, 1] = 0.001
+    assert raw_values(one_differs).kind == "varied"
+    # the vertical component alone makes no instrument living
+    assert raw_values(np.column_stack([np.zeros((5, 2)), np.arange(5.0)])).kind == "zero"
+
+
+def test_too_few_cells_say_nothing():
+    missing = np.vstack([np.zeros((4, 3)), np.full((3, 3), np.nan)])
+    assert raw_values(missing) == RawValues()
+    assert RawHistory().after(1, raw_values(missing)) == (RawHistory(), "")
+
+
+def test_five_dead_pings_in_a_row_name_the_instrument():
+    history = RawHistory()
+    for number in range(5):
+        assert not history.is_dead
+        history, wrong = history.after(number, raw_values(np.zeros((5, 2))))
+        assert wrong == "all zero"
+    assert history.is_dead
+    assert history.evidence == "the velocities of 5 of the last 5 pings are all zero"
+
+
+def test_a_quarter_of_32_pings_names_it_too_and_fewer_do_not():
+    def after(every):
+        history, named = RawHistory(), []
+        for number in range(32):
+            cells = np.full((5, 2), 0.1) if number % every == 0 else noise(number)[:, :2]
+            history, _ = history.after(number, raw_values(cells))
+            named.append(history.is_dead)
+        return named
+
+    assert after(4)[-4:] == [True, True, True, True]
+    assert after(4).index(True) == 28
+    assert not any(after(5))
+
+
+def test_a_repeated_ping_is_stale_within_sixteen_and_not_when_it_has_the_same_time():
+    first = raw_values(noise())
+    history, wrong = RawHistory().after(0, first)
+    assert wrong == ""
+    assert history.after(0, first)[1] == ""
+    assert history.after(1, first)[1] == "equal to an earlier ping's"
+    for number in range(1, 16):
+        history, _ = history.after(number, raw_values(noise(number)))
+    assert history.after(16, first)[1] == "equal to an earlier ping's"
+    history, _ = history.after(16, raw_values(noise(16)))
+    assert history.after(17, first)[1] == ""
+
+
+def test_pings_with_most_bins_above_the_surface_are_counted():
+    above, below, half = (ping(noise(cells=4)[:, :2], depth) for depth in ([-1, -2, -3, 4], [1, 2, 3, 4], [-1, -2, 3, 4]))
+    at_surface = replace(above, reasons=np.full(4, Reason.AT_SURFACE, np.int32))
+    counts = DepthCounts()
+    for one in (below, half, at_surface):
+        counts = counts.after(one)
+    assert counts == DepthCounts(2, 0)
+    for number in range(5):
+        assert not counts.is_wrong
+        counts = counts.after(above)
+        assert counts.above == number + 1
+    assert counts.is_wrong
+    assert not DepthCounts(50, 5).is_wrong
+    assert DepthCounts(49, 5).is_wrong
+
+
+def state(seconds, longitude, depth):
+    return VehicleState(int(seconds * 1e9), longitude, -40.0, depth, True, SOURCE)
+
+
+def run(*states):
+    found = PositionRun()
+    for one in states:
+        found = found.after(one)
+    return found
+
+
+def test_a_position_that_stays_while_the_vehicle_dives_is_frozen():
+    dive = [state(200.0 * k, 150.0, 7.0 * k) for k in range(4)]
+    assert run(*dive).is_frozen
+    # one short of each bound
+    assert not run(*dive[:3]).is_frozen
+    assert not run(*(state(199.9 * k, 150.0, 7.0 * k) for k in range(4))).is_frozen
+    assert not run(*(state(200.0 * k, 150.0, 20.0 / 3.0 * k - 1e-9) for k in range(4))).is_frozen
+    assert not run(*(state(200.0 * k, 150.0, float("nan")) for k in range(4))).is_frozen
+    assert not run(*(state(200.0 * k, 150.0 + 1e-9 * k, 7.0 * k) for k in range(4))).is_frozen
+
+
+def test_the_depths_of_a_run_are_those_known():
+    found = run(*(state(200.0 * k, 150.0, depth) for k, depth in enumerate([float("nan"), 30.0, float("nan"), 5.0])))
+    assert (found.shallowest, found.deepest, found.fixes) == (5.0, 30.0, 4)
+    assert found.is_frozen
+
+
+ENSEMBLE = EnsembleSpeeds(np.array([0.0, 100.0]), np.array([0.01, 0.01]))
+
+
+@pytest.mark.parametrize(("factor", "odd"), [(1.0, False), (7.9, False), (8.2, True), (100.0, True), (1 / 7.9, False), (1 / 8.2, True)])
+def test_speeds_beyond_a_factor_of_eight_are_odd_after_thirty_pings(factor, odd):
+    counts = SpeedCounts()
+    # sqrt(0.01) m/s along each ping
+    cells = factor * 0.1 * np.tile([0.6, 0.8], (5, 1))
+    for _ in range(30):
+        assert not counts.is_odd
+        counts = counts.after(ping(cells, std=1e-6), ENSEMBLE)
+    assert counts.is_odd is odd
+    assert counts.ratio == pytest.approx(factor)
+
+
+def test_noise_alone_is_not_fast():
+    # 1 m/s of stated error in each component, and as much measured
+    counts = SpeedCounts().after(ping(np.ones((5, 2)), std=1.0), ENSEMBLE)
+    assert (counts.pings, counts.fast, counts.slow) == (1, 0, 0)
+
+
+def test_one_outlier_among_the_bins_changes_nothing():
+    cells = np.tile([0.06, 0.08], (5, 1))
+    cells[2] = 1e6
+    assert SpeedCounts().after(ping(cells, std=1e-6), ENSEMBLE).fast == 0
+
+
+def test_an_ensembles_speeds_are_those_of_its_levels():
+    velocity = np.full((2, 2, 3, 1, 2), 0.3)
+    velocity[:, :, 1] = 0.1
+    velocity[:, :, 2] = np.nan
+    velocity[0, :, 0, 0, 1] = np.nan
+    speeds = ensemble_speeds(np.array([0.0, 50.0, 100.0]), velocity)
+    assert speeds.mean_square == pytest.approx([0.18, 0.02, 0.18])
+
+
+@pytest.mark.parametrize(("rms", "odd"), [(0.0039, True), (0.0041, False), (1.49, False), (1.51, True), (15.0, True)])
+def test_an_ensemble_faster_or_slower_than_any_ocean_is_odd(rms, odd):
+    assert bool(odd_ensemble_speeds(np.full((2, 2, 1, 2, 2), rms / np.sqrt(2.0)))) is odd
+
+
+def test_an_ensemble_at_rest_or_with_a_fast_corner():
+    assert odd_ensemble_speeds(np.zeros((2, 2, 1, 2, 2))) == ""
+    velocity = np.full((1, 2, 1, 10, 10), 0.1)
+    velocity[0, :, 0, 0, 0] = 4.0
+    assert odd_ensemble_speeds(velocity) == "RMS speed 0.583 m/s, 99.9 % below 5.37 m/s"
+
+
+def test_unused_bins_fail_with_the_reason_and_those_that_failed_keep_theirs():
+    one = replace(ping(np.ones((3, 2))), flags=np.array([1, 3, 9], np.int8), reasons=np.array([0, 2048, 1], np.int32))
+    after = unused(one, Reason.DEAD)
+    assert after.flags.tolist() == [4, 4, 9]
+    assert after.reasons.tolist() == [8388608, 2048 + 8388608, 1]
+    assert one.flags.tolist() == [1, 3, 9]

@@ -1,0 +1,125 @@
+"""Pairs of measurements of one vector: which map explains one by the other, and when nothing is said."""
+
+import numpy as np
+import pytest
+
+from replay_kit.measurements.consistency.pairs import LEAST_GAIN, Pair, PairStatistics, linear_maps
+
+FLOOR = 2.0 * 0.05**2
+ALL = ("turn", "mirror", "unit")
+
+
+def statistics(a, b, weight=1.0):
+    found = PairStatistics(FLOOR)
+    for first, second in zip(a, b, strict=True):
+        found = found.with_pair(Pair(*first, *second, weight))
+    return found
+
+
+def currents(n=12, seed=0):
+    return 0.3 * np.random.default_rng(seed).standard_normal((n, 2))
+
+
+def slow_gains(a, b, weight):
+    """Return the gains by their definition, pair by pair."""
+    _, matrices = linear_maps()
+    count = weight * len(a)
+    logged = weight * sum(np.sum((first - second) ** 2) for first, second in zip(a, b, strict=True)) + FLOOR
+    gains = []
+    for matrix in matrices:
+        mapped = weight * sum(np.sum((matrix @ first - second) ** 2) for first, second in zip(a, b, strict=True)) + FLOOR
+        gains.append((count + 1.0) * np.log(logged / mapped) + count * np.log(abs(np.linalg.det(matrix))))
+    return np.array(gains)
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.5])
+def test_the_gains_are_those_of_the_definition(weight):
+    a, b = currents(7), currents(7, seed=1)
+    assert statistics(a, b, weight).gains() == pytest.approx(slow_gains(a, b, weight), rel=1e-9, abs=1e-9)
+
+
+def test_the_maps_undo_what_their_names_say():
+    maps, matrices = linear_maps()
+    names = {each.name: matrix for each, matrix in zip(maps, matrices, strict=True)}
+    # north, logged as east, was turned clockwise by 90 degrees
+    assert names["turned by +90 degrees clockwise"] @ [1.0, 0.0] == pytest.approx([0.0, 1.0])
+    assert names["turned by -20 degrees clockwise"] @ [-np.sin(np.radians(20)), np.cos(np.radians(20))] == pytest.approx([0.0, 1.0])
+    assert names["turned by +180 degrees clockwise, both signs wrong"] @ [1.0, 2.0] == pytest.approx([-1.0, -2.0])
+    assert names["east and north are exchanged"] @ [1.0, 2.0] == pytest.approx([2.0, 1.0])
+    assert names["the sign of east is wrong"] @ [1.0, 2.0] == pytest.approx([-1.0, 2.0])
+    assert names["the sign of north is wrong"] @ [1.0, 2.0] == pytest.approx([1.0, -2.0])
+    # an axis at 30 degrees from east to north has the bearing 60
+    along = np.array([np.cos(np.radians(30)), np.sin(np.radians(30))])
+    assert names["mirrored about the bearing 60 degrees"] @ along == pytest.approx(along)
+    assert names["in cm/s"] @ [100.0, -200.0] == pytest.approx([1.0, -2.0])
+    assert names["in knots"] @ [1.943844, 0.0] == pytest.approx([1.0, 0.0])
+    assert sum(each.kind == "turn" for each in maps) == 33
+    assert sum(each.kind == "mirror" for each in maps) == 36
+
+
+@pytest.mark.parametrize("name", [each.name for each in linear_maps()[0] if each.name != "turned by +20 degrees clockwise"])
+def test_each_map_is_named_when_it_is_what_happened(name):
+    maps, matrices = linear_maps()
+    number = next(k for k, each in enumerate(maps) if each.name == name)
+    b = currents(60)
+    found = statistics(b @ np.linalg.inv(matrices[number]).T, b).explanation(ALL, 3)
+    assert found is not None
+    assert found.gain >= LEAST_GAIN
+    assert found.favoured == 1.0
+    assert found.pairs == 60
+    assert found.map.kind == maps[number].kind
+    step = abs(found.map.angle - maps[number].angle)
+    assert min(step, 360 - step) <= 10
+    assert found.map.scale == maps[number].scale
+
+
+def test_equal_sources_with_noise_are_never_explained_by_anything():
+    rng = np.random.default_rng(3)
+    for strength in (0.02, 0.1, 0.5):
+        b = strength * rng.standard_normal((100, 2))
+        found = PairStatistics(FLOOR)
+        for first, second in zip(b + 0.05 * rng.standard_normal(b.shape), b, strict=True):
+            found = found.with_pair(Pair(*first, *second))
+            assert found.explanation(ALL, 1) is None
+
+
+def test_nothing_is_said_before_the_least_number_of_pairs():
+    b = currents(3)
+    assert statistics(-b, b).explanation(ALL, 3).map.angle == 180
+    assert statistics(-b, b).explanation(ALL, 4) is None
+    assert statistics(-b, b).explanation(("unit",), 3) is None
+
+
+def test_a_few_outliers_do_not_outvote_the_others():
+    b = np.full((9, 2), 0.1)
+    outliers = np.array([[5.0, 0.0]] * 4)
+    # the outliers alone are turned; of the thirteen pairs they are less than two thirds
+    found = statistics(np.vstack([b, -outliers]), np.vstack([b, outliers]))
+    assert found.gains().max() > LEAST_GAIN
+    assert found.explanation(ALL, 3) is None
+
+
+def test_pairs_that_no_map_halves_are_not_explained():
+    rng = np.random.default_rng(1)
+    b = rng.standard_normal((100, 2))
+    turned = b @ np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    # the turn explains much, and leaves more than a quarter of the squared differences
+    poor = statistics(turned + 0.6 * rng.standard_normal(b.shape), b)
+    assert poor.gains().max() > LEAST_GAIN
+    assert poor.explanation(ALL, 3) is None
+    assert statistics(turned + 0.1 * rng.standard_normal(b.shape), b).explanation(ALL, 3).map.angle == 40
+
+
+def test_pairs_of_one_direction_name_the_slip_and_turns_before_mirrors():
+    b = np.array([[0.0, 0.3], [0.01, 0.3], [-0.01, 0.28], [0.0, 0.31]])
+    found = statistics(-b, b).explanation(("turn", "mirror"), 3)
+    assert found.map.name == "turned by +180 degrees clockwise, both signs wrong"
+    assert [each.name for each in found.alike] == ["the sign of north is wrong"]
+
+
+def test_old_pairs_are_forgotten():
+    b = currents(300)
+    found = statistics(np.vstack([b, -b]), np.vstack([b, b]))
+    fresh = statistics(-b[-128:], b[-128:])
+    assert len(found.pairs) == 128
+    assert found.gains() == pytest.approx(fresh.gains(), rel=1e-9)
