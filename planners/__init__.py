@@ -18,7 +18,8 @@ from planners.mission.values import Line, MissionPlan, MissionRequest, MissionSe
 from planners.mission.waypoints import Waypoints, waypoints_of
 from planners.path.plan import AuvPlan, plan_path
 from planners.path.settings import Auv, AuvSettings
-from planners.route.hazards import Bathymetry, NoGo
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo
 from planners.vehicle import Glider, SteadyFlight, fit_flight
 
 __all__ = [

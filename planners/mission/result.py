@@ -44,7 +44,7 @@ def _plan_of(
         headings_deg=np.mod(np.rad2deg(best.legs.headings - turn), 360.0),
         glide_angles_deg=np.rad2deg(best.legs.angles),
         pitches_deg=np.rad2deg(task.vehicle.pitch(best.legs.angles)),
-        yo_depths=task.yo_depths(len(best.legs.headings)),
+        yo_depths=best.yo_depths,
         surfacings=np.column_stack(to_geographic(projection, *track[flight.ends, :2].T)),
         surfacing_times=flight.time[flight.ends],
         goal_legs=best.goals.legs,
@@ -86,7 +86,7 @@ def _failed_plan(task: MissionTask, message: str) -> MissionPlan:
     flight = Flight(zero, task.start[2:], task.start[None, None, :2], np.zeros(1, dtype=int), np.zeros(0, dtype=int))
     miss = np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1)
     guess, goals = MissionGuess(np.zeros((0, 2)), none, none), GoalSteps(no_goals, no_goals)
-    stays = Attempt(Legs(none, none, (), none), flight, goals, miss, (0.0, 0.0), None, guess, 0, "not started", 0.0)
+    stays = Attempt(Legs(none, none, (), none), (), flight, goals, miss, (0.0, 0.0), None, guess, 0, "not started", 0.0)
     return _plan_of(task, stays, "failed", np.zeros(len(task.goals)), message, {"attempts": 0})
 
 

@@ -25,7 +25,8 @@ from planners.mission.search import goal_legs_of, goal_steps_of, solve_attempts
 from planners.mission.solve import solve_with_margin
 from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary
-from planners.route.hazards import Bathymetry, NoGo
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -73,7 +74,7 @@ def plan_scenarios(
         return to_plan(task, []), MonteCarloSummary(0.0, 0.0, float("nan"), float("nan"), {})
     attempt, trials, extra = best_of(task, attempts), list[_Trial](), 0.0
     for _ in range(_PLANS):
-        legs = replace(attempt.legs, depths=task.depths(task.yo_depths(len(attempt.legs.headings))))
+        legs = replace(attempt.legs, depths=task.depths(attempt.yo_depths))
         flight, predicted = fly_samples(task, currents, legs, pilot)
         met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
         summary, clear = summarise_flights(task, flight, met)
