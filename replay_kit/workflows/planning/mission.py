@@ -68,7 +68,9 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     else:
         made, summary = plan_scenarios(estimates[0], drawn, request, allowed=job.risk)
     projection, n_legs = estimates[0].grid.projection, len(made.headings_deg)
-    few = waypoints_of(flow, made, job.waypoint_tolerance) if job.waypoints and n_legs else None
+    few = None
+    if job.waypoints and n_legs:
+        few = waypoints_of(flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry)
     if not drawn or not n_legs:
         return PlannedMission(made, projection, None, None, few)
     ellipses, figures = _figures_in_samples(drawn, made, job.kind)
