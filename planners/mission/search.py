@@ -68,7 +68,7 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
     places = np.vstack([task.start, task.goals])[:, :2]
     if task.bottom.limit_at(places).min() >= task.settings.depth:
         attempts += _search_at_full_depth(task)
-    if not any(is_feasible(task, attempt) for attempt in attempts) and task.bottom.shallowest < task.settings.depth:
+    if _goes_on(task, attempts) and task.bottom.shallowest < task.settings.depth:
         # no way leads round the shallows, or none is quick enough: dives turn above them
         attempts += solve_turning(task, task.rings)
     return attempts
@@ -77,13 +77,18 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
 def _search_at_full_depth(task: MissionTask) -> list[Attempt]:
     """Return the attempts whose dives all have the depth of the settings."""
     attempts = _search(task, task.rings)
-    if not any(is_feasible(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
+    if _goes_on(task, attempts) and any(ring.surface_only for ring in task.rings):
         # an area too wide to be passed under water between two surfacings must be rounded
         attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
-    if not any(is_feasible(task, attempt) for attempt in attempts) and any(ring.drawn for ring in task.rings):
+    if _goes_on(task, attempts) and any(ring.drawn for ring in task.rings):
         # in a strong current the graph has too few edges to pass close by an area; half-planes may bend the route through it clear
         attempts += _search(task, tuple(ring for ring in task.rings if not ring.drawn), once=True)
     return attempts
+
+
+def _goes_on(task: MissionTask, attempts: list[Attempt]) -> bool:
+    """Return whether something else is to be tried: nothing is feasible yet, and there is time or nothing was tried at all."""
+    return not any(is_feasible(task, attempt) for attempt in attempts) and (not attempts or not task.is_late)
 
 
 def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> list[Attempt]:
@@ -101,21 +106,22 @@ def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> l
         return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer, brief=brief)
 
     attempts = [attempt(goal_legs_of(passed, settings.legs or likely))]
-    if settings.legs is not None or not route.arrives or once:
+    if settings.legs is not None or not route.arrives or once or task.is_late:
         return attempts
     for n_legs in range(likely - 1, len(task.goals) - 1, -1):
-        if not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
+        if task.is_late or not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
             break
         attempts.append(attempt(goal_legs_of(passed, n_legs), fewer=True))
     last = attempts[0]
     for _ in range(likely, min(likely + _MORE_LEGS + len(task.goals), settings.max_legs)):
-        if any(done.violation is None and goals_met(task, done) for done in attempts):
+        if task.is_late or any(done.violation is None and goals_met(task, done) for done in attempts):
             break
         last = attempt(add_leg(last.goals.legs, last.legs.angles))
         attempts.append(last)
     # shorter legs can follow turns of the route that long ones cut off
     for n_legs in (round(factor * likely) for factor in _SHORTER if any(done.violation for done in attempts)):
-        if last.goals.legs[-1] < n_legs <= settings.max_legs and not any(is_feasible(task, done) for done in attempts):
+        wanted = not task.is_late and not any(is_feasible(task, done) for done in attempts)
+        if wanted and last.goals.legs[-1] < n_legs <= settings.max_legs:
             attempts.append(attempt(goal_legs_of(passed, n_legs)))
     return attempts
 

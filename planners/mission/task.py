@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import inf
+from time import monotonic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +52,7 @@ class MissionTask:
         start_time: On the clock of the currents' times [s].
         reference_path: That the track is to stay near; None without.
         spline: That the optimiser uses instead of the currents; the check uses the currents.
+        deadline: On the machine's clock, after which nothing else is tried [s].
         turns: Depth at which the dives of each leg turn [m], where the bottom limits them; None where all turn at that of the settings.
     """
 
@@ -63,7 +66,13 @@ class MissionTask:
     start_time: float
     reference_path: ReferencePath | None = None
     spline: FlowSpline | None = None
+    deadline: float = inf
     turns: tuple[float, ...] | None = None
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the time limit of the search is over."""
+        return monotonic() > self.deadline
 
     @property
     def vehicle(self) -> Glider:
@@ -177,7 +186,8 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     # a region that is less deep everywhere needs no search for how deep each dive may be
     depth = min(settings.depth, max(bottom.deepest, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2])))
     request = replace(request, settings=replace(settings, depth=depth))
-    task = MissionTask(request, currents, region, rings, bottom, start, goals, time_on_clock(currents, request.start_time_ns))
+    clock, deadline = time_on_clock(currents, request.start_time_ns), monotonic() + settings.time_limit
+    task = MissionTask(request, currents, region, rings, bottom, start, goals, clock, deadline=deadline)
     return replace(task, spline=spline_of(currents.flow, settings.spline)) if settings.spline and task.is_finite else task
 
 

@@ -34,7 +34,7 @@ def solve_turning(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
     route, passed = find_route(task, graph, task.settings.max_duration)
     for pace in _PACES:
         cut = _cut(task, route, passed, pace)
-        if cut is None or any(is_feasible(task, attempt) for attempt in attempts):
+        if cut is None or (attempts and task.is_late) or any(is_feasible(task, attempt) for attempt in attempts):
             break
         attempts.append(_solve_cut(task, graph, route, cut))
         if task.settings.legs is not None:

@@ -14,7 +14,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.plan import Place
 
-MissionStatus = Literal["reached", "unreachable", "unsafe", "failed"]
+MissionStatus = Literal["reached", "uncertain", "unreachable", "unsafe", "failed"]
 Objective = Literal["time", "energy", "closest"]
 
 
@@ -63,6 +63,7 @@ class MissionSettings:
         steps: Steps of the optimiser per dive and climb, besides one per level crossed.
         spline: Coefficients per kernel length of a B-spline of the flow that the optimiser uses, about 3; 0 for the flow itself. Its error
             is in ``statistics``, and the plan is checked in the flow itself.
+        time_limit: After which no other number of legs, way or margin is tried [s]; what is being solved is finished.
     """
 
     depth: float = 500.0
@@ -77,10 +78,11 @@ class MissionSettings:
     clearance: float = 20.0
     steps: int = 1
     spline: int = 0
+    time_limit: float = inf
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
-        positive = {name: getattr(self, name) for name in ("depth", "yos", "tolerance", "max_legs", "max_duration", "steps")}
+        positive = {name: getattr(self, name) for name in ("depth", "yos", "tolerance", "max_legs", "max_duration", "steps", "time_limit")}
         for name, value in {**positive, "legs": 1 if self.legs is None else self.legs}.items():
             if not value > 0:
                 raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
@@ -171,7 +173,8 @@ class MissionPlan:
 
     Attributes:
         status: ``reached`` when every goal is met within the tolerance, ``unreachable`` when the best path found does not,
-            ``unsafe`` when the path violates a constraint, ``failed`` when there is no path.
+            ``unsafe`` when the path violates a constraint, ``failed`` when there is no path; ``uncertain`` when samples of the estimate
+            say that it arrives less often than asked for.
         start: Where it begins.
         goals: Where it should go, in order.
         start_time_ns: [ns, UTC].
