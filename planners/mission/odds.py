@@ -59,7 +59,8 @@ def mission_odds(
         summaries.append(summary if mooring is None else _moored(summary, flight, task.goals[0, :2], mooring))
     nothing = np.zeros((len(samples), 0, 2))
     flights = MissionFlights(flight.time, flight.depth, flight.place, nothing, nothing[..., 0], task.region.grid.projection)
-    return MissionOdds(len(samples), *summaries, surfacing_ellipses(flights, plan))
+    corrected, held = summaries
+    return MissionOdds(len(samples), corrected, held, surfacing_ellipses(flights, plan))
 
 
 def _moored(summary: MonteCarloSummary, flight: Flight, place: Array, mooring: Mooring) -> MonteCarloSummary:

@@ -225,7 +225,6 @@ def test_a_risk_that_cannot_be_kept_ends_with_7_and_without_files(flow, tmp_path
     assert done.exit_code == 7
     assert said["status"] == "unsafe"
     assert "the risk of 5 % cannot be kept: the least found is" in done.stderr
-    assert "% , from" not in done.stderr
     assert f"from banks {100.0 * said['samples']['violations']['banks']:.0f} %" in done.stderr
     assert "the time limit of 0.1 s ended the search" in said["message"]
     assert not out.exists()
