@@ -16,7 +16,8 @@ from replay_kit.config.run import load_config
 from replay_kit.core.errors import LogError
 from replay_kit.core.flow.load import load
 from replay_kit.results import first_difference, read_recorded
-from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry
+from replay_kit.workflows.planning.areas import read_areas
+from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow
 

@@ -122,7 +122,7 @@ class Outputs(Answer):
 
 @takes_settings(
     "planner",
-    without=[f"planner.{key}" for key in ("kind", "when", "interval", "flow_step", "objective", "min_angle", "max_angle")],
+    without=[f"planner.{key}" for key in ("kind", "when", "interval", "flow_step", "objective", "min_angle", "max_angle", "bathymetry")],
     short="planner",
 )
 def plan(
@@ -149,13 +149,15 @@ def plan(
     from replay_kit.workflows.planning.request import MissionKind, PlanJob
 
     kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
+    configured = config.planner.bathymetry
+    bathymetry = places.bathymetry if configured is None or places.bathymetry is not None else Path(configured)
     job = PlanJob(
         flows,
         start,
         goals,
         kind=kind,
         no_go=places.no_go,
-        bathymetry=places.bathymetry,
+        bathymetry=bathymetry,
         spline=method.spline,
         risk=method.risk,
         waypoints=outputs.waypoints is not None,

@@ -22,7 +22,9 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection
 from replay_kit.workflows.planning.adapters import MissionPlanner
-from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry, read_flow
+from replay_kit.workflows.planning.areas import area_notes, read_areas
+from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
+from replay_kit.workflows.planning.inputs import read_flow
 from replay_kit.workflows.planning.request import PlanJob, objective_of
 
 # Samples in which a plan is judged where no number is stated.
@@ -39,6 +41,7 @@ class PlannedMission:
         ellipses: shape (L, 5), of ``surfacing_ellipses``; None without samples or legs.
         samples: Figures of the flights through samples, as in the JSON; None without samples or legs.
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
+        notes: What about the files of areas and of the bottom should be known.
     """
 
     plan: MissionPlan
@@ -46,6 +49,7 @@ class PlannedMission:
     ellipses: Array | None
     samples: dict[str, Any] | None
     waypoints: Waypoints | None
+    notes: tuple[str, ...] = ()
 
 
 def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
@@ -74,6 +78,9 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
         bathymetry=None if job.bathymetry is None else read_bathymetry(job.bathymetry),
         start_time_ns=estimates[0].time_ns or 0,
     )
+    grid, notes = estimates[0].grid, () if job.no_go is None else area_notes(job.no_go, estimates[0].grid)
+    if request.bathymetry is not None:
+        notes += bathymetry_notes(request.bathymetry, grid)
     flow, drawn = estimates[0] if len(estimates) == 1 else estimates, estimates[0].sample(count, config.seed) if count else ()
     if job.risk is None:
         made = job.kind.plan(flow, request)
@@ -85,10 +92,10 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     if certain:
         made = replace(made, message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known")
     if not drawn or len(made.headings_deg) == 0:
-        return PlannedMission(made, estimates[0].grid.projection, None, None, few)
+        return PlannedMission(made, grid.projection, None, None, few, notes)
     odds = mission_odds(flow, drawn, made, request, None if job.kind.mooring is None else job.kind.stay)
     judged = with_odds(made, odds, job.arrive, job.accepted_risk)
-    return PlannedMission(judged, estimates[0].grid.projection, odds.ellipses, _figures(odds, job), few)
+    return PlannedMission(judged, grid.projection, odds.ellipses, _figures(odds, job), few, notes)
 
 
 def _sample_count(estimate: FlowEstimate, config: PlannerConfig) -> tuple[int, bool]:

@@ -29,6 +29,8 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
     """
     made, figures = planned.plan, planned.samples
     console.print(f"{made.status}: {made.message}", soft_wrap=True)
+    for note in planned.notes:
+        console.print(f"note: {note}", soft_wrap=True)
     if len(made.headings_deg) == 0:
         return
     console.print(f"{made.duration / 3600.0:.2f} h, {energy_text(made.energy, battery)}, {len(made.headings_deg)} legs")
@@ -77,7 +79,7 @@ def unsafe_reason(planned: PlannedMission, job: PlanJob) -> str | None:
 def mission_json(planned: PlannedMission) -> dict[str, Any]:
     """Return a mission for ``--json``: the planners' figures, ``samples`` and ``waypoints``, null where there are none."""
     few = None if planned.waypoints is None else waypoint_json(planned.waypoints)
-    return {**to_json(planned.plan, planned.ellipses), "samples": planned.samples, "waypoints": few}
+    return {**to_json(planned.plan, planned.ellipses), "samples": planned.samples, "waypoints": few, "notes": list(planned.notes)}
 
 
 def mission_geojson(planned: PlannedMission) -> str:
