@@ -4,6 +4,7 @@
 * ``plan_mission`` makes a glider's mission of many dives for a ``MissionRequest``; ``plan_mooring`` one that stays near a place,
   ``plan_line`` one that follows a line, ``plan_scenarios`` one that violates no constraint in most samples of an estimate.
 * ``fly_scenarios`` summarises a mission flown in samples, with headings that are held or corrected by a ``Pilot``.
+* ``mission_odds`` flies a mission in samples of the estimate; ``with_odds`` says in its status and message how likely it arrives.
 * ``waypoints_of`` reduces a mission to a list of few waypoints.
 * ``plan_path`` makes a free path of a vehicle of bounded speed.
 """
@@ -12,13 +13,15 @@ from planners.glide.settings import GlideSettings
 from planners.glide.simulate import fly
 from planners.glide.solve import plan
 from planners.mission.feedback import Pilot
+from planners.mission.odds import MissionOdds, mission_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
 from planners.mission.scenarios import fly_scenarios, plan_scenarios
 from planners.mission.values import Line, MissionPlan, MissionRequest, MissionSettings, MonteCarloSummary, Mooring, Weights
 from planners.mission.waypoints import Waypoints, waypoints_of
 from planners.path.plan import AuvPlan, plan_path
 from planners.path.settings import Auv, AuvSettings
-from planners.route.hazards import Bathymetry, NoGo
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo
 from planners.vehicle import Glider, SteadyFlight, fit_flight
 
 __all__ = [
@@ -29,6 +32,7 @@ __all__ = [
     "GlideSettings",
     "Glider",
     "Line",
+    "MissionOdds",
     "MissionPlan",
     "MissionRequest",
     "MissionSettings",
@@ -42,6 +46,7 @@ __all__ = [
     "fit_flight",
     "fly",
     "fly_scenarios",
+    "mission_odds",
     "plan",
     "plan_line",
     "plan_mission",
@@ -49,4 +54,5 @@ __all__ = [
     "plan_path",
     "plan_scenarios",
     "waypoints_of",
+    "with_odds",
 ]

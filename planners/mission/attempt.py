@@ -86,6 +86,7 @@ class Attempt:
 
     Attributes:
         legs: The commands of each leg.
+        yo_depths: Depths [m] at which each leg begins, turns and ends.
         flight: Where they lead.
         goals: When each goal is met.
         miss: shape (G,) [m], miss distances as flown.
@@ -98,6 +99,7 @@ class Attempt:
     """
 
     legs: Legs
+    yo_depths: tuple[YoDepths, ...]
     flight: Flight
     goals: GoalSteps
     miss: Array
@@ -127,8 +129,7 @@ def is_feasible(task: MissionTask, attempt: Attempt) -> bool:
 
 def energy_of(task: MissionTask, attempt: Attempt) -> float:
     """Return the energy of an attempt [J]."""
-    yo_depths = task.yo_depths(len(attempt.legs.headings))
-    apogees = sum(leg[i] for leg in yo_depths for i in range(1, len(leg) - 1) if leg[i] > leg[i - 1])
+    apogees = sum(leg[i] for leg in attempt.yo_depths for i in range(1, len(leg) - 1) if leg[i] > leg[i - 1])
     return float(task.vehicle.energy(attempt.flight.time[-1], apogees))
 
 

@@ -77,15 +77,18 @@ class _Leg:
         through, down = self.velocity_through_water
         return np.asarray((displacement - through * (self.height / down)[:, None]) / time)
 
-    def fly(self, currents: Currents, begin: Array, method: Callable[..., list[tuple[Array, Array]]]) -> list[tuple[Array, Array]]:
-        """Return (places (K, 2) [m], times since its beginning (K, 1) [s]) after each step, integrated by a method."""
+    def fly(
+        self, currents: Currents, begin: tuple[Array, Array], method: Callable[..., list[tuple[Array, Array]]]
+    ) -> list[tuple[Array, Array]]:
+        """Return (places (K, 2) [m], times since its beginning (K, 1) [s]) after each step from a place and time, by a method."""
+        at, began = begin[0], float(np.mean(begin[1]))
         (through, down), heights = self.velocity_through_water, np.abs(np.diff(self.depths))
-        rate = rate_over_ground(currents, through, 0.0, np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]))
+        rate = rate_over_ground(currents, through, began, np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]))
         durations = [(height / down)[:, None] for height in heights]
-        flown = method(rate, begin, np.zeros((len(begin), 1)), self.depths, durations, heights.size)
+        flown = method(rate, at, np.zeros((len(at), 1)), self.depths, durations, heights.size)
         if self.drift > 0.0:
             surface = np.zeros(DRIFT_STEPS + 1)
-            drifting = rate_over_ground(currents, np.zeros(2), 0.0, surface)
+            drifting = rate_over_ground(currents, np.zeros(2), began, surface)
             flown += method(drifting, *flown[-1], surface, [self.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)
         return flown
 
@@ -94,8 +97,8 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
     """Return a mission flown in some currents, each leg after the first aimed again from where the one before has ended.
 
     Args:
-        estimate: One flow that does not change: what the pilot knows of the current.
-        currents: K flows that do not change: what the glider is in.
+        estimate: One flow: what the pilot knows of the current. Its times, if it has any, are since the start of the mission.
+        currents: K flows: what the glider is in.
         vehicle: The glider.
         predicted: The flight of the plan: its start, and the place at which each leg is planned to end, after its drift.
         legs: As planned; the depths and drifts are flown, heading and angle of the first leg too.
@@ -109,14 +112,14 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
         leg, (begin, began) = _Leg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k]), path[-1]
         expected = np.zeros((count, 2))
         for _ in range(_AIMS if k > 0 else 1):
-            end, time = leg.fly(estimate, begin, fly_midpoints)[-1]
+            end, time = leg.fly(estimate, (begin, began), fly_midpoints)[-1]
             expected = leg.mean_current(end - begin, time)
             if k > 0:
                 current = expected + pilot.persistence * current_error
                 heading, angle = aim(vehicle, targets[k] - begin, current, leg.height, leg.drift)
                 leg = replace(leg, headings=heading, angles=angle)
         headings[:, k], angles[:, k] = leg.headings, leg.angles
-        flown = leg.fly(currents, begin, fly_steps)
+        flown = leg.fly(currents, (begin, began), fly_steps)
         current_error = leg.mean_current(flown[-1][0] - begin, flown[-1][1]) - expected
         path += [(at, began + time) for at, time in flown]
         depths += [*steps[1:], *[0.0] * (len(flown) - steps.size + 1)]

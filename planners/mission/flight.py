@@ -154,12 +154,15 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
     return Flight(np.array([now for _, now in path]), np.array(depths), places, np.array(number), np.array(ends))
 
 
-def rate_over_ground(currents: Currents, through: Array, start_time: float, depths: Array) -> Callable[[Array, float, float], Array]:
+def rate_over_ground(
+    currents: Currents, through: Array, start_time: float, depths: Array
+) -> Callable[[Array, float, float | Array], Array]:
     """Return the velocity over ground as a function of places, depth and time, for depths that are known beforehand."""
     weights = dict(zip(depths.tolist(), currents.weights(depths), strict=True))
 
-    def over_ground(at: Array, depth: float, now: float) -> Array:
-        return np.asarray(through + currents.velocity(at, weights[float(depth)], start_time + now))
+    def over_ground(at: Array, depth: float, now: float | Array) -> Array:
+        # flights that are corrected each on its own differ by less than the current changes over
+        return np.asarray(through + currents.velocity(at, weights[float(depth)], start_time + float(np.mean(now))))
 
     return over_ground
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import fdtri
 
 from planners.mission.flight import Legs, currents_of_samples, fly_legs, refine_steps
 from planners.mission.leg import leg_depths, step_stops, steps_needed
@@ -15,8 +16,8 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local
 from replay_kit.core.grid import Projection
 
-# Semi-axes of the ellipse that holds 90 % of a bivariate normal distribution, in standard deviations.
-_NINETY = float(np.sqrt(-2.0 * np.log(0.1)))
+# Share of the surfacings that an ellipse holds.
+_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +86,9 @@ def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINE
 
 
 def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
-    """Return the ellipse that holds 90 % of the surfacings of each leg, assuming a normal distribution.
+    """Return the ellipse that holds another surfacing of each leg with a probability of 90 %, assuming a normal distribution.
+
+    Mean and covariance are themselves estimated from few flights, which Hotelling's factor allows for.
 
     Returns:
         Array of shape (L, 5): longitude and latitude of its centre [degrees], semi-axes [m], and the bearing of the major one, clockwise
@@ -103,7 +106,19 @@ def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
     ellipses = []
     for k, number in enumerate(numbers):
         values, vectors = np.linalg.eigh(np.cov(flights.place[:, number].T))
-        minor, major = _NINETY * np.sqrt(np.maximum(values, 0.0))
+        minor, major = ellipse_factor(len(flights.place)) * np.sqrt(np.maximum(values, 0.0))
         bearing = np.rad2deg(np.arctan2(*vectors[:, 1]) - turn[k]) % 180.0
         ellipses.append([*centre[k], major, minor, bearing])
     return np.array(ellipses)
+
+
+def ellipse_factor(count: int) -> float:
+    """Return the semi-axes, in sample standard deviations, of the ellipse that holds the next of some points with a probability of 90 %.
+
+    Args:
+        count: Number of points, three or more, from whose mean and covariance the ellipse is made.
+
+    References:
+        Hotelling (1931); Chew (1966), Confidence, prediction, and tolerance regions for the multivariate normal distribution.
+    """
+    return float(np.sqrt(2.0 * (count - 1) * (count + 1) * fdtri(2, count - 2, _SHARE) / (count * (count - 2))))

@@ -11,7 +11,7 @@ from planners.mission.reference_path import along_line, near_place
 from planners.mission.result import to_plan
 from planners.mission.search import solve_attempts
 from planners.mission.solve import solve_legs
-from planners.mission.task import MissionTask, mission_task
+from planners.mission.task import LEAST_DIVE, MissionTask, mission_task
 from planners.mission.values import Line, MissionPlan, MissionRequest, Mooring, Weights
 from planners.route.graph import Route
 from planners.route.region import locate
@@ -87,6 +87,9 @@ def plan_mooring(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     settings, centre = request.settings, replace(request.goals[0], depth=0.0)
     task = mission_task(flow, replace(request, goals=(centre,), settings=replace(settings, objective=_MOORING)))
     place = task.goals[0, :2]
+    # dives anywhere within the radius turn above the bottom
+    depth = min(task.settings.depth, max(float(task.bottom.limit_at(place[None], mooring.radius)[0]), LEAST_DIVE))
+    task = replace(task, request=replace(task.request, settings=replace(task.settings, depth=depth)))
     task = replace(task, reference_path=near_place(place, mooring.radius, mooring.duration, mooring.surfacings_only))
     distance = float(np.linalg.norm(task.start[:2] - place))
     if distance > mooring.radius:

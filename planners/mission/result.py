@@ -9,6 +9,7 @@ from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan, MissionStatus
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
+from replay_kit.core.text import time_text
 
 Statistics = dict[str, float | int | str]
 # A mission this close to the longest one considered is limited by it.
@@ -44,7 +45,7 @@ def _plan_of(
         headings_deg=np.mod(np.rad2deg(best.legs.headings - turn), 360.0),
         glide_angles_deg=np.rad2deg(best.legs.angles),
         pitches_deg=np.rad2deg(task.vehicle.pitch(best.legs.angles)),
-        yo_depths=task.yo_depths(len(best.legs.headings)),
+        yo_depths=best.yo_depths,
         surfacings=np.column_stack(to_geographic(projection, *track[flight.ends, :2].T)),
         surfacing_times=flight.time[flight.ends],
         goal_legs=best.goals.legs,
@@ -86,7 +87,7 @@ def _failed_plan(task: MissionTask, message: str) -> MissionPlan:
     flight = Flight(zero, task.start[2:], task.start[None, None, :2], np.zeros(1, dtype=int), np.zeros(0, dtype=int))
     miss = np.linalg.norm(task.goals[:, :2] - task.start[:2], axis=1)
     guess, goals = MissionGuess(np.zeros((0, 2)), none, none), GoalSteps(no_goals, no_goals)
-    stays = Attempt(Legs(none, none, (), none), flight, goals, miss, (0.0, 0.0), None, guess, 0, "not started", 0.0)
+    stays = Attempt(Legs(none, none, (), none), (), flight, goals, miss, (0.0, 0.0), None, guess, 0, "not started", 0.0)
     return _plan_of(task, stays, "failed", np.zeros(len(task.goals)), message, {"attempts": 0})
 
 
@@ -99,20 +100,28 @@ def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
         names = ["the goal"] if len(miss) == 1 else [f"goal {k + 1}" for k in range(len(miss))]
         verbs = ["meets {} at" if distance <= settings.tolerance else "misses {} by" for distance in miss]
         parts += [
-            f"{verb.format(name)} {distance:.1f} m after {time / 3600.0:.1f} h"
+            f"{verb.format(name)} {distance:.1f} m after {_hours(task, float(time))}"
             for verb, name, distance, time in zip(verbs, names, miss, goal_times, strict=True)
         ]
         short = "" if np.all(miss <= settings.tolerance) else f", outside the tolerance of {settings.tolerance:g} m"
     if reference is not None:
-        hours = flight.time[-1] / 3600.0
-        parts.append(f"{farthest:.0f} m from {reference.name} at most, {rms:.0f} m in the root mean square, for {hours:.1f} h")
+        lasts = _hours(task, float(flight.time[-1]))
+        parts.append(f"{farthest:.0f} m from {reference.name} at most, {rms:.0f} m in the root mean square, for {lasts}")
         short += "" if farthest <= reference.limit else f", farther than {reference.limit:g} m"
     n_legs = len(flight.ends)
     text = f"{n_legs} leg{'s' * (n_legs != 1)}; {', '.join(parts)}"
     if attempt.violation is not None:
         at = attempt.violation
-        text += f"; not safe: crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} in leg {at.leg} after {at.time / 3600.0:.1f} h"
+        text += f"; not safe: crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} in leg {at.leg} after {_hours(task, at.time)}"
+    if task.is_late:
+        text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
     return f"{text}{short}; {_binding(task, attempt, n_legs)}" if short else text
+
+
+def _hours(task: MissionTask, seconds: float) -> str:
+    """Return a time since the start in hours and, where the mission has a date, as a date."""
+    begins = task.request.start_time_ns
+    return f"{seconds / 3600.0:.1f} h" + (f" ({time_text(begins + round(seconds * 1e9))})" if begins else "")
 
 
 def _binding(task: MissionTask, attempt: Attempt, n_legs: int) -> str:

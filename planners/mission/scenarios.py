@@ -16,7 +16,7 @@ from scipy.special import bdtr
 from planners.mission.attempt import Attempt, best_of, is_feasible
 from planners.mission.check import clearances
 from planners.mission.feedback import Pilot, fly_corrected
-from planners.mission.flight import Currents, Flight, Legs, currents_of_samples, fly_legs
+from planners.mission.flight import Currents, Flight, Legs, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import legs_of_plan
 from planners.mission.program import MissionGuess
 from planners.mission.result import to_plan
@@ -25,7 +25,8 @@ from planners.mission.search import goal_legs_of, goal_steps_of, solve_attempts
 from planners.mission.solve import solve_with_margin
 from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary
-from planners.route.hazards import Bathymetry, NoGo
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -51,15 +52,20 @@ class _Trial:
 
 
 def plan_scenarios(
-    flow: FlowEstimate, samples: Sequence[FlowEstimate], request: MissionRequest, *, allowed: float = 0.1, pilot: Pilot | None = None
+    flow: FlowEstimate | Sequence[FlowEstimate],
+    samples: Sequence[FlowEstimate],
+    request: MissionRequest,
+    *,
+    allowed: float = 0.1,
+    pilot: Pilot | None = None,
 ) -> tuple[MissionPlan, MonteCarloSummary]:
     """Return the mission planned on the estimate with a margin that keeps the samples clear, and its summary over the samples.
 
     When no margin tried keeps enough of them clear, the plan that keeps most is returned: ``MonteCarloSummary.safe`` says how many.
 
     Args:
-        flow: The estimate.
-        samples: Flows on its nodes, as ``flow.sample`` draws them: about twenty or more.
+        flow: The estimate, or estimates for increasing times.
+        samples: Flows on its nodes, as ``flow.sample`` of the first draws them: about twenty or more. What they differ by persists.
         request: As for ``plan_mission``; the margin of its settings is the least one.
         allowed: Share of the samples that may violate a constraint.
         pilot: Who corrects the mission at each surfacing; None when its headings are held whatever the current.
@@ -67,18 +73,18 @@ def plan_scenarios(
     Raises:
         PlanError: As for ``plan_mission``; or there are no samples, or they are not on the nodes of the estimate.
     """
-    currents, task = _currents_of(flow, samples), mission_task(flow, request)
+    currents, task = currents_around(flow, samples), mission_task(flow, request)
     attempts = solve_attempts(task)
     if not attempts:
         return to_plan(task, []), MonteCarloSummary(0.0, 0.0, float("nan"), float("nan"), {})
     attempt, trials, extra = best_of(task, attempts), list[_Trial](), 0.0
     for _ in range(_PLANS):
-        legs = replace(attempt.legs, depths=task.depths(task.yo_depths(len(attempt.legs.headings))))
+        legs = replace(attempt.legs, depths=task.depths(attempt.yo_depths))
         flight, predicted = fly_samples(task, currents, legs, pilot)
         met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
         summary, clear = summarise_flights(task, flight, met)
         trials.append(_Trial(attempt, summary, extra, passes_binomial_test(int(np.sum(clear <= 0.0)), len(clear), allowed)))
-        if trials[-1].passes:
+        if trials[-1].passes or task.is_late:
             break
         if len(trials) > 1:
             # the clearance that is missing to the first sample that must not violate a constraint
@@ -93,7 +99,7 @@ def plan_scenarios(
 
 
 def fly_scenarios(
-    flow: FlowEstimate,
+    flow: FlowEstimate | Sequence[FlowEstimate],
     samples: Sequence[FlowEstimate],
     plan: MissionPlan,
     *,
@@ -104,8 +110,8 @@ def fly_scenarios(
     """Return the summary of a mission flown in samples of the current.
 
     Args:
-        flow: The estimate: what a pilot knows of the current.
-        samples: Flows on its nodes.
+        flow: The estimate, or estimates for increasing times: what a pilot knows of the current.
+        samples: Flows on its nodes, as ``flow.sample`` of the first draws them. What they differ by persists.
         plan: The mission.
         pilot: Who corrects it at each surfacing; None when its headings are held whatever the current.
         no_go: Areas that must not be entered.
@@ -114,9 +120,9 @@ def fly_scenarios(
     Raises:
         PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
     """
-    legs = legs_of_plan(plan, flow, 1)
+    legs = legs_of_plan(plan, flow if isinstance(flow, FlowEstimate) else flow[0], 1)
     task = mission_task(flow, MissionRequest(plan.start, plan.goals, plan.vehicle, plan.settings, no_go, bathymetry, plan.start_time_ns))
-    flight, predicted = fly_samples(task, _currents_of(flow, samples), legs, pilot)
+    flight, predicted = fly_samples(task, currents_around(flow, samples), legs, pilot)
     return summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
 
 
@@ -160,16 +166,20 @@ def fly_samples(task: MissionTask, currents: Currents, legs: Legs, pilot: Pilot 
     start = task.start[:2]
     predicted = fly_legs(task.currents, task.vehicle, start, legs, task.start_time)
     if pilot is None:
-        return fly_legs(currents, task.vehicle, start, legs), predicted
-    return fly_corrected(task.currents, currents, task.vehicle, predicted, legs, pilot).flight, predicted
+        return fly_legs(currents, task.vehicle, start, legs, task.start_time), predicted
+    known, met = (one if one.times is None else replace(one, times=one.times - task.start_time) for one in (task.currents, currents))
+    return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight, predicted
 
 
-def _currents_of(flow: FlowEstimate, samples: Sequence[FlowEstimate]) -> Currents:
-    """Return the samples' currents, all on the nodes of the estimate."""
+def currents_around(flow: FlowEstimate | Sequence[FlowEstimate], samples: Sequence[FlowEstimate]) -> Currents:
+    """Return the samples' currents, all on the nodes of the estimate; where it changes, so do they, and their errors persist."""
     if not samples:
         raise PlanError("a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)")
-    both = currents_of_samples([flow, *samples])
-    return replace(both, latent=both.latent[1:])
+    both = currents_of_samples([flow if isinstance(flow, FlowEstimate) else flow[0], *samples])
+    if isinstance(flow, FlowEstimate):
+        return replace(both, latent=both.latent[1:])
+    known = currents_of(flow)
+    return replace(known, latent=known.latent + np.tile(both.latent[1:] - both.latent[:1], (1, 1, len(flow))))
 
 
 def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:

@@ -12,7 +12,10 @@ dive that ends there.
 3. Constraints. When the path crosses land, an area, shallows or the region's edge, each step's end must lie within the half-planes that
 touch the three nearest of them; they are placed anew around each path found until there is no more gain.
 
-4. Check. The path is integrated again, by Runge-Kutta with steps half as long, and checked every ten metres.
+4. Bottom. Where no way round shallows is found, or the mission begins or ends in them, the quickest route through all water is cut into
+legs that turn above the bottom along them (``turning.py``).
+
+5. Check. The path is integrated again, by Runge-Kutta with steps half as long, and its segments are checked exactly.
 
 Where not even a vehicle twice as fast, over land and through all areas, would arrive in the time of the most legs, each solve has 900
 iterations divided by the number of legs, or 20, and half-planes are placed once or twice, which is enough to find how close the mission
@@ -27,7 +30,8 @@ import numpy as np
 from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
-from planners.mission.task import MissionTask, find_route, initial_guess, is_out_of_reach, route_graph_of
+from planners.mission.task import MissionTask, find_route, initial_guess, is_out_of_reach, route_graph_of, turns_of
+from planners.mission.turning import solve_turning
 from planners.mission.values import MissionPlan
 from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
@@ -62,14 +66,30 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         return attempts
     if not task.is_finite:
         return []
-    attempts += _search(task, task.rings)
-    if not any(is_feasible(task, attempt) for attempt in attempts) and any(ring.surface_only for ring in task.rings):
+    places = np.vstack([task.start, task.goals])[:, :2]
+    if task.bottom.limit_at(places).min() >= task.settings.depth:
+        attempts += _search_at_full_depth(task)
+    if _goes_on(task, attempts) and task.bottom.shallowest < task.settings.depth:
+        # no way leads round the shallows, or none is quick enough: dives turn above them
+        attempts += solve_turning(task, task.rings)
+    return attempts
+
+
+def _search_at_full_depth(task: MissionTask) -> list[Attempt]:
+    """Return the attempts whose dives all have the depth of the settings."""
+    attempts = _search(task, task.rings)
+    if _goes_on(task, attempts) and any(ring.surface_only for ring in task.rings):
         # an area too wide to be passed under water between two surfacings must be rounded
         attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
-    if not any(is_feasible(task, attempt) for attempt in attempts) and any(ring.drawn for ring in task.rings):
+    if _goes_on(task, attempts) and any(ring.drawn for ring in task.rings):
         # in a strong current the graph has too few edges to pass close by an area; half-planes may bend the route through it clear
         attempts += _search(task, tuple(ring for ring in task.rings if not ring.drawn), once=True)
     return attempts
+
+
+def _goes_on(task: MissionTask, attempts: list[Attempt]) -> bool:
+    """Return whether something else is to be tried: nothing is feasible yet, and there is time or nothing was tried at all."""
+    return not any(is_feasible(task, attempt) for attempt in attempts) and (not attempts or not task.is_late)
 
 
 def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> list[Attempt]:
@@ -84,25 +104,26 @@ def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> l
 
     def attempt(legs: tuple[int, ...], fewer: bool = False) -> Attempt:
         announce(f"planning: {legs[-1]} legs")
-        guess = initial_guess(task, route, graph, legs[-1])
+        guess = initial_guess(task, route, graph, route.times[-1] * np.arange(legs[-1] + 1) / legs[-1])
         return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer, brief=brief)
 
     attempts = [attempt(goal_legs_of(passed, settings.legs or likely))]
-    if settings.legs is not None or not route.arrives or once:
+    if settings.legs is not None or not route.arrives or once or task.is_late:
         return attempts
     for n_legs in range(likely - 1, len(task.goals) - 1, -1):
-        if not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
+        if task.is_late or not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
             break
         attempts.append(attempt(goal_legs_of(passed, n_legs), fewer=True))
     last = attempts[0]
     for _ in range(likely, min(likely + _MORE_LEGS + len(task.goals), settings.max_legs)):
-        if any(done.violation is None and goals_met(task, done) for done in attempts):
+        if task.is_late or any(done.violation is None and goals_met(task, done) for done in attempts):
             break
         last = attempt(add_leg(last.goals.legs, last.legs.angles))
         attempts.append(last)
     # shorter legs can follow turns of the route that long ones cut off
     for n_legs in (round(factor * likely) for factor in _SHORTER if any(done.violation for done in attempts)):
-        if last.goals.legs[-1] < n_legs <= settings.max_legs and not any(is_feasible(task, done) for done in attempts):
+        wanted = not task.is_late and not any(is_feasible(task, done) for done in attempts)
+        if wanted and last.goals.legs[-1] < n_legs <= settings.max_legs:
             attempts.append(attempt(goal_legs_of(passed, n_legs)))
     return attempts
 
@@ -152,6 +173,7 @@ def _rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
     goal_legs = tuple(number - begun for number in warm.goal_legs if number > begun)
     if left <= 0 or len(goal_legs) != len(task.goals) or left > task.settings.max_legs or task.settings.legs not in (None, left):
         return []
+    task = replace(task, turns=turns_of(warm.yo_depths[begun:]))
     begins = np.concatenate([[0.0], warm.surfacing_times])[np.array(goal_legs) + begun - 1]
     durations = warm.surfacing_times[np.array(goal_legs) + begun - 1] - begins
     goals = GoalSteps(goal_legs, task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / durations))

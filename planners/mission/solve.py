@@ -10,7 +10,7 @@ from planners.mission.check import check
 from planners.mission.flight import Legs, fly_legs, refine_steps
 from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, MissionSolution, solve_mission
 from planners.mission.safety_margin import SafetyMargin
-from planners.mission.task import REFINED, MissionTask
+from planners.mission.task import REFINED, MissionTask, turns_of
 from planners.route.graph import Route
 from planners.route.hazards import half_planes
 from planners.solver import HOUR, KM, MOST_ITERATIONS
@@ -84,6 +84,7 @@ def solve_legs(
 
 def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:
     """Return the optimum that keeps a safety margin, found from an attempt without it."""
+    task = replace(task, turns=turns_of(before.yo_depths))
     problem, at, best, iterations = LegsProblem(task, len(before.guess.headings), before.goals), before.guess, None, 0
     missed = not task.settings.weighs_distance and bool(np.any(before.miss > task.settings.tolerance))
     closest = missed or task.settings.objective == "closest"
@@ -123,7 +124,12 @@ def _planes(problem: LegsProblem, path: Array, margin: SafetyMargin | None = Non
     task, n_places = problem.task, path.shape[1]
     # between the dives of a leg the glider is at the surface, too
     depths = np.array([[*steps[1:], *steps[-1:].repeat(n_places - steps.size + 1)] for steps in problem.depths])
-    planes = half_planes(task.rings, path.reshape(-1, 2), (depths <= 0.0).ravel(), _PLANES, task.settings.margin)
+    planes, turns = np.empty((*path.shape[:2], _PLANES, 3)), np.array(turns_of(problem.yo_depths))
+    for turn in np.unique(turns):
+        legs, rings = turns == turn, task.rings_at(float(turn))
+        found = half_planes(rings, path[legs].reshape(-1, 2), (depths[legs] <= 0.0).ravel(), _PLANES, task.settings.margin)
+        planes[legs] = found.reshape(planes[legs].shape)
+    planes = planes.reshape(-1, _PLANES, 3)
     if margin is not None:
         planes[..., 2] -= margin.margins(planes[..., :2])
     return planes.reshape(*path.shape[:2], _PLANES, 3)
@@ -210,5 +216,5 @@ def _fly(problem: LegsProblem, solution: MissionSolution, iterations: int) -> At
     reference = task.reference_path
     deviation = (0.0, 0.0) if reference is None else reference.farthest_and_rms(flight.time, flight.place[0], flight.ends)
     total = iterations + solution.iterations
-    violation = check(task, flight)
-    return Attempt(legs, flight, goals, miss, deviation, violation, guess, total, solution.return_status, solution.plane_violation)
+    violation, status = check(task, flight), solution.return_status
+    return Attempt(legs, problem.yo_depths, flight, goals, miss, deviation, violation, guess, total, status, solution.plane_violation)

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import inf
+from time import monotonic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +13,9 @@ from planners.mission.leg import leg_depths, step_stops, steps_needed
 from planners.mission.program import MissionGuess
 from planners.mission.reference_path import ReferencePath
 from planners.mission.values import MissionRequest, MissionSettings
+from planners.route.bottom import DEPTH_TOLERANCE, Bottom, bottom_of, fixed_rings
 from planners.route.graph import Route, RouteGraph, build_route_graph
-from planners.route.hazards import Ring, first_violation, hazard_rings
+from planners.route.hazards import Ring
 from planners.route.region import Region, locate, region_of
 from planners.route.table import tabulate
 from planners.spline import FlowSpline, spline_of
@@ -28,6 +31,8 @@ REFINED = 2
 _MUCH_FASTER = 2.0
 # Glide angles among which the one of a given leg time is chosen.
 _ANGLES = 64
+# Dives that turn above this are of no use [m].
+LEAST_DIVE = 10.0
 
 YoDepths = tuple[float, ...]
 
@@ -40,23 +45,34 @@ class MissionTask:
         request: What is asked for.
         currents: The current, K = 1.
         region: The forecast's.
-        rings: What the path must keep clear of.
+        rings: What the path must keep clear of at any depth.
+        bottom: What limits the depth of its dives.
         start: shape (3,) [m], local east, north, depth.
         goals: shape (G, 3) [m].
         start_time: On the clock of the currents' times [s].
         reference_path: That the track is to stay near; None without.
         spline: That the optimiser uses instead of the currents; the check uses the currents.
+        deadline: On the machine's clock, after which nothing else is tried [s].
+        turns: Depth at which the dives of each leg turn [m], where the bottom limits them; None where all turn at that of the settings.
     """
 
     request: MissionRequest
     currents: Currents
     region: Region
     rings: tuple[Ring, ...]
+    bottom: Bottom
     start: Array
     goals: Array
     start_time: float
     reference_path: ReferencePath | None = None
     spline: FlowSpline | None = None
+    deadline: float = inf
+    turns: tuple[float, ...] | None = None
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the time limit of the search is over."""
+        return monotonic() > self.deadline
 
     @property
     def vehicle(self) -> Glider:
@@ -78,16 +94,18 @@ class MissionTask:
         """Whether the current is a number everywhere."""
         return bool(np.all(np.isfinite(self.currents.latent)))
 
-    def deep_enough(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether points, shape (n, 2) [m], are water down to the dives' depth in the forecast."""
-        return self.region.wet(np.column_stack([points, np.full(len(points), self.settings.depth)]))
+    def rings_at(self, depth: float) -> tuple[Ring, ...]:
+        """Return what a path that reaches a depth [m] must keep clear of."""
+        return (*self.rings, *self.bottom.rings(depth))
 
     def yo_depths(self, n_legs: int) -> tuple[YoDepths, ...]:
         """Return the depths [m] at which each of ``n_legs`` legs begins, turns and ends."""
-        yo = (0.0, *(self.settings.depth, 0.0) * self.settings.yos)
         if n_legs == 0:
             return ()
-        legs = [(float(self.start[2]), *yo[1:]), *[yo] * (n_legs - 1)]
+        turns = (self.settings.depth,) * n_legs if self.turns is None else self.turns
+        assert len(turns) == n_legs, "each leg has a depth at which its dives turn"
+        legs = [(0.0, *(turn, 0.0) * self.settings.yos) for turn in turns]
+        legs[0] = (float(self.start[2]), *legs[0][1:])
         deep = float(self.goals[-1, 2])
         if deep > 0.0:
             # the last dive ends at the goal's depth on its way down; after other dives, or from below the surface, on its way up
@@ -130,16 +148,21 @@ class MissionTask:
         """Return the drift time [s] after each leg: none at the end."""
         return np.append(np.full(n_legs - 1, self.settings.surface_time), 0.0)
 
-    def leg_time(self, angle: float) -> float:
-        """Return the duration of a leg at a glide angle [rad], with its drift [s]."""
-        down = float(self.vehicle.speeds(np, angle)[1])
-        return 2.0 * self.settings.yos * self.settings.depth / down + self.settings.surface_time
+    def leg_time(self, angle: float, depth: float | None = None) -> float:
+        """Return the duration of a leg at a glide angle [rad] to a depth [m], by default that of the settings, with its drift [s]."""
+        down, deep = float(self.vehicle.speeds(np, angle)[1]), self.settings.depth if depth is None else depth
+        return 2.0 * self.settings.yos * deep / down + self.settings.surface_time
 
-    def angle_of(self, leg_time: float) -> float:
-        """Return the glide angle [rad] at which a leg comes nearest to a duration [s]."""
+    def angle_of(self, leg_time: float, depth: float | None = None) -> float:
+        """Return the glide angle [rad] at which a leg to a depth [m] comes nearest to a duration [s]."""
         angles = np.linspace(*self.vehicle.angles, _ANGLES)
-        times = np.array([self.leg_time(float(angle)) for angle in angles])
+        times = np.array([self.leg_time(float(angle), depth) for angle in angles])
         return float(angles[np.argmin(np.abs(times - leg_time))])
+
+
+def turns_of(yo_depths: tuple[YoDepths, ...]) -> tuple[float, ...]:
+    """Return the depth at which the dives of each leg turn [m]."""
+    return tuple(max(leg[1:]) for leg in yo_depths)
 
 
 def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest) -> MissionTask:
@@ -154,16 +177,30 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     names = ["goal"] if len(request.goals) == 1 else [f"goal {k + 1}" for k in range(len(request.goals))]
     start = locate(region, request.start, "start")
     goals = np.array([locate(region, goal, name) for goal, name in zip(request.goals, names, strict=True)])
-    rings = hazard_rings(region, settings.depth, request.no_go, request.bathymetry)
+    bottom = bottom_of(region, request.bathymetry, settings.clearance)
+    rings = fixed_rings(region, request.no_go, bottom)
     for name, point in zip(["start", *names], [start, *goals], strict=True):
-        crossed = first_violation(rings, point[None, :2], surfacing=name != "start" and point[2] == 0.0)
-        if crossed is not None or not region.wet(np.array([[*point[:2], settings.depth]]))[0]:
-            why = "land" if crossed is None else crossed[0]
-            raise PlanError(f"{name} is where dives to {settings.depth:g} m may not go: {why}; move it, or dive less deep")
+        _check_place(rings, bottom, name, point, settings.depth)
     if settings.spline and currents.times is not None:
         raise PlanError("a spline represents one estimate, not a flow that changes in time; plan such a mission without it")
-    task = MissionTask(request, currents, region, rings, start, goals, time_on_clock(currents, request.start_time_ns))
+    # a region that is less deep everywhere needs no search for how deep each dive may be
+    depth = min(settings.depth, max(bottom.deepest, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2])))
+    request = replace(request, settings=replace(settings, depth=depth))
+    clock, deadline = time_on_clock(currents, request.start_time_ns), monotonic() + settings.time_limit
+    task = MissionTask(request, currents, region, rings, bottom, start, goals, clock, deadline=deadline)
     return replace(task, spline=spline_of(currents.flow, settings.spline)) if settings.spline and task.is_finite else task
+
+
+def _check_place(rings: tuple[Ring, ...], bottom: Bottom, name: str, point: Array, depth: float) -> None:
+    """Raise PlanError where a mission may not begin or end: in an area, or where the bottom leaves no room for a dive."""
+    surfacing = name != "start" and point[2] == 0.0
+    area = next((ring.name for ring in rings if (surfacing or not ring.surface_only) and ring.forbids(point[None, :2])[0]), None)
+    if area is not None:
+        raise PlanError(f"{name} is where dives to {depth:g} m may not go: {area}; move it")
+    deepest, needed = float(bottom.limit_at(point[None, :2])[0]), max(float(point[2]), LEAST_DIVE)
+    if deepest < needed - DEPTH_TOLERANCE:
+        room = f"the bottom less a clearance of {bottom.clearance:g} m leaves {deepest:g} m" if np.isfinite(deepest) else "land"
+        raise PlanError(f"{name} is where dives to {needed:g} m may not go: {room}; move it to deeper water")
 
 
 def _check_request(request: MissionRequest, region: Region) -> None:
@@ -187,12 +224,15 @@ def time_on_clock(currents: Currents, time_ns: int) -> float:
     return 0.0 if currents.times is None or first is None or time_ns == 0 else (time_ns - first) / 1e9
 
 
-def route_graph_of(task: MissionTask, rings: tuple[Ring, ...], *, speed_ratio: float = 1.0, over_land: bool = False) -> RouteGraph:
+def route_graph_of(
+    task: MissionTask, rings: tuple[Ring, ...], *, depth: float | None = None, speed_ratio: float = 1.0, over_land: bool = False
+) -> RouteGraph:
     """Return the graph of the mean current over the mission's dives, at its beginning.
 
     Args:
         task: The problem.
         rings: What the route keeps clear of.
+        depth: Of the water that it needs [m]; None for that of the settings.
         speed_ratio: Speed of the route's vehicle over that of the glider.
         over_land: Whether the route may cross land.
     """
@@ -206,8 +246,13 @@ def route_graph_of(task: MissionTask, rings: tuple[Ring, ...], *, speed_ratio: f
     drift_share = task.settings.surface_time / task.leg_time(angle)
     shares = (1.0 - drift_share) * by_level + drift_share * (np.arange(table.depths.size) == 0)
     along = float(task.vehicle.speeds(np, angle)[0])
-    wet = (lambda points: np.ones(len(points), dtype=bool)) if over_land else task.deep_enough
-    return build_route_graph(table, shares, rings, wet, speed_ratio * (1.0 - drift_share) * along)
+    depth = task.settings.depth if depth is None else depth
+
+    def wet(points: Array) -> NDArray[np.bool_]:
+        return np.full(len(points), True) if over_land else task.bottom.limit_at(points) >= depth
+
+    shallows = () if over_land else task.bottom.rings(depth)
+    return build_route_graph(table, shares, (*rings, *shallows), wet, speed_ratio * (1.0 - drift_share) * along)
 
 
 def is_out_of_reach(task: MissionTask) -> bool:
@@ -233,9 +278,10 @@ def find_route(task: MissionTask, graph: RouteGraph, longest: float) -> tuple[Ro
     return Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed)
 
 
-def initial_guess(task: MissionTask, route: Route, graph: RouteGraph, n_legs: int) -> MissionGuess:
-    """Return the route cut into legs of equal time, with the headings that follow it in the mean current."""
-    times = route.times[-1] * np.arange(n_legs + 1) / n_legs
-    places = route.at(times)
-    through = np.diff(places, axis=0) / max(times[1], 1.0) - graph.current_at(0.5 * (places[1:] + places[:-1]))
-    return MissionGuess(places[1:], np.arctan2(through[:, 0], through[:, 1]), np.full(n_legs, task.angle_of(times[1])))
+def initial_guess(task: MissionTask, route: Route, graph: RouteGraph, ends: Array) -> MissionGuess:
+    """Return the route cut into legs at some times, shape (L + 1,) [s], with the headings that follow it in the mean current."""
+    places, durations = route.at(ends), np.diff(ends)
+    through = np.diff(places, axis=0) / np.maximum(durations, 1.0)[:, None] - graph.current_at(0.5 * (places[1:] + places[:-1]))
+    turns = (None,) * durations.size if task.turns is None else task.turns
+    angles = [task.angle_of(float(duration), turn) for duration, turn in zip(durations, turns, strict=True)]
+    return MissionGuess(places[1:], np.arctan2(through[:, 0], through[:, 1]), np.array(angles))

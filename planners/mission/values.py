@@ -7,13 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from planners.route.hazards import Bathymetry, NoGo
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.plan import Place
 
-MissionStatus = Literal["reached", "unreachable", "unsafe", "failed"]
+MissionStatus = Literal["reached", "uncertain", "unreachable", "unsafe", "failed"]
 Objective = Literal["time", "energy", "closest"]
 
 
@@ -58,9 +59,11 @@ class MissionSettings:
         max_legs: Largest number of legs considered.
         max_duration: Longest mission considered [s].
         margin: Distance kept from land, areas, shallows and the edge of the region [m].
+        clearance: Least height of the dives above the bottom of the bathymetry [m].
         steps: Steps of the optimiser per dive and climb, besides one per level crossed.
         spline: Coefficients per kernel length of a B-spline of the flow that the optimiser uses, about 3; 0 for the flow itself. Its error
             is in ``statistics``, and the plan is checked in the flow itself.
+        time_limit: After which no other number of legs, way or margin is tried [s]; what is being solved is finished.
     """
 
     depth: float = 500.0
@@ -72,16 +75,18 @@ class MissionSettings:
     max_legs: int = 60
     max_duration: float = 1.2e6
     margin: float = 50.0
+    clearance: float = 20.0
     steps: int = 1
     spline: int = 0
+    time_limit: float = inf
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
-        positive = {name: getattr(self, name) for name in ("depth", "yos", "tolerance", "max_legs", "max_duration", "steps")}
+        positive = {name: getattr(self, name) for name in ("depth", "yos", "tolerance", "max_legs", "max_duration", "steps", "time_limit")}
         for name, value in {**positive, "legs": 1 if self.legs is None else self.legs}.items():
             if not value > 0:
                 raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
-        for name in ("surface_time", "margin", "spline"):
+        for name in ("surface_time", "margin", "clearance", "spline"):
             if not getattr(self, name) >= 0.0:
                 raise PlanError(f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more")
 
@@ -109,7 +114,7 @@ class MissionRequest:
         vehicle: The glider.
         settings: How it is flown and planned.
         no_go: Areas that must not be entered.
-        bathymetry: Bottom depth, beside the forecast's land.
+        bathymetry: Bottom depth; without one, the lowest level that is wet in the forecast limits the dives.
         start_time_ns: When it begins [ns, UTC].
     """
 
@@ -168,7 +173,8 @@ class MissionPlan:
 
     Attributes:
         status: ``reached`` when every goal is met within the tolerance, ``unreachable`` when the best path found does not,
-            ``unsafe`` when the path violates a constraint, ``failed`` when there is no path.
+            ``unsafe`` when the path violates a constraint, ``failed`` when there is no path; ``uncertain`` when samples of the estimate
+            say that it arrives less often than asked for.
         start: Where it begins.
         goals: Where it should go, in order.
         start_time_ns: [ns, UTC].

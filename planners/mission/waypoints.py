@@ -6,17 +6,20 @@ In eight random eddy fields of 0.1, 0.2 and 0.3 m/s RMS at the surface, missions
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import shapely
 
-from planners.mission.flight import Currents, Legs, currents_of, fly_legs, refine_steps
+from planners.mission.check import Violation, check
+from planners.mission.flight import Legs, fly_legs, refine_steps
 from planners.mission.flights import legs_of_plan
 from planners.mission.leg import leg_depths, steps_needed
-from planners.mission.task import REFINED, time_on_clock
-from planners.mission.values import MissionPlan
+from planners.mission.task import REFINED, MissionTask, mission_task, turns_of
+from planners.mission.values import MissionPlan, MissionRequest
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo, Ring, first_crossing
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -39,7 +42,7 @@ class Waypoints:
         latitude: shape (W,) [degrees north].
         glide_angles_deg: shape (W,), on the way to each.
         pitches_deg: shape (W,).
-        depth: Depth of the dives [m].
+        depths: shape (W,), depth of the dives on the way to each [m].
         yos: Dives between surfacings.
         radius: Within which a waypoint counts as reached [m].
         times: shape (W,) [s] since the start, when each is reached; NaN for those that are not.
@@ -47,6 +50,7 @@ class Waypoints:
         off_end: Distance of the last surfacing from the end of the plan [m].
         delay: Its delay against the end of the plan [s]; negative when earlier.
         off_track: Largest distance of a surfacing from the plan's legs [m].
+        violation: What a glider that heads for them crosses first; None when it keeps clear.
         message: The outcome in words.
     """
 
@@ -54,7 +58,7 @@ class Waypoints:
     latitude: Array
     glide_angles_deg: Array
     pitches_deg: Array
-    depth: float
+    depths: Array
     yos: int
     radius: float
     times: Array
@@ -62,10 +66,31 @@ class Waypoints:
     off_end: float
     delay: float
     off_track: float
+    violation: Violation | None
     message: str
 
 
-def waypoints_of(flow: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan, tolerance: float | None = None) -> Waypoints:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Followed:
+    """Waypoints headed for with one radius: when each is reached [s], (place [m], time [s]) of each surfacing, the first violation."""
+
+    radius: float
+    kept: tuple[int, ...]
+    angles: Array
+    depths: Array
+    times: Array
+    path: list[tuple[Array, float]]
+    violation: Violation | None
+
+
+def waypoints_of(
+    flow: FlowEstimate | Sequence[FlowEstimate],
+    plan: MissionPlan,
+    tolerance: float | None = None,
+    *,
+    no_go: tuple[NoGo, ...] = (),
+    bathymetry: Bathymetry | None = None,
+) -> Waypoints:
     """Return the fewest of a plan's surfacings that describe its track, and the track of a glider that heads for them in a flow.
 
     It heads for the next waypoint from where it surfaces, corrected for the mean current of its last leg by dead reckoning, at the
@@ -73,56 +98,73 @@ def waypoints_of(flow: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan,
     reached is the plan's tolerance or two, four or eight times that: the one that reaches most waypoints, ends within the tolerance and
     loses least time. A goal below the surface at the end is a waypoint above it.
 
+    No straight line between two waypoints crosses an area. The flight is checked as a plan is: where it violates a constraint, all
+    surfacings become waypoints; ``violation`` is what it crosses all the same. Dives to a waypoint are as deep as the shallowest planned.
+
     Args:
         flow: The current it is flown in: the plan's, or another one.
         plan: The mission.
         tolerance: A surfacing this close to steady progress between two others is left out [m]; None for the plan's tolerance.
+        no_go: Areas that must not be entered.
+        bathymetry: Bottom depth.
 
     Raises:
         PlanError: The mission has no legs, or it is a mooring, which is a single waypoint.
     """
     if plan.settings.weights.closest == 0.0:
         raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
-    currents = currents_of(flow)
-    legs, projection = legs_of_plan(plan, currents.flow), currents.flow.grid.projection
-    start = np.array(to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64)
+    task = mission_task(flow, MissionRequest(plan.start, plan.goals, plan.vehicle, plan.settings, no_go, bathymetry, plan.start_time_ns))
+    legs, projection, settings = legs_of_plan(plan, task.flow), task.region.grid.projection, plan.settings
     ends = np.column_stack(to_local(projection, *plan.surfacings.T))
-    kept = kept_surfacings(plan, np.vstack([start, ends]), plan.settings.tolerance if tolerance is None else tolerance)
-    angles = np.array([np.mean(legs.angles[begin:end]) for begin, end in pairwise([0, *kept])])
-    along = float(plan.vehicle.speeds(np, angles[-1])[0])
-    tried = []
-    for radius in plan.settings.tolerance * _RADII:
-        times, path = _follow(currents, plan, legs, (start, ends, ends[np.array(kept) - 1]), angles, radius)
-        off_end, delay = float(np.linalg.norm(path[-1][0] - ends[-1])), path[-1][1] - plan.duration
+    places, tried = np.vstack([task.start[None, :2], ends]), list[_Followed]()
+    fewest = kept_surfacings(plan, places, settings.tolerance if tolerance is None else tolerance, task.rings)
+    for kept in (fewest, tuple(range(1, len(ends) + 1))):
+        tried += [_follow(task, plan, legs, kept, float(radius)) for radius in settings.tolerance * _RADII]
+        if any(one.violation is None for one in tried):
+            break
+
+    def lost(one: _Followed) -> tuple[bool, int, bool, float]:
+        off_end = float(np.linalg.norm(one.path[-1][0] - ends[-1]))
         # the rest of the distance to the plan's end would take time as well
-        lost = int(np.isnan(times).sum()), off_end > plan.settings.tolerance, delay + off_end / along
-        tried.append((lost, radius, times, path, off_end, delay))
-    _, radius, times, path, off_end, delay = min(tried, key=lambda one: one[0])
-    surfacings = np.array([at for at, _ in path[1:]])
-    off_track = float(np.max(_distance_to_legs(surfacings, np.vstack([start, ends]))))
-    n_reached = int(np.isfinite(times).sum())
+        late = one.path[-1][1] + off_end / float(plan.vehicle.speeds(np, one.angles[-1])[0])
+        return one.violation is not None, int(np.isnan(one.times).sum()), off_end > settings.tolerance, late
+
+    return _waypoints(task, plan, min(tried, key=lost), places)
+
+
+def _waypoints(task: MissionTask, plan: MissionPlan, best: _Followed, places: Array) -> Waypoints:
+    """Return the waypoints that are followed best, and what they lose against the plan, whose legs lie between places [m]."""
+    off_end, delay = float(np.linalg.norm(best.path[-1][0] - places[-1])), best.path[-1][1] - plan.duration
+    surfacings, at = np.array([place for place, _ in best.path[1:]]), best.violation
+    off_track = float(np.max(_distance_to_legs(surfacings, places)))
+    n_reached = int(np.isfinite(best.times).sum())
     message = (
-        f"{len(kept)} waypoints for {len(ends)} surfacings; {n_reached} reached within {radius:g} m; "
+        f"{len(best.kept)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {best.radius:g} m; "
         f"ends {off_end:.0f} m from the plan's end and {abs(delay) / 60.0:.0f} min {'later' if delay >= 0.0 else 'earlier'}; "
         f"surfaces at most {off_track:.0f} m off the plan's legs"
     )
-    longitude, latitude = plan.surfacings[np.array(kept) - 1].T
-    pitches = np.rad2deg(plan.vehicle.pitch(angles))
-    surfaced = np.column_stack(to_geographic(projection, *surfacings.T))
-    dives = plan.settings.depth, plan.settings.yos, float(radius)
-    return Waypoints(longitude, latitude, np.rad2deg(angles), pitches, *dives, times, surfaced, off_end, delay, off_track, message)
+    if at is not None:
+        message = f"not safe: heading for the waypoints crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f}; {message}"
+    longitude, latitude = plan.surfacings[np.array(best.kept) - 1].T
+    pitches = np.rad2deg(plan.vehicle.pitch(best.angles))
+    surfaced = np.column_stack(to_geographic(task.region.grid.projection, *surfacings.T))
+    dives = best.depths, plan.settings.yos, best.radius
+    angles = np.rad2deg(best.angles)
+    return Waypoints(longitude, latitude, angles, pitches, *dives, best.times, surfaced, off_end, delay, off_track, at, message)
 
 
-def kept_surfacings(plan: MissionPlan, places: Array, tolerance: float) -> tuple[int, ...]:
+def kept_surfacings(plan: MissionPlan, places: Array, tolerance: float, rings: Sequence[Ring] = ()) -> tuple[int, ...]:
     """Return the numbers of the legs, counted from 1, whose ends are waypoints: those of the goals, and what is needed between them.
 
     Between two that are kept, the one farthest from steady progress is kept as well, until none is farther than the tolerance
-    (Ramer 1972; Douglas and Peucker 1973; here in place and time, so that changes of speed count).
+    (Ramer 1972; Douglas and Peucker 1973; here in place and time, so that changes of speed count) and no straight line between two crosses
+    an area or comes nearer to it than the plan's margin.
 
     Args:
         plan: The mission.
         places: shape (L + 1, 2) [m], its start and the ends of its legs.
         tolerance: [m].
+        rings: What must not be crossed.
     """
     times = np.concatenate([[0.0], plan.surfacing_times])
     kept = {0, len(times) - 1}
@@ -134,30 +176,33 @@ def kept_surfacings(plan: MissionPlan, places: Array, tolerance: float) -> tuple
         begin, end = open_spans.pop()
         share = (times[begin + 1 : end] - times[begin]) / (times[end] - times[begin])
         away = np.linalg.norm(places[begin] + share[:, None] * (places[end] - places[begin]) - places[begin + 1 : end], axis=1)
-        if away.size and away.max() > tolerance:
+        line, skin = places[[begin, end]][None], np.array([plan.settings.margin])
+        if away.size and (away.max() > tolerance or first_crossing(rings, line, skin) is not None):
             middle = begin + 1 + int(np.argmax(away))
             kept.add(middle)
             open_spans += [(begin, middle), (middle, end)]
     return tuple(sorted(kept - {0}))
 
 
-def _follow(
-    currents: Currents, plan: MissionPlan, legs: Legs, places: tuple[Array, Array, Array], angles: Array, radius: float
-) -> tuple[Array, list[tuple[Array, float]]]:
-    """Return when each waypoint is reached [s], and (place [m], time [s]) of the start and of each surfacing."""
-    (start, ends, waypoints), settings = places, plan.settings
-    clock, drift = time_on_clock(currents, plan.start_time_ns), settings.surface_time
-    current = _dead_reckoned_current(plan, ends[0] - start, float(plan.surfacing_times[0]), float(legs.headings[0]), float(legs.angles[0]))
-    times, path, target = np.full(len(waypoints), np.nan), [(start, 0.0)], 0
+def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, ...], radius: float) -> _Followed:
+    """Return the flight of a glider that heads for the ends of the legs kept, until the last is reached within a radius [m]."""
+    settings, ends = plan.settings, np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
+    waypoints, drift, levels = ends[np.array(kept) - 1], plan.settings.surface_time, task.flow.levels
+    angles = np.array([np.mean(legs.angles[begin:end]) for begin, end in pairwise([0, *kept])])
+    turns = np.array(turns_of(plan.yo_depths))
+    deep = np.array([np.min(turns[begin:end]) for begin, end in pairwise([0, *kept])])
+    first = ends[0] - task.start[:2], float(plan.surfacing_times[0]), float(legs.headings[0]), float(legs.angles[0])
+    current = _dead_reckoned_current(plan, *first)
+    times, path, target, violation = np.full(len(waypoints), np.nan), [(task.start[:2], 0.0)], 0, None
     for number in range(_LEGS_EACH * len(legs.headings) + _LEGS_MORE):
-        (at, now), angle = path[-1], float(angles[target])
-        heading, share = heading_for(plan, waypoints[target] - at, angle, current)
+        (at, now), angle, depth = path[-1], float(angles[target]), float(deep[target])
+        heading, share = heading_for(replace(plan, settings=replace(settings, depth=depth)), waypoints[target] - at, angle, current)
         begin = plan.yo_depths[0][0] if number == 0 else 0.0
-        yo_depths = (begin, *(max(share * settings.depth, begin), 0.0) * settings.yos)
-        levels = currents.flow.levels
+        yo_depths = (begin, *(max(share * depth, begin), 0.0) * settings.yos)
         depths = refine_steps(leg_depths(yo_depths, levels, steps_needed(yo_depths, levels, settings.steps)), REFINED)
         leg = Legs(np.array([heading]), np.array([angle]), (depths,), np.array([drift]))
-        flown = fly_legs(currents, plan.vehicle, at, leg, clock + now)
+        flown = fly_legs(task.currents, plan.vehicle, at, leg, task.start_time + now)
+        violation = violation or check(task, flown)
         surfaced = depths.size - 1
         arrived = bool(np.linalg.norm(flown.place[0, surfaced] - waypoints[target]) <= radius)
         last = arrived and target == len(waypoints) - 1
@@ -170,7 +215,7 @@ def _follow(
         if last:
             break
         current = _dead_reckoned_current(plan, path[-1][0] - at, path[-1][1] - now, heading, angle)
-    return times, path
+    return _Followed(radius, kept, angles, deep, times, path, violation)
 
 
 def _dead_reckoned_current(plan: MissionPlan, displacement: Array, duration: float, heading: float, angle: float) -> Array:

@@ -78,13 +78,14 @@ def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
     }
 
 
-def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None) -> str:
+def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None, samples: int | None = None) -> str:
     """Return the predicted track as a line, start, surfacings and goals as points, and ellipses as polygons.
 
     Args:
         plan: The mission.
         projection: The local frame of its track.
         ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
+        samples: Number of flights that the ellipses are made from; None when it is not to be stated.
     """
 
     def at(longitude: float, latitude: float) -> list[float]:
@@ -102,7 +103,8 @@ def to_geojson(plan: MissionPlan, projection: Projection, ellipses: Array | None
         features.append(feature("Point", at(row["longitude"], row["latitude"]), {"name": f"surfacing {row['leg']}", **row}))
     for k, ellipse in enumerate([] if ellipses is None else ellipses):
         around = [at(float(lon), float(lat)) for lon, lat in ellipse_outline(ellipse, projection)]
-        features.append(feature("Polygon", [around], {"name": f"90 % of surfacings {k + 1}"}))
+        about = {"name": f"90 % of surfacings {k + 1}"} | ({} if samples is None else {"samples": samples})
+        features.append(feature("Polygon", [around], about))
     return collection_text(features)
 
 

@@ -43,7 +43,7 @@ def waypoint_rows(waypoints: Waypoints) -> list[dict[str, float | None]]:
             "radius_m": waypoints.radius,
             "glide_angle_deg": round(float(waypoints.glide_angles_deg[k]), 4),
             "pitch_deg": round(float(waypoints.pitches_deg[k]), 4),
-            "depth_m": waypoints.depth,
+            "depth_m": float(waypoints.depths[k]),
             "dives": int(waypoints.yos),
             "reached_s": round(float(time), 3) if np.isfinite(time) else None,
         }

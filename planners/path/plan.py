@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from planners.path.program import AuvProblem, PathSolution, solve_path
 from planners.path.settings import Auv, AuvSettings
+from planners.route.bottom import Bathymetry, Bottom, bottom_of, fixed_rings
 from planners.route.graph import build_route_graph
-from planners.route.hazards import NoGo, Ring, densified, first_violation, hazard_rings
-from planners.route.region import Region, locate, region_of
+from planners.route.hazards import NoGo, Ring, first_crossing
+from planners.route.region import locate, region_of
 from planners.route.table import tabulate
 from planners.solver import HOUR
 from planners.track import fly_glide
@@ -31,6 +32,8 @@ AuvStatus = Literal["reached", "unreachable", "unsafe"]
 _REFINED = 2
 # Rounds in which half-planes are placed anew around the path found, each of which must lower the cost by this share.
 _ROUNDS, _PROGRESS = 6, 1e-3
+# How far the path may bend between the points of its dense track [m].
+_SKIN = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +71,14 @@ _AUV, _SETTINGS = Auv(), AuvSettings()
 
 
 def plan_path(
-    flow: FlowEstimate, start: Place, goal: Place, *, vehicle: Auv = _AUV, settings: AuvSettings = _SETTINGS, no_go: tuple[NoGo, ...] = ()
+    flow: FlowEstimate,
+    start: Place,
+    goal: Place,
+    *,
+    vehicle: Auv = _AUV,
+    settings: AuvSettings = _SETTINGS,
+    no_go: tuple[NoGo, ...] = (),
+    bathymetry: Bathymetry | None = None,
 ) -> AuvPlan:
     """Return the best path found, of those begun at the route of a graph search and at a straight line.
 
@@ -79,9 +89,11 @@ def plan_path(
         vehicle: The vehicle.
         settings: How the path is planned.
         no_go: Areas that must not be entered.
+        bathymetry: Bottom depth; without one, the lowest level that is wet in the forecast limits the depth.
 
     Raises:
-        PlanError: The start or the goal is outside of the region or on land, or the flow is not a number.
+        PlanError: The start or the goal is outside of the region, on land or below the bottom less the clearance, or the flow is not a
+            number.
     """
     region = region_of(flow.grid)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
@@ -89,8 +101,12 @@ def plan_path(
         raise PlanError("the current is not a number; check the estimate's latent velocities")
     # a free path has no surfacings: every area counts at all depths
     areas = tuple(replace(area, surface_only=False) for area in no_go)
-    rings = hazard_rings(region, max(begin[2], end[2]), areas)
-    problem = AuvProblem(flow, region, rings, vehicle, settings, begin, end)
+    bottom = bottom_of(region, bathymetry, settings.clearance)
+    for name, point in (("start", begin), ("goal", end)):
+        if bottom.limit_at(point[None, :2])[0] < point[2]:
+            raise PlanError(f"{name} at {point[2]:g} m is below the bottom less the clearance of {settings.clearance:g} m; move it up")
+    fixed, deep = fixed_rings(region, areas, bottom), float(max(begin[2], end[2]))
+    problem = AuvProblem(flow, region, (*fixed, *bottom.rings(deep)), bottom, vehicle, settings, begin, end)
 
     def made(guess: Array, free: bool, held: tuple[Array, float] | None = None) -> AuvPlan:
         return _to_plan(problem, start, goal, solve_path(problem, guess, free, held))
@@ -105,7 +121,7 @@ def plan_path(
         # the route is clear; the depths are those found without it, and the deeper they are the more is land
         depths = np.interp(np.linspace(0.0, 1.0, len(route)), np.linspace(0.0, 1.0, len(plans[0].track)), plans[0].track[:, 2])
         route = np.column_stack([route[:, :2], depths])
-        problem = replace(problem, rings=hazard_rings(region, float(depths.max()), areas))
+        problem = replace(problem, rings=(*fixed, *bottom.rings(float(depths.max()))))
         plans += _solve_within_half_planes(settings, route, lambda along, margin: made(along, False, (along, margin)))
     return min(plans, key=lambda plan: _ranking_key(settings, plan))
 
@@ -141,7 +157,7 @@ def _route(problem: AuvProblem) -> Array:
     shares, deepest = np.bincount(nearest, minlength=table.depths.size) / 2.0, max(begin[2], end[2])
 
     def wet(points: Array) -> NDArray[np.bool_]:
-        return problem.region.wet(np.column_stack([points, np.full(len(points), deepest)]))
+        return np.asarray(problem.bottom.limit_at(points) >= deepest)
 
     route = build_route_graph(table, shares, problem.rings, wet, problem.vehicle.speed).route(
         begin[:2], end[:2], problem.settings.max_duration
@@ -153,7 +169,7 @@ def _route(problem: AuvProblem) -> Array:
 def _to_plan(problem: AuvProblem, start: Place, goal: Place, solution: PathSolution) -> AuvPlan:
     settings, vehicle, through, duration = problem.settings, problem.vehicle, solution.velocity, solution.duration
     time, track = _fly(problem.flow, settings, problem.begin, through, duration)
-    what = _crossed(problem.region, problem.rings, track)
+    what = _crossed(problem.bottom, problem.rings, track)
     miss = float(np.linalg.norm(track[-1] - problem.end))
     met = miss <= settings.tolerance
     message = f"ends {miss:.1f} m from the goal after {duration / HOUR:.2f} h" + ("" if what is None else f"; not safe: crosses {what}")
@@ -176,10 +192,13 @@ def _fly(flow: FlowEstimate, settings: AuvSettings, begin: Array, through: Array
     return np.concatenate(time), np.concatenate(track)
 
 
-def _crossed(region: Region, rings: tuple[Ring, ...], track: Array) -> str | None:
-    """Return the hazard that a track crosses first, at points no farther apart than ten metres; None when it crosses none."""
-    dense = densified(track)[1]
-    ring = first_violation(rings[:1] + tuple(ring for ring in rings[1:] if ring.name != "land"), dense[:, :2], surfacing=True)
-    if ring is not None:
-        return ring[0]
-    return None if region.wet(dense).all() else "land"
+def _crossed(bottom: Bottom, rings: tuple[Ring, ...], track: Array) -> str | None:
+    """Return the hazard that a track crosses first, with a metre to spare beside its segments; None when it crosses none."""
+    segments, depths = np.stack([track[:-1, :2], track[1:, :2]], axis=1), np.column_stack([track[:-1, 2], track[1:, 2]])
+    skin = np.full(len(segments), _SKIN)
+    # shallows count for the depths of the path, not at all of them
+    area = first_crossing([ring for ring in rings if ring.outside or ring.drawn], segments, skin)
+    below = bottom.is_below(segments, depths, skin)
+    if area is not None and not below[: area[1]].any():
+        return area[0]
+    return bottom.name_at(segments[np.argmax(below)]) if below.any() else None

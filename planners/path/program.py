@@ -11,6 +11,7 @@ import numpy as np
 
 from planners.flow import graph_key
 from planners.path.settings import Auv, AuvSettings
+from planners.route.bottom import Bottom
 from planners.route.hazards import Ring, half_planes, plane_violations
 from planners.route.region import Region
 from planners.solver import HOUR, KM, OPTIONS, Recent
@@ -33,6 +34,7 @@ class AuvProblem:
     flow: FlowEstimate
     region: Region
     rings: tuple[Ring, ...]
+    bottom: Bottom
     vehicle: Auv
     settings: AuvSettings
     begin: Array
@@ -78,7 +80,7 @@ def solve_path(problem: AuvProblem, guess: Array, free: bool, held: tuple[Array,
     through = ground - np.column_stack([problem.flow.velocity(*ends.T), np.zeros(n)])
     through *= np.minimum(1.0, 0.95 * vehicle.speed / np.maximum(np.linalg.norm(through, axis=1), 1e-9))[:, None]
     first = np.concatenate([np.column_stack([ends / KM, through]).ravel(), [np.log(duration / HOUR)], np.zeros(6 + int(held is not None))])
-    shallow, deep = (np.zeros(n), np.full(n, problem.region.deepest)) if free else (ends[:, 2], ends[:, 2])
+    shallow, deep = (np.zeros(n), np.full(n, min(problem.region.deepest, problem.bottom.deepest))) if free else (ends[:, 2], ends[:, 2])
     sides = []
     for sign, depths, time in ((-1.0, shallow, 60.0), (1.0, deep, settings.max_duration)):
         bound = np.full((n, 6), sign * np.inf)

@@ -31,6 +31,7 @@ class AuvSettings:
         max_duration: Longest path considered [s].
         free_depth: Whether the depth is the optimiser's to choose; otherwise it leads evenly from the start's to the goal's.
         margin: Distance kept from where it may not go [m].
+        clearance: Least height above the bottom of the bathymetry [m].
     """
 
     objective: Literal["time", "energy"] = "time"
@@ -40,3 +41,4 @@ class AuvSettings:
     max_duration: float = 4e5
     free_depth: bool = True
     margin: float = 50.0
+    clearance: float = 20.0

@@ -4,11 +4,11 @@ Each edge costs its length over the speed made good along it (Zermelo: the vehic
 fine enough to find the way round land and eddies; the optimiser refines the route.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.sparse import csr_array
@@ -127,16 +127,36 @@ def build_route_graph(
     at = [row / table.spacing[1], column / table.spacing[0]]
     current = np.stack([map_coordinates(component, at, order=1, mode="nearest") for component in coarse])
     points = np.column_stack([column.ravel(), row.ravel()]) + table.origin
-    free = (wet(points) & ~np.any([ring.forbids(points) for ring in rings if not ring.surface_only], axis=0)).reshape(row.shape)
+    areas = shapely.STRtree([ring.area for ring in rings if not ring.surface_only and not ring.outside])
+    free = wet(points) & np.all([ring.inside(points) for ring in rings if ring.outside], axis=0)
+    free[areas.query(shapely.points(points), predicate="intersects")[0]] = False
+    free = free.reshape(row.shape)
     if not free.any():
         wide = float(np.max(spacing))
         raise PlanError(
             f"land, shallows and no-go areas leave no water that a search on {wide:.0f} m finds; allow a wider path, or dive less deep"
         )
-    return RouteGraph(table.origin, spacing, current, free, _edges(current, free, spacing, speed))
+    # only edges from points near an area can cross it
+    near = np.full(free.size, False)
+    near[areas.query(shapely.points(points), predicate="dwithin", distance=_REACH * float(np.linalg.norm(spacing)))[0]] = True
+
+    def crosses(begin: NDArray[np.intp], end: NDArray[np.intp]) -> NDArray[np.bool_]:
+        crossed = near[begin]
+        lines = shapely.linestrings(np.stack([points[begin[crossed]], points[end[crossed]]], axis=1))
+        crossed[crossed] = np.isin(np.arange(len(lines)), areas.query(lines, predicate="intersects")[0])
+        return crossed
+
+    return RouteGraph(table.origin, spacing, current, free, _edges(current, free, spacing, speed, crosses))
 
 
-def _edges(current: Array, free: NDArray[np.bool_], spacing: Array, speed: float) -> csr_array:
+def _edges(
+    current: Array,
+    free: NDArray[np.bool_],
+    spacing: Array,
+    speed: float,
+    crosses: Callable[[NDArray[np.intp], NDArray[np.intp]], NDArray[np.bool_]],
+) -> csr_array:
+    """Return the travel times [s] of the edges between free points that cross no area."""
     rows, columns = free.shape
     index = np.arange(free.size).reshape(free.shape)
     parts = []
@@ -152,22 +172,8 @@ def _edges(current: Array, free: NDArray[np.bool_], spacing: Array, speed: float
         across = (mean[1] * way[0] - mean[0] * way[1]) / length
         made_good = along + np.sqrt(np.maximum(speed**2 - across**2, 0.0))
         usable = (made_good > _SLOWEST) & (np.abs(across) < speed) & free[here] & free[there]
-        usable &= _between(free, up, right, here)
-        parts.append((length / made_good[usable], index[here][usable], index[there][usable]))
+        begin, end = index[here][usable], index[there][usable]
+        clear = ~crosses(begin, end)
+        parts.append((length / made_good[usable][clear], begin[clear], end[clear]))
     seconds, begin, end = (np.concatenate(values) for values in zip(*parts, strict=True))
     return csr_array((seconds, (begin, end)), shape=(free.size, free.size))
-
-
-def _between(free: NDArray[np.bool_], up: int, right: int, here: tuple[slice, slice]) -> NDArray[np.bool_]:
-    """Return whether all points beside an edge's way are free, so that none slips between two areas that touch at a corner."""
-    passed = np.ones(free[here].shape, dtype=bool)
-    halves = 2 * max(abs(up), abs(right))
-    beside = {
-        (round_up(k * up / halves), round_right(k * right / halves))
-        for k in range(1, halves)
-        for round_up in (math.floor, math.ceil)
-        for round_right in (math.floor, math.ceil)
-    }
-    for j, i in beside:
-        passed &= free[here[0].start + j : here[0].stop + j, here[1].start + i : here[1].stop + i]
-    return passed

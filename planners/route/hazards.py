@@ -1,4 +1,4 @@
-"""Where a path may not go: rings in the local frame, half-planes that keep a path clear of them, the check of a path against them."""
+"""Where a path may not go: rings in the local frame, half-planes that keep a path clear of them, the test of its segments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,19 +9,19 @@ import casadi as ca
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
+from pyproj import Geod
 
-from planners.route.region import Region
 from planners.solver import KM
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import outline, to_local
+from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 
 # Offset of a half-plane that forbids nothing [m].
 _FAR = 1e9
-# Largest distance between the points of a path that are checked [m].
-SPACING = 10.0
+# Largest distance between the corners of an area's edges [m]: on it a parallel of latitude is straight to a few centimetres.
+_EDGE = 1000.0
+_ELLIPSOID = Geod(ellps="WGS84")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,23 +37,6 @@ class NoGo:
     polygon: tuple[tuple[float, float], ...]
     name: str
     surface_only: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Bathymetry:
-    """Bottom depth on a grid.
-
-    Attributes:
-        longitude: shape (J, I) [degrees east].
-        latitude: shape (J, I) [degrees north].
-        depth: shape (J, I) [m], positive down; land is 0 or less, NaN (unknown) counts as land.
-        clearance: Least height above the bottom [m].
-    """
-
-    longitude: Array
-    latitude: Array
-    depth: Array
-    clearance: float = 20.0
 
 
 # Not slotted: the geometries are made when they are first needed.
@@ -76,21 +59,22 @@ class Ring:
     drawn: bool = False
 
     @cached_property
-    def _area(self) -> Any:
-        # a ring that crosses itself encloses what the even-odd rule gives
+    def area(self) -> Any:
+        """The polygon within the ring; one that crosses itself encloses what the even-odd rule gives."""
         area = shapely.make_valid(shapely.Polygon(self.corners))
         shapely.prepare(area)
         return area
 
     @cached_property
-    def _line(self) -> Any:
+    def line(self) -> Any:
+        """The ring as a closed line."""
         line = shapely.LinearRing(self.corners)
         shapely.prepare(line)
         return line
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 2) [m], lie within the ring, by the even-odd rule."""
-        return np.asarray(shapely.contains_xy(self._area, *points.T))
+        return np.asarray(shapely.contains_xy(self.area, *points.T))
 
     def forbids(self, points: Array) -> NDArray[np.bool_]:
         """Return which points, shape (n, 2) [m], the ring forbids."""
@@ -98,82 +82,73 @@ class Ring:
 
     def is_near(self, points: Array, distance: float) -> NDArray[np.bool_]:
         """Return which points, shape (n, 2) [m], the ring forbids or are no farther than a distance [m] from it."""
-        return np.asarray(self.forbids(points) | shapely.dwithin(self._line, shapely.points(points), distance))
+        return np.asarray(self.forbids(points) | shapely.dwithin(self.line, shapely.points(points), distance))
 
     def nearest(self, points: Array) -> Array:
         """Return the nearest point of the ring to each point, shape (n, 2) [m]."""
-        lines = shapely.shortest_line(shapely.points(points), self._line)
+        lines = shapely.shortest_line(shapely.points(points), self.line)
         return np.asarray(shapely.get_coordinates(lines)[1::2], dtype=np.float64)
 
     def clearance(self, points: Array) -> Array:
         """Return the distance of points, shape (n, 2) [m], from the ring [m]: negative where it forbids them."""
-        distance = shapely.distance(self._line, shapely.points(points))
+        distance = shapely.distance(self.line, shapely.points(points))
         return np.asarray(np.where(self.forbids(points), -distance, distance))
 
 
-def hazard_rings(region: Region, depth: float, no_go: Sequence[NoGo] = (), bathymetry: Bathymetry | None = None) -> tuple[Ring, ...]:
-    """Return all that a vehicle at a depth must keep clear of: the edge of the region first, then land, no-go areas and shallows.
+def no_go_rings(projection: Projection, area: NoGo) -> tuple[Ring, ...]:
+    """Return an area as rings in the local frame: one, or several where its outline crosses itself.
 
-    Land and shallows are one ring for each grid cell beside water.
-
-    Args:
-        region: The water of the forecast.
-        depth: Deepest of the path [m].
-        no_go: Areas that must not be entered.
-        bathymetry: Bottom depth, beside the forecast's land.
+    An edge may be meant as the straight line between longitudes and latitudes (RFC 7946) or as the shortest line on the ellipsoid. On long
+    edges these are kilometres apart: what either encloses is forbidden.
 
     Raises:
-        PlanError: An area has fewer than three corners or one that is not a number, or the arrays of the bathymetry differ in shape.
-    """
-    grid = region.grid
-    edge = Ring(outline(grid), True, "the edge of the region that the forecast covers")
-    level = int(region.level_at(np.array([depth]))[0])
-    rings = (edge, *_cells_beside(grid.east, grid.north, grid.wet[level], "land"), *(no_go_ring(grid.projection, area) for area in no_go))
-    return rings if bathymetry is None else (*rings, *_shallows(region, bathymetry, depth + bathymetry.clearance))
-
-
-def no_go_ring(projection: Projection, area: NoGo) -> Ring:
-    """Return an area as a ring in the local frame.
-
-    Raises:
-        PlanError: It has fewer than three corners, or one is not a number.
+        PlanError: It has fewer than three corners, or one is not a number, or it encloses nothing.
     """
     corners = np.array([corner for k, corner in enumerate(area.polygon) if k == 0 or corner != area.polygon[0]], dtype=np.float64)
     if corners.ndim != 2 or len(corners) < 3 or not np.all(np.isfinite(corners)):
         raise PlanError(
             f"{area.name} has {len(corners)} corners that are numbers; a no-go area needs three pairs of longitude and latitude"
         )
-    local = np.column_stack(to_local(projection, corners[:, 0], corners[:, 1]))
-    return Ring(local, False, area.name, area.surface_only, drawn=True)
+    corners[:, 0] = unwrap_longitude(corners[:, 0], projection.longitude)
+    outlines = [shapely.make_valid(shapely.Polygon(np.column_stack(to_local(projection, *line.T)))) for line in _densified(corners)]
+    parts = [part for part in shapely.get_parts(shapely.union_all(outlines)) if part.geom_type == "Polygon"]
+    if not parts:
+        raise PlanError(f"{area.name} encloses no water: its {len(corners)} corners lie on one line; draw it as a polygon")
+    return tuple(Ring(shapely.get_coordinates(part.exterior)[:-1], False, area.name, area.surface_only, drawn=True) for part in parts)
 
 
-def _shallows(region: Region, bathymetry: Bathymetry, needed: float) -> tuple[Ring, ...]:
-    """Return the cells of a bathymetry that are shallower than needed [m] and beside one that is not."""
-    longitude, latitude, bottom = bathymetry.longitude, bathymetry.latitude, bathymetry.depth
-    if not longitude.shape == latitude.shape == bottom.shape or bottom.ndim != 2:
-        raise PlanError(
-            f"a bathymetry has longitudes {longitude.shape}, latitudes {latitude.shape}, depths {bottom.shape}; expected one shape"
-        )
-    east, north = to_local(region.grid.projection, longitude, latitude)
-    return _cells_beside(east, north, np.nan_to_num(bottom, nan=0.0) >= needed, f"shallower than {needed:g} m")
+def _densified(corners: Array) -> tuple[Array, ...]:
+    """Return a closed outline, shape (n, 2) [degrees], with points along its edges: straight in degrees, and along the ellipsoid."""
+    straight, shortest = list[Array](), list[Array]()
+    for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        pieces = max(int(np.ceil(_ELLIPSOID.inv(*begin, *end)[2] / _EDGE)), 1)
+        straight.append(begin + np.arange(pieces)[:, None] / pieces * (end - begin))
+        shortest += [begin[None], np.array(_ELLIPSOID.npts(begin[0], begin[1], end[0], end[1], pieces - 1)).reshape(-1, 2)]
+    longest = len(corners) < sum(map(len, straight))
+    return (np.concatenate(straight), np.concatenate(shortest)) if longest else (corners,)
 
 
-def _cells_beside(east: Array, north: Array, free: NDArray[np.bool_], name: str) -> tuple[Ring, ...]:
-    """Return the cells that are not free and beside one that is, each as a ring."""
-    corners = np.stack([_cell_corners(east), _cell_corners(north)], axis=-1)
-    around = np.array([[0, 0], [0, 1], [1, 1], [1, 0]])
-    cells = np.argwhere(~free & maximum_filter(free, size=3, mode="constant"))
-    return tuple(Ring(corners[tuple((cell + around).T)], False, name) for cell in cells)
+def first_crossing(rings: Sequence[Ring], segments: Array, skin: Array) -> tuple[str, int, float] | None:
+    """Return the ring's name that a path crosses first, the number of the segment and the share of it before that; None for no crossing.
 
-
-def _cell_corners(values: Array) -> Array:
-    """Return the corners of the cells around the points of a grid: halfway between them, and as far beyond its edge."""
-    for axis in (0, 1):
-        first = 2.0 * np.take(values, [0], axis) - np.take(values, [1], axis) if values.shape[axis] > 1 else values - 1.0
-        last = 2.0 * np.take(values, [-1], axis) - np.take(values, [-2], axis) if values.shape[axis] > 1 else values + 1.0
-        longer = np.concatenate([first, values, last], axis)
-        values = 0.5 * (np.take(longer, range(longer.shape[axis] - 1), axis) + np.take(longer, range(1, longer.shape[axis]), axis))
-    return values
+    Args:
+        rings: What is forbidden.
+        segments: shape (n, 2, 2) [m], of the path, one after the other; a segment may be a point.
+        skin: shape (n,) [m], distance that a segment must keep, as the path bends between its ends.
+    """
+    lines, found = shapely.linestrings(segments), list[tuple[int, float, str]]()
+    for ring in rings:
+        bad = ~shapely.covers(ring.area, lines) if ring.outside else shapely.dwithin(ring.area, lines, skin)
+        if bad.any():
+            number = int(np.argmax(bad))
+            forbidden = shapely.difference(lines[number], ring.area) if ring.outside else shapely.intersection(lines[number], ring.area)
+            begin, way = segments[number, 0], segments[number, 1] - segments[number, 0]
+            along = (shapely.get_coordinates(forbidden) - begin) @ way / max(float(way @ way), 1e-12)
+            found.append((number, float(np.clip(np.min(along, initial=1.0), 0.0, 1.0)), ring.name))
+    if not found:
+        return None
+    number, share, name = min(found)
+    return name, number, share
 
 
 def first_violation(rings: Sequence[Ring], points: Array, surfacing: bool) -> tuple[str, int] | None:
@@ -188,20 +163,6 @@ def first_violation(rings: Sequence[Ring], points: Array, surfacing: bool) -> tu
         (int(np.argmax(bad)), ring.name) for ring in rings if surfacing or not ring.surface_only if (bad := ring.forbids(points)).any()
     ]
     return min(first)[::-1] if first else None
-
-
-def densified(track: Array) -> tuple[Array, Array]:
-    """Return a track with points between its own, no farther apart than ten metres, and which of its own points each is or follows.
-
-    Args:
-        track: shape (n, 3) [m].
-
-    Returns:
-        Numbers, shape (m,), fractional between two points of the track; points, shape (m, 3) [m].
-    """
-    pieces = np.maximum(np.ceil(np.linalg.norm(np.diff(track, axis=0), axis=1) / SPACING).astype(int), 1)
-    number = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(pieces))])
-    return number, np.column_stack([np.interp(number, np.arange(len(track)), axis) for axis in track.T])
 
 
 def half_planes(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int, margin: float) -> Array:

@@ -35,6 +35,12 @@ class PlannerConfig(BaseModel):
     min_angle: float = Field(default=15.0, gt=0.0, lt=90.0, description="Shallowest glide angle of a mission [degrees].")
     max_angle: float = Field(default=35.0, gt=0.0, lt=90.0, description="Steepest glide angle of a mission [degrees].")
     margin: float = Field(default=50.0, ge=0.0, description="Distance that a mission keeps from land, shallows and no-go areas [m].")
+    bathymetry: Annotated[str | None, Option("--bathymetry", "FILE.nc")] = Field(
+        default=None, description="Depth of the bottom on a grid, above which a mission's dives turn; NetCDF."
+    )
+    clearance: Annotated[float, Option("--clearance")] = Field(
+        default=20.0, ge=0.0, description="Least height of a mission's dives above the bottom [m]."
+    )
     flight_model: bool = Field(
         default=False, description="Compute a mission's speed from glide angle and buoyancy, instead of a constant speed."
     )

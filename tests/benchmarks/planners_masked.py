@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from planners import MissionPlan, MissionRequest, MissionSettings, NoGo, plan_mission
-from planners.route.hazards import no_go_ring
+from planners.route.hazards import no_go_rings
 from planners.route.region import region_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -60,7 +60,7 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
 def crosses(flow: FlowEstimate, plan: MissionPlan, areas: tuple[NoGo, ...]) -> bool:
     """Return whether a plan's track is anywhere on land, outside of the region or in an area that may not be entered under water."""
     track = _dense(plan.track)
-    rings = [no_go_ring(flow.grid.projection, area) for area in areas if not area.surface_only]
+    rings = [ring for area in areas if not area.surface_only for ring in no_go_rings(flow.grid.projection, area)]
     return not region_of(flow.grid).allowed(track).all() or any(bool(ring.inside(track[:, :2]).any()) for ring in rings)
 
 

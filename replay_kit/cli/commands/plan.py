@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from replay_kit.workflows.planning.mission import PlannedMission
 
 
+# Exit code of a plan that is not safe enough to be handed to a vehicle.
+_UNSAFE = 7
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Places:
     """From where to where, and what must be kept clear of."""
@@ -84,10 +88,15 @@ class Method:
     ] = 0
     risk: Annotated[
         float | None,
-        option(
-            "--risk", "Keep a margin such that at most this share of the samples violates a constraint; needs --samples.", metavar="SHARE"
-        ),
+        option("--risk", "Keep a margin such that at most this share of the samples violates a constraint.", metavar="SHARE"),
     ] = None
+    arrive: Annotated[
+        float, option("--arrive", "Share of the samples that must arrive for the plan to be called reached.", metavar="SHARE")
+    ] = 0.9
+    time_limit: Annotated[
+        float | None, option("--time-limit", "After this time no other number of legs, way or margin is tried [s].", metavar="SECONDS")
+    ] = None
+    battery: Annotated[float | None, option("--battery", "Energy that the vehicle has [MJ].", metavar="MJ")] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,6 +121,9 @@ class Outputs(Answer):
         ),
         Ending((".csv", ".geojson", ".json", ".ma", ".targets")),
     ] = None
+    write_unsafe: Annotated[
+        bool, flag("--write-unsafe", "Write files of a plan that violates a constraint more often than accepted, or of such waypoints.")
+    ] = False
     waypoint_tolerance: Annotated[
         float | None,
         option(
@@ -124,7 +136,7 @@ class Outputs(Answer):
 
 @takes_settings(
     "planner",
-    without=[f"planner.{key}" for key in ("kind", "when", "interval", "flow_step", "objective", "min_angle", "max_angle")],
+    without=[f"planner.{key}" for key in ("kind", "when", "interval", "flow_step", "objective", "min_angle", "max_angle", "bathymetry")],
     short="planner",
 )
 def plan(
@@ -137,7 +149,7 @@ def plan(
     settings: Settings,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
-    """Return 0; a plan that cannot reach its goal is a result."""
+    """Return 0, or 7 when the risk asked for cannot be kept or waypoints are not safe; a plan that cannot reach its goal is a result."""
     streams = outputs.geojson, outputs.csv, outputs.json_file
     if sum(str(path) == "-" for path in streams) > 1:
         raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
@@ -147,42 +159,54 @@ def plan(
     config = settings.load(planner={"min_angle": least, "max_angle": most})
 
     from replay_kit.workflows.planning.mission import make_mission
-    from replay_kit.workflows.planning.outputs import print_mission, write_mission
+    from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
     from replay_kit.workflows.planning.request import MissionKind, PlanJob
 
     kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
+    configured = config.planner.bathymetry
+    bathymetry = places.bathymetry if configured is None or places.bathymetry is not None else Path(configured)
     job = PlanJob(
         flows,
         start,
         goals,
         kind=kind,
         no_go=places.no_go,
-        bathymetry=places.bathymetry,
+        bathymetry=bathymetry,
         spline=method.spline,
         risk=method.risk,
         waypoints=outputs.waypoints is not None,
         waypoint_tolerance=outputs.waypoint_tolerance,
+        arrive=method.arrive,
+        time_limit=method.time_limit,
+        battery=method.battery,
     )
     job.check()
     with progress():
         planned = make_mission(job, config.planner)
-    print_mission(planned, console_beside(*streams))
+    console, unsafe = console_beside(*streams), unsafe_reason(planned, job)
+    print_mission(planned, console, job.battery)
+    write_json(outputs.json_file, mission_json(planned))
+    if unsafe is not None and not outputs.write_unsafe:
+        console.print(f"{unsafe}; no other file is written without --write-unsafe", soft_wrap=True)
+        return _UNSAFE
     _write(planned, outputs)
     if outputs.out is not None:
         asked = {"start": places.start, "goals": " ".join(places.goal), "objective": aim.objective, "mooring": aim.mooring}
         more = {
             "spline": method.spline,
             "risk": method.risk,
+            "arrive": method.arrive,
+            "time_limit": method.time_limit,
             "surfacings_only": aim.surfacings_only,
             "line_weight": kind.cross_track_weight,
         }
         write_mission(outputs.out, outputs.overwrite, planned, job, {**asked, **more}, config)
-    return 0
+    return 0 if unsafe is None else _UNSAFE
 
 
 def _write(planned: "PlannedMission", outputs: Outputs) -> None:
     """Write the mission in each text format that is asked for."""
-    from replay_kit.workflows.planning.outputs import mission_csv, mission_geojson, mission_json, waypoint_file
+    from replay_kit.workflows.planning.outputs import mission_csv, mission_geojson, waypoint_file
 
     if outputs.geojson is not None:
         write_text(outputs.geojson, mission_geojson(planned))
@@ -190,7 +214,6 @@ def _write(planned: "PlannedMission", outputs: Outputs) -> None:
         write_text(outputs.csv, mission_csv(planned))
     if outputs.waypoints is not None and planned.waypoints is not None:
         write_text(outputs.waypoints, waypoint_file(planned.waypoints, outputs.waypoints))
-    write_json(outputs.json_file, mission_json(planned))
 
 
 def _pair(text: str | None, name: str, form: str) -> tuple[float, float] | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,11 +11,12 @@ from planners.mission.flights import fly_mission, surfacing_ellipses
 from planners.output.mission import as_glide
 from planners.route.region import locate, region_of
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.core.errors import PlanError
+from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing
+from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from replay_kit.workflows.replay.planner import Planner, PlanResult
 
 # The estimates that a mission is planned on reach over so many times the way through still water.
@@ -25,9 +27,16 @@ def planner_of(config: PlannerConfig) -> Planner:
     """Return the planner of a configuration.
 
     Raises:
+        ConfigError: A bathymetry is given for a glide, which does not turn above it.
+        ForecastError: The bathymetry is unusable.
         PlanError: The vehicle's numbers are such that nothing glides.
     """
-    return MissionPlanner.of(config) if config.kind == "mission" else GlidePlanner.of(config)
+    if config.kind == "mission":
+        bound = MissionPlanner.of(config)
+        return bound if config.bathymetry is None else replace(bound, bathymetry=read_bathymetry(Path(config.bathymetry)))
+    if config.bathymetry is not None:
+        raise ConfigError("[planner] bathymetry: only a mission turns above the bottom; set kind to mission (--planner mission)")
+    return GlidePlanner.of(config)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +75,7 @@ class MissionPlanner:
         flow_step: Between the estimates for later times [s].
         samples: Of the estimate, for the next surfacing's ellipse; 0 for none.
         seed: Of the samples.
+        bathymetry: Bottom depth; None for the lowest level that is wet in the estimate.
     """
 
     vehicle: planners.Glider
@@ -73,6 +83,7 @@ class MissionPlanner:
     flow_step: float
     samples: int = 0
     seed: int = 0
+    bathymetry: planners.Bathymetry | None = None
 
     @classmethod
     def of(cls, config: PlannerConfig) -> "MissionPlanner":
@@ -92,6 +103,7 @@ class MissionPlanner:
             max_legs=config.max_legs,
             max_duration=config.max_duration,
             margin=config.margin,
+            clearance=config.clearance,
         )
         glider = planners.Glider(config.speed, flight, config.min_angle, config.max_angle)
         return cls(glider, settings, config.flow_step, config.samples, config.seed)
@@ -104,7 +116,9 @@ class MissionPlanner:
             settings = replace(settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns)))
         mission = planners.plan_mission(
             self._over_time(flow, start, goal, start_time_ns),
-            planners.MissionRequest(start, (goal,), vehicle=self.vehicle, settings=settings, start_time_ns=start_time_ns),
+            planners.MissionRequest(
+                start, (goal,), vehicle=self.vehicle, settings=settings, bathymetry=self.bathymetry, start_time_ns=start_time_ns
+            ),
             warm=before,
         )
         return PlanResult(as_glide(mission, flow.grid.projection), self._next_surfacing(flow, mission), mission)

@@ -1,22 +1,35 @@
 """``plan``: a mission on an estimate, and its figures in samples of the estimate."""
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Any
 
-import numpy as np
-
-from planners import Glider, MissionPlan, MissionRequest, MissionSettings, fly_scenarios, plan_scenarios, waypoints_of
-from planners.mission.flights import fly_mission, surfacing_ellipses
+from planners import (
+    Glider,
+    MissionOdds,
+    MissionPlan,
+    MissionRequest,
+    MissionSettings,
+    Pilot,
+    mission_odds,
+    plan_scenarios,
+    waypoints_of,
+    with_odds,
+)
 from planners.mission.waypoints import Waypoints
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.progress import announce
 from replay_kit.workflows.planning.adapters import MissionPlanner
-from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry, read_flow
-from replay_kit.workflows.planning.request import MissionKind, PlanJob, objective_of
+from replay_kit.workflows.planning.areas import area_notes, read_areas
+from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
+from replay_kit.workflows.planning.inputs import read_flow
+from replay_kit.workflows.planning.request import PlanJob, objective_of
+
+# Samples in which a plan is judged where no number is stated.
+_SAMPLES = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +42,7 @@ class PlannedMission:
         ellipses: shape (L, 5), of ``surfacing_ellipses``; None without samples or legs.
         samples: Figures of the flights through samples, as in the JSON; None without samples or legs.
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
+        notes: What about the files of areas and of the bottom should be known.
     """
 
     plan: MissionPlan
@@ -36,10 +50,11 @@ class PlannedMission:
     ellipses: Array | None
     samples: dict[str, Any] | None
     waypoints: Waypoints | None
+    notes: tuple[str, ...] = ()
 
 
 def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
-    """Return the mission of a job.
+    """Return the mission of a job, with its odds in samples of the estimate.
 
     Args:
         job: What is asked for, checked.
@@ -50,11 +65,12 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
         PlanError: A goal cannot be planned for, or a file of areas is unusable.
         ForecastError: The bathymetry is unusable.
     """
-    job.check_samples(config.samples)
-    vehicle, settings = mission_settings(config, job.kind.objective, job.spline)
     announce("reading the estimate")
     estimates = [read_flow(path) for path in job.flows]
-    drawn = estimates[0].sample(config.samples, config.seed) if config.samples else ()
+    count, certain = _sample_count(estimates[0], config)
+    job.check_samples(count)
+    vehicle, settings = mission_settings(config, job.kind.objective, job.spline)
+    settings = replace(settings, time_limit=inf if job.time_limit is None else job.time_limit)
     request = MissionRequest(
         job.start,
         job.goals,
@@ -64,20 +80,50 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
         bathymetry=None if job.bathymetry is None else read_bathymetry(job.bathymetry),
         start_time_ns=estimates[0].time_ns or 0,
     )
-    flow, summary = estimates[0] if len(estimates) == 1 else estimates, None
+    grid, notes = estimates[0].grid, () if job.no_go is None else area_notes(job.no_go, estimates[0].grid)
+    if request.bathymetry is not None:
+        notes += bathymetry_notes(request.bathymetry, grid)
+    flow, drawn = estimates[0] if len(estimates) == 1 else estimates, estimates[0].sample(count, config.seed) if count else ()
     if job.risk is None:
         made = job.kind.plan(flow, request)
     else:
-        made, summary = plan_scenarios(estimates[0], drawn, request, allowed=job.risk)
-    projection, n_legs = estimates[0].grid.projection, len(made.headings_deg)
-    few = waypoints_of(flow, made, job.waypoint_tolerance) if job.waypoints and n_legs else None
-    if not drawn or not n_legs:
-        return PlannedMission(made, projection, None, None, few)
+        made, _ = plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())
+    few = None
+    if job.waypoints and len(made.headings_deg):
+        few = waypoints_of(flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry)
+    if certain:
+        made = replace(made, message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known")
+    if not drawn or len(made.headings_deg) == 0:
+        return PlannedMission(made, grid.projection, None, None, few, notes)
     announce("flying the samples")
-    ellipses, figures = _figures_in_samples(drawn, made, job.kind)
-    summary = summary or fly_scenarios(estimates[0], drawn, made, no_go=request.no_go, bathymetry=request.bathymetry)
-    figures |= {"safe": summary.safe, "violations": dict(summary.violations), "allowed": job.risk}
-    return PlannedMission(made, projection, ellipses, figures, few)
+    odds = mission_odds(flow, drawn, made, request, None if job.kind.mooring is None else job.kind.stay)
+    judged = with_odds(made, odds, job.arrive, job.accepted_risk)
+    return PlannedMission(judged, grid.projection, odds.ellipses, _figures(odds, job), few, notes)
+
+
+def _sample_count(estimate: FlowEstimate, config: PlannerConfig) -> tuple[int, bool]:
+    """Return the number of samples, and whether there are none because the estimate has no uncertainty to draw them from."""
+    if "samples" in config.model_fields_set:
+        return config.samples, False
+    certain = estimate.n_modes == 0
+    return 0 if certain else _SAMPLES, certain
+
+
+def _figures(odds: MissionOdds, job: PlanJob) -> dict[str, Any]:
+    """Return the odds for ``--json``; figures without a further name are with corrected headings."""
+    corrected, held = odds.corrected, odds.held
+    return {
+        "count": odds.count,
+        "reached": corrected.reached,
+        "reached_held": held.reached,
+        "miss_median_m": corrected.miss_median,
+        "miss_90_percent_m": corrected.miss_90_percent,
+        "miss_90_percent_held_m": held.miss_90_percent,
+        "safe": corrected.safe,
+        "safe_held": held.safe,
+        "violations": dict(corrected.violations),
+        "allowed": job.risk,
+    }
 
 
 def mission_settings(config: PlannerConfig, objective: str | None, spline: int) -> tuple[Glider, MissionSettings]:
@@ -97,17 +143,3 @@ def mission_settings(config: PlannerConfig, objective: str | None, spline: int) 
     longest = config.max_duration if "max_duration" in config.model_fields_set else MissionSettings().max_duration
     aim = bound.settings.objective if objective is None else objective_of(objective)
     return bound.vehicle, replace(bound.settings, objective=aim, spline=spline, max_duration=longest)
-
-
-def _figures_in_samples(drawn: tuple[FlowEstimate, ...], made: MissionPlan, kind: MissionKind) -> tuple[Array, dict[str, Any]]:
-    """Return the ellipses of the surfacings in samples of an estimate, and how far the flights miss the last goal or leave the mooring."""
-    flights = fly_mission(drawn, made)
-    off, within = flights.miss[:, -1], np.all(flights.miss <= made.settings.tolerance, axis=1)
-    if kind.mooring is not None:
-        place = np.array(to_local(drawn[0].grid.projection, made.goals[0].longitude, made.goals[0].latitude))
-        counted = np.searchsorted(flights.time, made.surfacing_times - 1e-6) if kind.surfacings_only else slice(None)
-        off = np.linalg.norm(flights.place[:, counted] - place, axis=2).max(axis=1)
-        within = off <= kind.mooring[0]
-    median, ninety = (float(np.quantile(off, q)) for q in (0.5, 0.9))
-    figures = {"count": len(drawn), "reached": float(np.mean(within)), "miss_median_m": median, "miss_90_percent_m": ninety}
-    return surfacing_ellipses(flights, made), figures

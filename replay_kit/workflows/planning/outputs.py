@@ -11,6 +11,7 @@ from planners.mission.waypoints import Waypoints
 from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.run import RunConfig
+from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.results.text import print_table
 from replay_kit.workflows.planning.mission import PlannedMission, mission_settings
@@ -18,55 +19,75 @@ from replay_kit.workflows.planning.request import PlanJob
 from replay_kit.workflows.replay.provenance import plan_metadata, run_settings_toml
 
 
-def print_mission(planned: PlannedMission, console: Console) -> None:
-    """Print a mission: its outcome, what its waypoints lose, and the commands to the glider at each surfacing."""
+def print_mission(planned: PlannedMission, console: Console, battery: float | None = None) -> None:
+    """Print a mission: its odds and outcome, what its waypoints lose, and the commands to the glider at each surfacing.
+
+    Args:
+        planned: The mission.
+        console: Where to.
+        battery: Energy that the vehicle has [MJ]; None when it is not stated.
+    """
     made, figures = planned.plan, planned.samples
     console.print(f"{made.status}: {made.message}", soft_wrap=True)
+    for note in planned.notes:
+        console.print(f"note: {note}", soft_wrap=True)
     if len(made.headings_deg) == 0:
         return
-    console.print(f"{made.duration / 3600.0:.2f} h, {made.energy / 1e3:.0f} kJ, {len(made.headings_deg)} legs")
+    console.print(f"{made.duration / 3600.0:.2f} h, {energy_text(made.energy, battery)}, {len(made.headings_deg)} legs")
     if planned.waypoints is not None:
         console.print(planned.waypoints.message, soft_wrap=True)
     if figures is not None:
         moored = made.settings.weights.closest == 0.0
-        within, off = ("stay within the radius", "farthest from the mooring") if moored else ("within the tolerance", "miss")
+        off = "farthest from the mooring" if moored else "miss"
         console.print(
-            f"in {figures['count']:.0f} samples of the estimate: {100.0 * figures['reached']:.0f} % {within}, "
-            f"{off} in the median {figures['miss_median_m']:.0f} m, 90 % within {figures['miss_90_percent_m']:.0f} m",
+            f"in the samples: {off} in the median {figures['miss_median_m']:.0f} m, 90 % within {figures['miss_90_percent_m']:.0f} m; with "
+            f"headings held 90 % within {figures['miss_90_percent_held_m']:.0f} m",
             soft_wrap=True,
         )
-        console.print(_violations(figures), soft_wrap=True)
-    columns = "leg", "heading", "glide angle", "pitch", "depth [m]", "after [h]", "surfacing at"
-    print_table(console, None, columns, map(_leg_cells, legs_table(made, None)))
+    columns = "leg", "heading", "glide angle", "pitch", "depth [m]", "after [h]", "UTC", "surfacing at"
+    print_table(console, None, columns, (_leg_cells(row, made.start_time_ns) for row in legs_table(made, None)))
 
 
-def _leg_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
     where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
-    return f"{row['leg']:.0f}", *angles, f"{row['depth_m']:.0f}", f"{row['surfacing_s'] / 3600.0:.2f}", where
+    when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
+    return f"{row['leg']:.0f}", *angles, f"{row['depth_m']:.0f}", f"{row['surfacing_s'] / 3600.0:.2f}", when, where
 
 
-def _violations(figures: dict[str, Any]) -> str:
-    """Return how many of the samples violate a constraint, which, and how many may, in words."""
-    share = 1.0 - figures["safe"]
-    named = ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in figures["violations"].items())
-    counted = f"{100.0 * share:.0f} % of them violate a constraint" + (f" ({named})" if named else "")
-    if figures["allowed"] is None:
-        return counted
-    allowed = f"{100.0 * figures['allowed']:.0f} % allowed"
-    kept = share <= figures["allowed"] + 1e-9
-    return f"{counted}; {allowed}" if kept else f"{counted}, more than the {allowed}: no margin tried kept enough of them clear"
+def energy_text(energy: float, battery: float | None) -> str:
+    """Return an energy [J] in words, with the share of a battery [MJ] that it takes where one is stated."""
+    text = f"{energy / 1e3:.0f} kJ"
+    if battery is None:
+        return text
+    share = energy / (battery * 1e6)
+    return f"{text}, {100.0 * share:.1f} % of {battery:g} MJ" + (": more than the battery holds" if share > 1.0 else "")
+
+
+def unsafe_reason(planned: PlannedMission, job: PlanJob) -> str | None:
+    """Return why a mission must not be handed to a vehicle unasked; None when it may be."""
+    figures, made = planned.samples, planned.plan
+    if planned.waypoints is not None and planned.waypoints.violation is not None:
+        return "the waypoints are not safe"
+    if planned.waypoints is not None and made.status == "unsafe":
+        return "waypoints of a plan that is not safe"
+    if job.risk is None or figures is None or (made.status != "unsafe" and 1.0 - figures["safe"] <= job.risk + 1e-9):
+        return None
+    drivers = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in sorted(figures["violations"].items(), key=lambda one: -one[1]))
+    least, asked = 100.0 * (1.0 - figures["safe"]), 100.0 * job.risk
+    return f"the risk of {asked:g} % cannot be kept: the least found is {least:.0f} %" + (f", from {drivers}" if drivers else "")
 
 
 def mission_json(planned: PlannedMission) -> dict[str, Any]:
     """Return a mission for ``--json``: the planners' figures, ``samples`` and ``waypoints``, null where there are none."""
     few = None if planned.waypoints is None else waypoint_json(planned.waypoints)
-    return {**to_json(planned.plan, planned.ellipses), "samples": planned.samples, "waypoints": few}
+    return {**to_json(planned.plan, planned.ellipses), "samples": planned.samples, "waypoints": few, "notes": list(planned.notes)}
 
 
 def mission_geojson(planned: PlannedMission) -> str:
     """Return track, surfacings, ellipses and goals as GeoJSON text."""
-    return to_geojson(planned.plan, planned.projection, planned.ellipses) + "\n"
+    count = None if planned.samples is None else int(planned.samples["count"])
+    return to_geojson(planned.plan, planned.projection, planned.ellipses, count) + "\n"
 
 
 def mission_csv(planned: PlannedMission) -> str:
@@ -101,14 +122,15 @@ def write_mission(
     legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
     about = {**plan_metadata(read, options), "mission": {"status": mission.status, "message": mission.message}, "legs": legs}
     with ResultWriter(path, overwrite) as writer:
-        writer.start(planned.projection, mission.start_time_ns, about, run_settings_toml(_effective_config(config, job)))
+        writer.start(planned.projection, mission.start_time_ns, about, run_settings_toml(_effective_config(config, job, planned)))
         writer.plan(as_glide(mission, planned.projection), planned.projection)
 
 
-def _effective_config(config: RunConfig, job: PlanJob) -> RunConfig:
+def _effective_config(config: RunConfig, job: PlanJob, planned: PlannedMission) -> RunConfig:
     """Return the configuration that a mission was planned with; weights of an objective have no place in a configuration."""
     _, settings = mission_settings(config.planner, job.kind.objective, job.spline)
-    planned: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
+    made: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
+    made["samples"] = 0 if planned.samples is None else planned.samples["count"]
     if isinstance(settings.objective, str):
-        planned["objective"] = settings.objective
-    return config.model_copy(update={"planner": config.planner.model_copy(update=planned)})
+        made["objective"] = settings.objective
+    return config.model_copy(update={"planner": config.planner.model_copy(update=made)})

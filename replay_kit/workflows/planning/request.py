@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import get_args
 
@@ -11,6 +12,8 @@ from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place
 
+# Share of the samples that may violate a constraint where none is stated.
+ACCEPTED_RISK = 0.1
 # Cost of an hour one kilometre off the line, in hours, when that is not stated.
 _LINE_WEIGHT = 10.0
 
@@ -37,6 +40,13 @@ class MissionKind:
     def cross_track_weight(self) -> float | None:
         """Cross-track penalty of a line [h per h and km]; None when no line is followed."""
         return (_LINE_WEIGHT if self.line_weight is None else self.line_weight) if self.line else None
+
+    @property
+    def stay(self) -> Mooring:
+        """The mooring; there must be one."""
+        assert self.mooring is not None, "only a mission that stays somewhere has a mooring"
+        radius, hours = self.mooring
+        return Mooring(radius, 3600.0 * hours, self.surfacings_only)
 
     def check(self, n_goals: int, risk: float | None, waypoints: bool) -> None:
         """Refuse options that do not go together.
@@ -70,8 +80,7 @@ class MissionKind:
             request: Start, goals, vehicle, settings and constraints.
         """
         if self.mooring is not None:
-            radius, hours = self.mooring
-            return plan_mooring(flow, request, Mooring(radius, 3600.0 * hours, self.surfacings_only))
+            return plan_mooring(flow, request, self.stay)
         if self.cross_track_weight is not None:
             return plan_line(flow, request, Line(weight=self.cross_track_weight))
         return plan_mission(flow, request)
@@ -92,6 +101,9 @@ class PlanJob:
         risk: Share of samples that may violate a constraint; None plans without samples.
         waypoints: Whether a short list of waypoints is made.
         waypoint_tolerance: Distance off the track where no waypoint is needed [m]; None for the plan's tolerance.
+        arrive: Share of the samples that must arrive for the plan to be called ``reached``.
+        time_limit: Of the search [s]; None for none.
+        battery: Energy that the vehicle has [MJ]; None when it is not stated.
     """
 
     flows: tuple[Path, ...]
@@ -104,6 +116,14 @@ class PlanJob:
     risk: float | None = None
     waypoints: bool = False
     waypoint_tolerance: float | None = None
+    arrive: float = 0.9
+    time_limit: float | None = None
+    battery: float | None = None
+
+    @property
+    def accepted_risk(self) -> float:
+        """Share of the samples that may violate a constraint."""
+        return ACCEPTED_RISK if self.risk is None else self.risk
 
     def check(self) -> None:
         """Refuse options that do not go together.
@@ -113,24 +133,24 @@ class PlanJob:
         """
         if self.waypoint_tolerance is not None and not self.waypoints:
             raise ConfigError("--waypoint-tolerance: expected --waypoints beside it")
+        if not 0.0 <= self.arrive <= 1.0:
+            raise ConfigError(f"--arrive: expected a share from 0 to 1, got {self.arrive:g}")
+        for name, value in (("--time-limit", self.time_limit), ("--battery", self.battery)):
+            if value is not None and not 0.0 < value < inf:
+                raise ConfigError(f"{name}: expected a number above 0, got {value:g}")
         self.kind.check(len(self.goals), self.risk, self.waypoints)
 
     def check_samples(self, count: int) -> None:
-        """Refuse samples or a risk that do not go with the estimates given.
+        """Refuse a risk that does not go with the number of samples.
 
         Args:
             count: Number of samples asked for.
 
         Raises:
-            ConfigError: There are several estimates, or the risk is not a share, or comes without samples.
+            ConfigError: The risk is not a share, or comes without samples.
         """
-        n_flows, risk = len(self.flows), self.risk
-        if risk is not None and not (0.0 <= risk < 1.0 and count > 0 and n_flows == 1):
-            raise ConfigError(
-                f"--risk: expected a share from 0 to below 1, --samples and one estimate, got {risk:g}, {count} and {n_flows}"
-            )
-        if count > 0 and n_flows > 1:
-            raise ConfigError("--samples: samples of one estimate do not change in time as several do; give one estimate")
+        if self.risk is not None and not (0.0 <= self.risk < 1.0 and count > 0):
+            raise ConfigError(f"--risk: expected a share from 0 to below 1 and --samples, got {self.risk:g} and {count}")
 
 
 def objective_of(text: str) -> Objective | Weights:

@@ -77,9 +77,9 @@ def test_the_margin_of_a_plan_for_samples():
 
 
 def test_the_ellipse_of_a_surfacing():
-    """Three flights that surface 1, 2 and 6 km east, and as far north, of a place: 90 % of a normal sample lies within 2.146 deviations."""
+    """Three flights that surface 1, 2 and 6 km east, and as far north, of a place: Hotelling's factor of three is the root of 264."""
     place = 1e3 * np.stack([TIMES, TIMES], axis=1)[:, None]
     flights = SimpleNamespace(place=place, time=np.array([0.0]), projection=MEMBERS.grid.projection)
     ((_, _, major, minor, _),) = surfacing_ellipses(flights, SimpleNamespace(surfacing_times=np.array([0.0])))
-    assert major == pytest.approx(np.sqrt(-2.0 * np.log(0.1)) * 1e3 * np.sqrt(2.0 * VARIANCE))
-    assert minor == pytest.approx(0.0, abs=1e-2)
+    assert major == pytest.approx(np.sqrt(264.0) * 1e3 * np.sqrt(2.0 * VARIANCE))
+    assert minor == pytest.approx(0.0, abs=0.1)

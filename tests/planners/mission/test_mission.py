@@ -11,7 +11,7 @@ from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_
 from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
 from planners.mission.search import add_leg, goal_legs_of
 from planners.mission.task import MissionTask, is_out_of_reach, mission_task
-from planners.route.hazards import Ring, half_planes, no_go_ring
+from planners.route.hazards import Ring, half_planes, no_go_rings
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
@@ -205,7 +205,7 @@ def test_a_forbidden_area_is_gone_round_or_passed_under(surface_only: bool):
     free, clear = (plan_mission(flow, replace(request, no_go=areas)) for areas in ((), (area,)))
     assert clear.status == "reached"
     assert clear.duration >= free.duration * (1.0 - 1e-4)
-    ring = no_go_ring(flow.grid.projection, area)
+    (ring,) = no_go_rings(flow.grid.projection, area)
     track = np.vstack([np.linspace(a, b, 100) for a, b in zip(clear.track[:-1], clear.track[1:], strict=True)])
     assert not ring.forbids(_local(flow, clear)).any()
     assert ring.forbids(track[:, :2]).any() == surface_only
@@ -222,12 +222,15 @@ def test_land_and_shallows_are_gone_round():
     assert result.status == "reached"
     assert result.track[:, 1].min() < -22e3
     # dives that end above the shelf pass over it
-    shallow = replace(request, settings=replace(deep, depth=200.0, legs=14))
+    shallow = replace(request, settings=replace(deep, depth=110.0, legs=26))
     assert plan_mission(dry, shallow).track[:, 1].min() > -18e3
-    bottom = np.where(wet[3], 1000.0, 250.0)
-    bathymetry = Bathymetry(flow.grid.longitude, flow.grid.latitude, bottom)
+    # the same shelf on a finer grid; between its points the shallower of two holds
+    longitude, latitude = np.meshgrid(np.linspace(152.0, 152.9, 361), np.linspace(-40.32, -39.76, 281))
+    bottom = np.where((np.abs(longitude - 152.4) < 0.049) & (latitude > -40.199), 250.0, 1000.0)
+    bathymetry = Bathymetry(longitude, latitude, bottom)
     same = plan_mission(flow, replace(request, settings=replace(deep, legs=len(result.headings_deg)), bathymetry=bathymetry))
-    assert same.duration == pytest.approx(result.duration, rel=1e-3)
+    assert same.status == "reached"
+    assert same.duration == pytest.approx(result.duration, rel=0.03)
 
 
 def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
@@ -306,7 +309,9 @@ def test_missions_that_cannot_be_asked_for(goals: tuple[Place, ...], settings: M
 
 def test_areas_that_leave_no_water_are_said():
     flow = still_flow()
-    areas = (_area(flow, -90e3, -90e3, 90e3, -0.2e3), _area(flow, -90e3, 0.2e3, 90e3, 90e3))
+    # long edges may be meant as parallels, which are hundreds of metres off the straight line
+    bands = ((-90e3, -0.2e3), (0.2e3, 90e3))
+    areas = tuple(_area(flow, west, south, west + 20.1e3, north) for west in np.arange(-60e3, 60e3, 20e3) for south, north in bands)
     with pytest.raises(PlanError, match="land, shallows and no-go areas leave no water"):
         plan_mission(flow, MissionRequest(place(flow, -9e3, 0.0, 0.0), (place(flow, 9e3, 0.0, 0.0),), settings=SETTINGS, no_go=areas))
 
@@ -316,7 +321,7 @@ def test_settings_that_cannot_be_are_refused(wrong: dict[str, float]):
     with pytest.raises(PlanError, match="expected"):
         MissionSettings(**wrong)
     with pytest.raises(PlanError, match="three pairs"):
-        no_go_ring(still_flow().grid.projection, NoGo(((152.0, -40.0), (152.1, -40.0)), "line"))
+        no_go_rings(still_flow().grid.projection, NoGo(((152.0, -40.0), (152.1, -40.0)), "line"))
 
 
 def test_half_planes_keep_a_point_on_its_side_and_lead_out():

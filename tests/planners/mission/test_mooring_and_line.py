@@ -53,7 +53,9 @@ def test_of_the_weights_the_largest_is_one():
 def test_being_off_a_guide_costs_by_the_hour_and_the_squared_kilometre():
     task = _task(along_line(np.zeros(2), np.array([1e3, 0.0]), 5.0, 1e3), Weights(time=2.0))
     legs = SimpleNamespace(headings=np.zeros(2))
-    attempt = SimpleNamespace(legs=legs, flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])), miss=np.zeros(1), violation=None)
+    attempt = SimpleNamespace(
+        legs=legs, yo_depths=(), flight=SimpleNamespace(time=np.array([0.0, 3.0 * HOURS])), miss=np.zeros(1), violation=None
+    )
     # three hours at two, and three times five a squared kilometre
     assert ranking_key(task, SimpleNamespace(**vars(attempt), deviation=(800.0, 200.0))) == pytest.approx((False, 0.0, 6.0 + 15.0 * 0.04))
     # 400 m beyond the width

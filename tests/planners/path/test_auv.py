@@ -5,7 +5,7 @@ import pytest
 
 from planners import Auv, AuvPlan, AuvSettings, plan_path
 from planners.path.plan import _crossed
-from planners.route.hazards import hazard_rings
+from planners.route.bottom import bottom_of, hazard_rings
 from planners.route.region import region_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -89,8 +89,8 @@ def test_a_crossing_between_two_points_of_a_track_is_seen_in_its_first_and_its_l
     # six kilometres between the points, of which the area takes four
     track = np.array([[-9e3, 0.0, 20.0], [-3e3, 0.0, 20.0], [3e3, 0.0, 20.0]])
     past = track + np.array([0.0, 4e3, 0.0])
-    assert _crossed(region, rings, track[::-1] if backward else track) == "range"
-    assert _crossed(region, rings, past[::-1] if backward else past) is None
+    assert _crossed(bottom_of(region, None, 20.0), rings, track[::-1] if backward else track) == "range"
+    assert _crossed(bottom_of(region, None, 20.0), rings, past[::-1] if backward else past) is None
 
 
 def test_what_it_may_not_cross_and_what_it_cannot_reach_is_said():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.hazards import hazard_rings
+from planners.route.bottom import hazard_rings
 from planners.route.region import region_of
 from tests.planners.flow_samples import still_flow
 

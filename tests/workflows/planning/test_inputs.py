@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError, PlanError
-from replay_kit.workflows.planning.inputs import read_areas, read_bathymetry
+from replay_kit.workflows.planning.areas import read_areas
+from replay_kit.workflows.planning.bathymetry import read_bathymetry
 
 
 def test_files_that_hold_no_areas_or_depths(tmp_path):

@@ -1,0 +1,116 @@
+"""Legs whose dives turn above the bottom: a route through shallow water cut into legs, each as deep as the water along it allows."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from planners.mission.attempt import Attempt, GoalSteps, is_feasible
+from planners.mission.solve import solve_legs
+from planners.mission.task import LEAST_DIVE, MissionTask, find_route, initial_guess, route_graph_of
+from planners.route.graph import Route, RouteGraph
+from planners.route.hazards import Ring
+from replay_kit.core.arrays import Array
+
+# Distance between the places of a route whose depth is looked up [m], and the water beside it that counts, in margins.
+_SPACING, _BESIDE = 50.0, 2.0
+# Depths at which dives turn are multiples of this [m].
+_STEP = 5.0
+# Shares of the longest legs with which the route is cut, one after the other until the goals are met.
+_PACES = 1.0, 0.9, 0.8, 0.65
+
+# The times at which legs begin and end [s], shape (L + 1,); the depths at which they turn [m]; after which leg each goal is met.
+_Cut = tuple[Array, tuple[float, ...], tuple[int, ...]]
+
+
+def solve_turning(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
+    """Return the attempts along the quickest route through all water deep enough for the least dive, its dives turning above the bottom.
+
+    Args:
+        task: The problem.
+        rings: What the route keeps clear of at any depth.
+    """
+    attempts, graph = list[Attempt](), route_graph_of(task, rings, depth=LEAST_DIVE)
+    route, passed = find_route(task, graph, task.settings.max_duration)
+    for pace in _PACES:
+        cut = _cut(task, route, passed, pace)
+        if cut is None or (attempts and task.is_late) or any(is_feasible(task, attempt) for attempt in attempts):
+            break
+        attempts.append(_solve_cut(task, graph, route, cut))
+        if task.settings.legs is not None:
+            break
+    return attempts
+
+
+def _solve_cut(task: MissionTask, graph: RouteGraph, route: Route, cut: _Cut) -> Attempt:
+    """Return the attempt with the legs of a route that is cut."""
+    ends, turns, goal_legs = cut
+    limited = replace(task, turns=turns)
+    guess = initial_guess(limited, route, graph, ends)
+    goals = GoalSteps(goal_legs, limited.goal_steps(goal_legs, len(turns), np.ones(len(goal_legs))))
+    # half-planes are placed along a route whose legs take equal times
+    times = np.union1d(route.times, ends)
+    even = Route(route.at(times), np.interp(times, ends, np.arange(ends.size, dtype=np.float64)), route.arrives)
+    return solve_legs(limited, guess, goals, even)
+
+
+def _cut(task: MissionTask, route: Route, passed: Array, pace: float) -> _Cut | None:
+    """Return a route cut into legs that are as deep as the water along them allows.
+
+    Args:
+        task: The problem.
+        route: Past all goals.
+        passed: shape (G,), when it passes each [s].
+        pace: Share of the longest legs.
+
+    Returns:
+        None when that takes more legs than are allowed.
+    """
+    length = float(np.sum(np.linalg.norm(np.diff(route.points, axis=0), axis=1)))
+    times = np.union1d(np.linspace(0.0, route.times[-1], int(length / _SPACING) + 2), route.times)
+    limits = task.bottom.limit_at(route.at(times), _BESIDE * task.settings.margin)
+    most = min(task.settings.legs or task.settings.max_legs, task.settings.max_legs)
+    if task.settings.legs is not None:
+        ends = np.unique(np.concatenate([np.linspace(0.0, route.times[-1], task.settings.legs + 1)[1:-1], [0.0, route.times[-1]]]))
+        turns = tuple(_turn(task, times, limits, begin, end) for begin, end in pairwise(ends))
+        shares = np.round(passed / route.times[-1] * task.settings.legs).astype(int)
+        goal_legs = tuple(int(np.clip(n, k + 1, most - len(passed) + k + 1)) for k, n in enumerate(shares))
+        return ends, _deep_enough(task, turns, goal_legs), goal_legs
+    at, depths, counts = [0.0], list[float](), list[int]()
+    for goal in passed:
+        while at[-1] < goal - 1e-6 or not counts or len(depths) == counts[-1]:
+            turn = task.settings.depth
+            while True:
+                end = min(at[-1] + pace * _span(task, turn), float(goal))
+                least = _turn(task, times, limits, at[-1], end)
+                if least >= turn:
+                    break
+                turn = least
+            at.append(end)
+            depths.append(turn)
+            if len(depths) > most:
+                return None
+            if end >= goal - 1e-6:
+                break
+        counts.append(len(depths))
+    return np.array(at), _deep_enough(task, tuple(depths), tuple(counts)), tuple(counts)
+
+
+def _deep_enough(task: MissionTask, turns: tuple[float, ...], goal_legs: tuple[int, ...]) -> tuple[float, ...]:
+    """Return the depths at which legs turn [m], no less than those of the goals that they meet."""
+    deep = np.array(turns)
+    deep[np.array(goal_legs) - 1] = np.maximum(deep[np.array(goal_legs) - 1], task.goals[:, 2])
+    return tuple(float(turn) for turn in deep)
+
+
+def _span(task: MissionTask, turn: float) -> float:
+    """Return the time of a route [s] that the longest leg to a depth [m] takes; the route's speed allows for drifts after full dives."""
+    shallow, drift = task.vehicle.angles[0], task.settings.surface_time
+    return (task.leg_time(shallow, turn) - drift) / (1.0 - drift / task.leg_time(shallow))
+
+
+def _turn(task: MissionTask, times: Array, limits: Array, begin: float, end: float) -> float:
+    """Return how deep dives may be between two times of a route [s], by the limits [m] at some times."""
+    first, last = np.searchsorted(times, begin, side="right") - 1, np.searchsorted(times, end, side="left") + 1
+    least = min(float(np.min(limits[first:last])), task.settings.depth)
+    return least if least == task.settings.depth else max(np.floor(least / _STEP) * _STEP, LEAST_DIVE)

@@ -1,0 +1,123 @@
+"""Depth of the bottom from NetCDF, under the names and signs of GEBCO, ETOPO, NEMO and ROMS files."""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from planners import Bathymetry
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
+from replay_kit.core.grid import Grid
+
+# Standard names before the short ones: of models (NEMO: deptho, Bathymetry, bathy_metry; ROMS: h), positive down.
+_DEPTHS = (
+    "sea_floor_depth_below_sea_surface",
+    "sea_floor_depth_below_geoid",
+    "sea_floor_depth_below_mean_sea_level",
+    "model_sea_floor_depth_below_geoid",
+    "sea_floor_depth",
+    "deptho",
+    "bathymetry",
+    "bathy_metry",
+    "bathy_meter",
+    "depth",
+    "h",
+)
+# Of the world's grids (GEBCO: elevation; ETOPO: z, Band1), positive up.
+_HEIGHTS = ("height_above_mean_sea_level", "height_above_geoid", "surface_altitude", "elevation", "altitude", "z", "topo", "band1")
+_LONGITUDES, _LATITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x"), ("latitude", "lat", "nav_lat", "lat_rho", "y")
+_UNITS = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "km": 1e3, "kilometer": 1e3, "kilometre": 1e3, "cm": 1e-2}
+
+
+def read_bathymetry(path: Path) -> Bathymetry:
+    """Return the depth of the bottom in a NetCDF file.
+
+    It is found by its standard name, or else by its name. The attribute ``positive`` decides the sign; without it names of heights are
+    positive up and names of depths positive down. Depths are metres where no unit is stated. Land by ``mask_rho`` of ROMS is unknown depth.
+
+    Raises:
+        ForecastError: There is no such variable on longitude and latitude, its unit is not one of length, or it holds no water.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as opened:
+            dataset = opened.load().squeeze()
+    except (OSError, ValueError) as error:
+        raise ForecastError(f"{path}: cannot read the bathymetry: {error}") from error
+    variable, up = _depth_variable(path, dataset)
+    axes = [_axis(dataset, variable, names) for names in (_LONGITUDES, _LATITUDES)]
+    if any(axis is None for axis in axes):
+        raise _nothing_found(path, dataset)
+    values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
+    if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
+        values = np.where(np.asarray(dataset["mask_rho"]) > 0.5, values, np.nan)
+    longitude, latitude = (np.asarray(axis, dtype=np.float64) for axis in axes)
+    if longitude.ndim == 1:
+        # depths lie along the axes in the order of their dimensions
+        values = values if variable.dims[0] == axes[1].dims[0] else values.T
+        longitude, latitude = np.meshgrid(longitude, latitude)
+    if not np.any(values > 0.0):
+        raise ForecastError(
+            f"{path}: {variable.name} as a {'height, positive up' if up else 'depth, positive down'}, has no water; give it the attribute "
+            f'positive = "{"down" if up else "up"}" if its sign is the other one'
+        )
+    return Bathymetry(longitude, latitude, values)
+
+
+def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
+    """Return what about a bathymetry a user of it in a region should know: gaps, cells wider than the forecast's, water not covered."""
+    east, north = to_local(grid.projection, bathymetry.longitude, bathymetry.latitude)
+    known, notes = np.isfinite(east) & np.isfinite(north), list[str]()
+    inside = known & inside_grid(grid, np.where(known, east, np.inf), np.where(known, north, np.inf))
+    gaps = int(np.sum(inside & np.isnan(bathymetry.depth)))
+    if gaps:
+        notes.append(f"the bathymetry has no depth at {gaps} of its {int(inside.sum())} points in the region; they count as land")
+    spacing, cells = (np.median(np.hypot(np.diff(x, axis=1), np.diff(y, axis=1))) for x, y in ((east, north), (grid.east, grid.north)))
+    if spacing > 1.05 * cells:
+        notes.append(
+            f"the bathymetry's points are {spacing / 1e3:.1f} km apart, wider than the forecast's, {cells / 1e3:.1f} km; between four of "
+            "them the shallowest counts"
+        )
+    west = unwrap_longitude(grid.longitude, float(bathymetry.longitude.mean()))
+    covered = (bathymetry.longitude, west), (bathymetry.latitude, grid.latitude)
+    if any(theirs.min() < ours.min() - 1e-9 or theirs.max() > ours.max() + 1e-9 for ours, theirs in covered):
+        notes.append("the bathymetry does not cover all of the region; missions keep inside of it")
+    return tuple(notes)
+
+
+def _depth_variable(path: Path, dataset: xr.Dataset) -> tuple[xr.DataArray, bool]:
+    """Return the variable of depths or heights, and whether it is positive up."""
+    planes = {name: variable for name, variable in dataset.data_vars.items() if variable.ndim == 2}
+    for wanted in (*_DEPTHS, *_HEIGHTS):
+        for name, variable in planes.items():
+            if wanted in (str(variable.attrs.get("standard_name", "")).lower(), str(name).lower()):
+                positive = str(variable.attrs.get("positive", "up" if wanted in _HEIGHTS else "down")).lower()
+                if positive not in ("up", "down"):
+                    raise ForecastError(f"{path}: {name} has the attribute positive = {positive!r}; expected up or down")
+                return variable, positive == "up"
+    raise _nothing_found(path, dataset)
+
+
+def _nothing_found(path: Path, dataset: xr.Dataset) -> ForecastError:
+    found = ", ".join(map(str, dataset.variables))
+    return ForecastError(f"{path}: expected one of {', '.join((*_DEPTHS, *_HEIGHTS))} on longitude and latitude, found {found}")
+
+
+def _axis(dataset: xr.Dataset, variable: xr.DataArray, names: tuple[str, ...]) -> xr.DataArray | None:
+    """Return the longitudes or latitudes of a variable; x and y only where they are degrees."""
+    for wanted in names:
+        for name in dataset.variables:
+            axis = dataset[name]
+            called = wanted in (str(axis.attrs.get("standard_name", "")).lower(), str(name).lower())
+            degrees = len(wanted) > 1 or str(axis.attrs.get("units", "")).lower().startswith("degree")
+            if called and degrees and axis.ndim > 0 and set(axis.dims) <= set(variable.dims):
+                return axis
+    return None
+
+
+def _scale(path: Path, variable: xr.DataArray) -> float:
+    """Return the metres of a variable's unit."""
+    unit = str(variable.attrs.get("units", "m")).strip().lower()
+    if unit not in _UNITS:
+        raise ForecastError(f"{path}: {variable.name} is in {unit!r}; expected metres, or one of {', '.join(_UNITS)}")
+    return _UNITS[unit]

@@ -1,0 +1,131 @@
+"""Missions over a bottom: they turn above it, go round what is too shallow, and never go below it; nor do free paths."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+from planners import AuvSettings, Bathymetry, MissionPlan, MissionRequest, MissionSettings, plan_mission, plan_mooring, plan_path
+from planners.mission.values import Mooring
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_geographic
+from tests.planners.flow_samples import eddying_flow, place, still_flow
+
+LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55, 91)
+
+
+def bathymetry(depth) -> Bathymetry:
+    """Return a bathymetry of a function of longitude and latitude."""
+    longitude, latitude = np.meshgrid(LONGITUDE, LATITUDE)
+    return Bathymetry(longitude, latitude, np.broadcast_to(depth(longitude, latitude), longitude.shape).astype(float))
+
+
+def least_height(flow: FlowEstimate, track: Array, bottom: Bathymetry) -> float:
+    """Return the least height [m] of a track above the bottom, linear between its points, at steps of a metre."""
+    fine = [np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)]
+    points = np.concatenate(fine)
+    longitude, latitude = to_geographic(flow.grid.projection, points[:, 0], points[:, 1])
+    depth = RegularGridInterpolator((LATITUDE, LONGITUDE), bottom.depth)(np.column_stack([latitude, longitude]))
+    return float(np.min(depth - points[:, 2]))
+
+
+def request(flow: FlowEstimate, begin: float, end: float, depth: float, bottom: Bathymetry | None) -> MissionRequest:
+    settings = MissionSettings(depth=depth, max_legs=90)
+    return MissionRequest(place(flow, begin, 0.0, 0.0), (place(flow, end, 0.0, 0.0),), settings=settings, bathymetry=bottom)
+
+
+def turns(plan: MissionPlan) -> list[float]:
+    return [max(leg) for leg in plan.yo_depths]
+
+
+@pytest.mark.parametrize("depth", [300.0, 390.0])
+def test_where_all_the_region_is_shallow_dives_turn_above_the_bottom(depth: float):
+    flow, bottom = still_flow(), bathymetry(lambda x, y: 100.0 + 0.0 * x)
+    plan = plan_mission(flow, request(flow, -3e3, 3e3, depth, bottom))
+    assert plan.status == "reached"
+    assert set(turns(plan)) == {80.0}
+    assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
+    assert plan.settings.depth == 80.0
+
+
+def test_the_mask_limits_dives_where_no_bathymetry_is_given():
+    flow = still_flow()
+    wet = flow.grid.wet.copy()
+    wet[3:] = False
+    shelf = replace(flow, grid=replace(flow.grid, wet=wet))
+    plan = plan_mission(shelf, request(shelf, -3e3, 3e3, 300.0, None))
+    assert (plan.status, set(turns(plan))) == ("reached", {110.0})
+
+
+def test_from_the_shelf_into_deep_water_each_dive_turns_above_the_bottom_beneath_it():
+    flow = eddying_flow(3, speed=0.1)
+    # a wall at 152.5 degrees: 120 m west of it, 900 m east of it
+    bottom = bathymetry(lambda x, y: np.where(x < 152.5, 120.0, 900.0))
+    plan = plan_mission(flow, request(flow, -4e3, 6e3, 390.0, bottom))
+    assert plan.status == "reached"
+    depths = turns(plan)
+    assert depths[0] == 100.0
+    assert max(depths) == 390.0
+    assert depths == sorted(depths)
+    assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
+
+
+def test_a_bank_is_gone_round_at_full_depth_where_that_is_possible():
+    flow = still_flow()
+    bottom = bathymetry(lambda x, y: np.where((np.abs(x - 152.5) < 0.02) & (y > -40.03), 150.0, 900.0))
+    plan = plan_mission(flow, request(flow, -7e3, 7e3, 390.0, bottom))
+    assert (plan.status, set(turns(plan))) == ("reached", {390.0})
+    assert plan.track[:, 1].min() < -3e3
+    assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
+
+
+def test_a_sill_across_the_region_is_passed_by_dives_that_turn_above_it():
+    flow = still_flow()
+    bottom = bathymetry(lambda x, y: np.where(np.abs(x - 152.5) < 0.02, 150.0, 900.0))
+    plan = plan_mission(flow, request(flow, -7e3, 7e3, 390.0, bottom))
+    assert plan.status == "reached"
+    assert {min(turns(plan)), max(turns(plan))} == {130.0, 390.0}
+    assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
+
+
+def test_a_start_or_a_goal_without_room_for_a_dive_cannot_be_asked_for():
+    flow, bottom = still_flow(), bathymetry(lambda x, y: np.where(x < 152.5, 25.0, 900.0))
+    with pytest.raises(PlanError, match="start is where dives to 10 m may not go: the bottom less a clearance of 20 m leaves 5 m"):
+        plan_mission(flow, request(flow, -4e3, 6e3, 300.0, bottom))
+    with pytest.raises(PlanError, match="goal is where dives to 10 m"):
+        plan_mission(flow, request(flow, 6e3, -4e3, 300.0, bottom))
+    deep = request(flow, 4e3, 6e3, 300.0, bathymetry(lambda x, y: 100.0 + 0.0 * x))
+    with pytest.raises(PlanError, match="goal is where dives to 90 m may not go"):
+        plan_mission(flow, replace(deep, goals=(replace(deep.goals[0], depth=90.0),)))
+
+
+def test_the_clearance_is_the_one_asked_for():
+    flow, bottom = still_flow(), bathymetry(lambda x, y: 100.0 + 0.0 * x)
+    asked = request(flow, -2e3, 2e3, 300.0, bottom)
+    for clearance in (0.0, 35.0):
+        plan = plan_mission(flow, replace(asked, settings=replace(asked.settings, clearance=clearance)))
+        assert set(turns(plan)) == {100.0 - clearance}
+
+
+def test_a_mooring_dives_no_deeper_than_the_bottom_around_it():
+    flow, bottom = still_flow(), bathymetry(lambda x, y: np.where(x < 152.5, 120.0, 900.0))
+    asked = request(flow, 800.0, 800.0, 390.0, bottom)
+    plan = plan_mooring(flow, asked, Mooring(2000.0, 3600.0))
+    assert set(turns(plan)) == {100.0}
+    assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
+
+
+def test_a_free_path_keeps_above_the_bottom():
+    flow, bottom = eddying_flow(5, speed=0.4), bathymetry(lambda x, y: 150.0 + 0.0 * x)
+    ends = place(flow, -15e3, -8e3, 40.0), place(flow, 12e3, 9e3, 60.0)
+    path = plan_path(flow, *ends, bathymetry=bottom)
+    assert path.status == "reached"
+    assert least_height(flow, path.track, bottom) >= 20.0 - 1e-3
+    free = plan_path(flow, *ends)
+    assert free.track[:, 2].max() > 130.0
+    with pytest.raises(PlanError, match="goal at 140 m is below the bottom"):
+        plan_path(flow, ends[0], replace(ends[1], depth=140.0), bathymetry=bottom, settings=AuvSettings(free_depth=False))
