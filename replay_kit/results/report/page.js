@@ -94,7 +94,7 @@ function layoutOf(figure) {
   const out = {
     margin: { l: narrow ? 48 : 64, r: narrow ? 8 : 16, t: 12, b: 48 },
     hovermode: "closest",
-    legend: { orientation: "h", y: -0.18, yanchor: "top", x: 0 },
+    legend: { orientation: "h", y: -0.22, yanchor: "top", x: 0 },
     ...layout,
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: paper,
@@ -208,8 +208,9 @@ async function draw(figure) {
   traces = traces.map((trace) => (trace.type === "arrows" ? arrows(trace) : trace));
   if (figure.flight.places) traces.push(...flights(figure));
   place.style.height = `${layout.height}px`;
+  layout.width = place.clientWidth;
   if (!place.dataset.drawn) place.textContent = "";
-  await Plotly.react(place, traces, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] });
+  await Plotly.react(place, traces, layout, { displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] });
   place.dataset.drawn = "yes";
   place.dataset.choices = state.choices[figure.key].join(",");
 }
@@ -285,6 +286,11 @@ async function start() {
   await all();
   state.figures.filter(({ flight }) => flight.places).forEach(dragWaypoint);
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", all);
+  let due = 0;
+  window.addEventListener("resize", () => {
+    clearTimeout(due);
+    due = setTimeout(all, 150);
+  });
   for (const [event, printing] of [["beforeprint", true], ["afterprint", false]]) {
     window.addEventListener(event, () => { document.documentElement.classList.toggle("printing", printing); all(); });
   }
