@@ -57,7 +57,7 @@ def page_html(title: str, sections: list[Section]) -> str:
         "sections": "\n".join(map(_section_html, sections)),
         "figures": _packed(json.dumps([_figure_data(figure) for figure in figures], separators=(",", ":"), allow_nan=False).encode()),
         "plotly": _packed(_plotly()),
-        "js": _text("flight.js") + _text("page.js"),
+        "js": "".join(_text(name) for name in ("flight.js", "waypoint.js", "page.js")),
     }
     page = _text("page.html")
     for name, text in parts.items():
