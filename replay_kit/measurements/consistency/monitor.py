@@ -6,7 +6,6 @@ all logs of a mission.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -23,7 +22,8 @@ from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, SpeedCoun
 _LEAST_MEANS, _LEAST_MOTIONS, _LEAST_UNITS = 3, 4, 1
 _ANY, _TURNED, _UNIT = ("turn", "mirror", "unit"), ("turn", "mirror"), ("unit",)
 
-Input = TypeVar("Input", VehicleState, Observation, PathMean)
+#: What is checked.
+Checked = VehicleState | Observation | PathMean
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +83,8 @@ class ConsistencyState:
 
 
 def check(
-    state: ConsistencyState, event: Input, ensemble: EnsembleSpeeds | None = None, through_water: bool = False
-) -> tuple[ConsistencyState, Input]:
+    state: ConsistencyState, event: Checked, ensemble: EnsembleSpeeds | None = None, through_water: bool = False
+) -> tuple[ConsistencyState, Checked]:
     """Return the state after an event, and the event as it may be used: bins that must not be are flagged.
 
     Args:

@@ -127,7 +127,7 @@ class Pair(NamedTuple):
 class _Sums(NamedTuple):
     """Sums over pairs: weights, a'a, b'b; of b'M a the parts with cosine and sine, for turns and for mirrors."""
 
-    count: float
+    weight: float
     first: float
     second: float
     turn_cosine: float
@@ -164,29 +164,29 @@ class PairStatistics:
     def ratios(self) -> Array:
         """Return the factor by which each map reduces the sum of squared differences, shape (m,)."""
         sums, (maps, matrices) = self.sums, linear_maps()
-        mirror = np.array([each.kind == "mirror" for each in maps])
-        scale = np.array([each.scale for each in maps])
+        mirror, scale = np.array([(each.kind == "mirror", each.scale) for each in maps]).T
         # b'M a: the first column of M holds cosine and sine over the scale
-        product = np.where(mirror, sums.mirror_cosine, sums.turn_cosine) * matrices[:, 0, 0]
-        product += np.where(mirror, sums.mirror_sine, sums.turn_sine) * matrices[:, 1, 0]
+        product = np.where(mirror > 0.0, sums.mirror_cosine, sums.turn_cosine) * matrices[:, 0, 0]
+        product += np.where(mirror > 0.0, sums.mirror_sine, sums.turn_sine) * matrices[:, 1, 0]
         mapped = sums.first / scale**2 + sums.second - 2.0 * product
         return np.asarray(self._as_logged / (np.maximum(mapped, 0.0) + self.floor))
 
     def gains(self) -> Array:
         """Return the log-likelihood ratio of each map to equality, shape (m,)."""
         scale = np.array([each.scale for each in linear_maps()[0]])
-        return np.asarray((self.sums.count + 1.0) * np.log(self.ratios()) - 2.0 * self.sums.count * np.log(scale))
+        return np.asarray((self.sums.weight + 1.0) * np.log(self.ratios()) - 2.0 * self.sums.weight * np.log(scale))
 
     @property
     def _as_logged(self) -> float:
         return max(self.sums.first + self.sums.second - 2.0 * self.sums.turn_cosine, 0.0) + self.floor
 
-    def _may_be_explained(self) -> bool:
+    def _may_be_explained(self, kinds: tuple[str, ...]) -> bool:
         """Return whether any map may halve the RMS difference: whether the best turn, mirror or scale does, which costs little to know."""
         sums = self.sums
         best = max(math.hypot(sums.turn_cosine, sums.turn_sine), math.hypot(sums.mirror_cosine, sums.mirror_sine))
-        scaled = sums.turn_cosine**2 / sums.first if sums.first > 0.0 else 0.0
-        least = min(sums.first - 2.0 * best, -scaled) + sums.second
+        least = sums.first - 2.0 * best + sums.second
+        if "unit" in kinds and sums.first > 0.0:
+            least = min(least, sums.second - sums.turn_cosine**2 / sums.first)
         return self._as_logged >= _LEAST_RATIO * (max(least, 0.0) + self.floor)
 
     def explanation(self, kinds: tuple[str, ...], least_pairs: int) -> Explanation | None:
@@ -196,7 +196,7 @@ class PairStatistics:
             kinds: Of maps, the likelier first.
             least_pairs: Number of pairs before which nothing is said.
         """
-        if len(self.pairs) < least_pairs or not self._may_be_explained():
+        if len(self.pairs) < least_pairs or not self._may_be_explained(kinds):
             return None
         (maps, matrices), gains = linear_maps(), self.gains()
         values = np.array(self.pairs)

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import RawValues
+from replay_kit.core.observation import NO_RAW_VALUES, RawValues
 
-# Fewer cells say little: a current meter's one value may repeat.
-_LEAST_CELLS = 5
+# Fewer equal cells say little, as those of a current meter or of a coarse resolution may repeat; zeros in two cells are enough.
+_LEAST_CELLS, _LEAST_ZEROS = 5, 2
 # Pings with which one is compared, the pings judged together, and the share and the run of bad ones from which the instrument is named.
 _COMPARED, _WINDOW, _SHARE, _RUN = 16, 32, 0.25, 5
 _WORDS = {"zero": "all zero", "constant": "equal in all cells", "stale": "equal to an earlier ping's"}
@@ -22,12 +22,11 @@ _WORDS = {"zero": "all zero", "constant": "equal in all cells", "stale": "equal 
 def raw_values(velocity: Array) -> RawValues:
     """Return what is remembered of a ping's velocities, shape (n, k), NaN where missing."""
     known = velocity[np.isfinite(velocity[:, :2]).all(axis=1), :2]
-    if len(known) < _LEAST_CELLS:
-        return RawValues()
-    kind: Literal["varied", "constant", "zero"] = "varied"
-    if (known == known[0]).all():
-        kind = "constant" if known.any() else "zero"
-    return RawValues(kind, hashlib.blake2b(np.ascontiguousarray(velocity).tobytes(), digest_size=8).digest())
+    zero = len(known) >= _LEAST_ZEROS and not known.any()
+    if len(known) < _LEAST_CELLS and not zero:
+        return NO_RAW_VALUES
+    kind: Literal["varied", "constant", "zero"] = "constant" if (known == known[0]).all() else "varied"
+    return RawValues("zero" if zero else kind, hashlib.blake2b(np.ascontiguousarray(velocity).tobytes(), digest_size=8).digest())
 
 
 @dataclass(frozen=True, slots=True)

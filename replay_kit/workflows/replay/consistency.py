@@ -8,15 +8,13 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.finding import Finding
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Observation, PathMean, VehicleState
+from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency import findings
-from replay_kit.measurements.consistency.monitor import ConsistencyState, check
+from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
 from replay_kit.workflows.replay.estimation import Step
 from replay_kit.workflows.replay.profile_counts import ProfileCounts
 from replay_kit.workflows.replay.statistics import RunStatistics
-
-Checked = VehicleState | Observation | PathMean
 
 _UNDETERMINED = "nothing here can tell whether directions are right; a mean current, GPS drift or bottom track would"
 _SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"

@@ -16,11 +16,12 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.estimator import Estimator
 from replay_kit.measurements import Event
+from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.build import flow_at
-from replay_kit.workflows.replay.consistency import Checked, MonitoringState
+from replay_kit.workflows.replay.consistency import MonitoringState
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from replay_kit.workflows.replay.outputs import LogWarning, Output, write
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState

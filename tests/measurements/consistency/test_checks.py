@@ -37,8 +37,9 @@ def test_raw_values_tell_dead_cells_from_living_ones():
 
 
 def test_too_few_cells_say_nothing():
-    missing = np.vstack([np.zeros((4, 3)), np.full((3, 3), np.nan)])
-    assert raw_values(missing) == RawValues()
+    missing = np.vstack([np.full((4, 3), 0.1), np.full((3, 3), np.nan)])
+    assert raw_values(missing) == raw_values(np.zeros((1, 2))) == raw_values(noise(cells=4)) == RawValues()
+    assert raw_values(np.zeros((2, 2))).kind == "zero"
     assert RawHistory().after(1, raw_values(missing)) == (RawHistory(), "")
 
 

@@ -1,0 +1,190 @@
+"""Logs that are readable and wrong: what a replay names, what it leaves out, and how it ends."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import ForecastError, MeasurementError
+from replay_kit.core.message import Loss
+from replay_kit.logs import open_log
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.results import Result
+from replay_kit.results.summary import to_json
+from replay_kit.studies.twins import Faults, Twin, make_twin
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+from tests.benchmarks.fault_kinds import FAULTS
+from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
+
+CONFIG = RunConfig(
+    estimator={"modes": 20, "sample_share": 0.5, "shift_distance": 0.0}, output={"interval": 7200.0, "checkpoint_interval": 600.0}
+)
+EDITS = {fault.name: fault.edit for fault in FAULTS}
+PINGS = 60
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory):
+    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, PINGS)
+    turned = Twin("glider", PINGS, 0.05, 1, Faults(heading_bias_deg=180.0))
+    make_twin(truth_in(folder, CONFIG), turned, folder / "turned.mcap")
+    return folder
+
+
+def faulty(ocean, name):
+    """The glider's log with a fault."""
+    messages = list(EDITS[name](open_log(ocean / "glider.mcap").messages()))
+    path = ocean / f"{name.replace('/', '-').replace(':', '')}-faulty.mcap"
+    if not path.exists():
+        write_mcap_log(path, messages)
+    return path
+
+
+def run(ocean, log, config=CONFIG, **job):
+    summary, _ = replay(ReplayJob((log,), ocean / "ensemble.nc", ocean / "out.mcap", overwrite=True, **job), config)
+    return summary
+
+
+def test_a_sound_log_has_no_finding_and_a_verdict(ocean):
+    summary = run(ocean, ocean / "glider.mcap")
+    assert summary.findings == ()
+    assert (summary.exit_code, summary.exit_codes) == (0, ())
+    answer = to_json(summary)
+    assert (answer["status"], answer["consistency"], answer["exit_codes"]) == ("done", [], [])
+    # six pings lie outside the water of the ensemble
+    assert answer["verdict"][:2] == ["60 of 66 observations used", "no contradiction found"]
+    assert answer["verdict"][2].startswith(f"RMS difference to the measurements {100.0 * summary.rms_prior:.1f} -> ")
+
+
+def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(ocean):
+    summary = run(ocean, ocean / "turned.mcap")
+    (finding,) = summary.findings
+    assert finding.name == "compass or instrument turned"
+    assert "turned by +180 degrees clockwise" in finding.evidence
+    assert summary.exit_code == 6
+    means = {key: value for key, value in to_json(summary)["observations"].items() if key in ("used", "rejected")}
+    assert means["rejected"] == PINGS
+    alone = run(ocean, ocean / "glider.mcap", CONFIG)
+    assert means["used"] == alone.profiles_used + alone.profiles_rejected - PINGS == 6
+    # the estimate is that of the mean currents alone
+    messages = [message for message in open_log(ocean / "turned.mcap").messages() if message.schema != "replay_kit.AdcpPing"]
+    (ocean / "means.mcap").unlink(missing_ok=True)
+    write_mcap_log(ocean / "means.mcap", messages)
+    run(ocean, ocean / "means.mcap")
+    estimate = Result(ocean / "out.mcap").estimate
+    run(ocean, ocean / "turned.mcap")
+    places = np.array([0.0, 2e4]), np.array([0.0, -1e4]), np.array([20.0, 60.0])
+    assert Result(ocean / "out.mcap").estimate.velocity(*places) == pytest.approx(estimate.velocity(*places), abs=1e-9)
+    events = Result(ocean / "out.mcap").events
+    assert (events["level"] == "warning").sum() == 1
+    assert events["message"].iloc[0] == str(finding)
+
+
+def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
+    log = faulty(ocean, "profiles: both signs")
+    summary = run(ocean, log)
+    (finding,) = summary.findings
+    assert finding.name == "two sources of the current contradict each other"
+    assert "both signs wrong" in finding.evidence
+    assert summary.exit_code == 6
+    with pytest.raises(MeasurementError, match="two sources of the current contradict each other"):
+        run(ocean, log, CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "stop"}).consistency}))
+    ignored = run(ocean, log, CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}))
+    assert (ignored.findings, ignored.exit_code) == ((), 0)
+    assert ignored.doubts[0] == "no consistency check was made (consistency.on_failure)"
+
+
+def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean):
+    log = faulty(ocean, "cm/s")
+    with pytest.raises(MeasurementError, match=r'state measurements\.velocity_unit = "cm/s"') as error:
+        run(ocean, log)
+    assert error.value.exit_code == 3
+    stated = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"velocity_unit": "cm/s"}).measurements})
+    sound, mended = run(ocean, ocean / "glider.mcap"), run(ocean, log, stated)
+    assert mended.findings == ()
+    assert mended.rms_after == pytest.approx(sound.rms_after, rel=1e-9)
+
+
+def test_an_odd_unit_that_is_stated_is_told_and_used(ocean):
+    stated = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"velocity_unit": "m/s"}).measurements})
+    summary = run(ocean, faulty(ocean, "cm/s"), stated)
+    assert summary.findings[0].name == "unit of the velocities"
+    assert summary.exit_code == 6
+
+
+def test_dead_profiles_are_dropped_and_counted(ocean):
+    summary = run(ocean, faulty(ocean, "stale from ping 11"))
+    assert [finding.name for finding in summary.findings] == ["dead or stale instrument"]
+    # eleven pings come before it hangs, one of them at the surface
+    assert summary.profiles_rejected == PINGS - 11 + 1
+    assert summary.bins_rejected["dead"] > 0
+    assert summary.exit_code == 6
+
+
+def test_a_dead_instrument_without_anything_else_is_no_log(ocean):
+    log = faulty(ocean, "all zero")
+    no_means = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"use_dac": False}).measurements})
+    with pytest.raises(MeasurementError, match=rf"{PINGS} ADCP pings, none usable: .* bins dead"):
+        run(ocean, log, no_means)
+
+
+@pytest.mark.parametrize("name", ["sign of depth", "up for down"])
+def test_profiles_at_impossible_depths_are_not_used(ocean, name):
+    summary = run(ocean, faulty(ocean, name))
+    assert [finding.name for finding in summary.findings] == ["depths above the surface"]
+    assert summary.profiles_rejected == PINGS
+    no_means = CONFIG.model_copy(update={"measurements": RunConfig(measurements={"use_dac": False}).measurements})
+    alone = run(ocean, faulty(ocean, name), no_means)
+    assert (alone.profiles_used, alone.exit_code) == (0, 6)
+    assert "no observation changed the estimate: it is the ensemble's" in alone.verdict
+
+
+def test_pings_at_frozen_positions_are_not_used(ocean):
+    summary = run(ocean, faulty(ocean, "frozen positions"))
+    assert [finding.name for finding in summary.findings] == ["frozen positions"]
+    assert summary.bins_rejected["inconsistent"] > 0
+    assert summary.exit_code == 6
+
+
+def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean, tmp_path):
+    with xr.open_dataset(ocean / "ensemble.nc") as ds:
+        scaled = ds.copy()
+        for name, values in ds.data_vars.items():
+            if "m" in str(values.attrs.get("units", "")) and values.ndim >= 3:
+                scaled[name] = (100.0 * values).assign_attrs(values.attrs)
+        scaled.to_netcdf(tmp_path / "cm.nc", engine="h5netcdf")
+    job = ReplayJob((ocean / "glider.mcap",), tmp_path / "cm.nc")
+    with pytest.raises(ForecastError, match=r"unit of the ensemble: .*cm\.nc: RMS speed"):
+        replay(job, CONFIG)
+    ignoring = CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency})
+    assert replay(job, ignoring)[0].exit_code == 0
+
+
+def test_loss_goes_before_contradiction_and_both_are_listed(ocean):
+    summary = run(ocean, faulty(ocean, "stale from ping 11"))
+    both = replace(summary, losses=(("a.mcap", Loss("cut", 1, 2)),))
+    assert (both.exit_code, both.exit_codes) == (4, (4, 6))
+    assert to_json(both)["status"] == "loss"
+
+
+def test_a_warning_alone_ends_with_zero(ocean):
+    summary = run(ocean, faulty(ocean, "stale from ping 11"))
+    warned = replace(summary, findings=(replace(summary.findings[0], severity="warning"),))
+    assert warned.exit_codes == ()
+
+
+def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
+    log = faulty(ocean, "profiles: both signs")
+    whole, out, checkpoint = tmp_path / "whole.mcap", tmp_path / "out.mcap", tmp_path / "run.ck"
+    replay(ReplayJob((log,), ocean / "ensemble.nc", whole), CONFIG)
+    job = ReplayJob((log,), ocean / "ensemble.nc", out, checkpoint=checkpoint, overwrite=True)
+    for stop_after in (40, 200, 100, None):
+        try:
+            summary, _ = run_until(job, CONFIG, stop_after)
+        except Killed:
+            assert checkpoint.exists() or stop_after == 40
+    assert summary.exit_code == 6
+    assert out.read_bytes() == whole.read_bytes()
