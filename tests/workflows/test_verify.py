@@ -202,7 +202,10 @@ def test_inputs_are_known_by_their_content(run, tmp_path):
     (tmp_path / "glider.mcap").write_bytes((run / "glider.mcap").read_bytes() + b"x")
     with pytest.raises(LogError, match="found only other contents"):
         verify(tmp_path / "out.mcap", [], planner_of)
-    with pytest.raises(LogError, match="expected a whole result"):
+    with pytest.raises(
+        LogError,
+        match=r"glider\.mcap: expected a whole result of replay-kit replay, but it has no config\.toml; give the file of replay's --out",
+    ):
         verify(run / "glider.mcap", [run], planner_of)
 
 
