@@ -28,9 +28,7 @@ from tests.command import invoke
 def run(tmp_path_factory) -> Path:
     """A folder with a log, an ensemble, and the result of a replay with a goal."""
     folder = tmp_path_factory.mktemp("run")
-    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
-    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    synthetic.write_ocean(folder, 12)
     config = RunConfig()
     make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 60, 0.05, 1), folder / "glider.mcap")
     job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
