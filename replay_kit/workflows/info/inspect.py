@@ -283,7 +283,7 @@ def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Seque
         paths: As they were given.
         ensemble: The files of its forecast; empty without.
     """
-    given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or ["FORECAST.nc"]))
+    given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
     contents = [log.content for log in logs]
     if any(content.bins or content.mean_currents for content in contents):
         return f"Next: replay-kit replay {given} --ensemble {forecast} -o RESULT.mcap"
