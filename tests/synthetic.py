@@ -1,5 +1,7 @@
 """Small ensembles and observations that many tests share; all seeded."""
 
+from pathlib import Path
+
 import numpy as np
 import xarray as xr
 
@@ -38,6 +40,13 @@ def dataset(seed=0, n_members=8, shape=(5, 6), levels=LEVELS, west=152.0, south=
             "lon": ("lon", longitude, {"standard_name": "longitude", "units": "degrees_east"}),
         },
     )
+
+
+def write_ocean(folder: Path, n_members: int) -> None:
+    """Write an ensemble, and a truth that is withheld from it, into a folder."""
+    ds = dataset(seed=4, n_members=n_members + 1, shape=(6, 7))
+    ds.isel(member=slice(n_members)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    ds.isel(member=n_members, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
 
 
 def ensemble(seed=0, **options) -> Ensemble:

@@ -11,13 +11,13 @@ import sys
 from typing import Any
 
 from cyclopts import App, CycloptsError, Parameter
-from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError, UnknownOptionError
-from cyclopts.token import Token
+from cyclopts.exceptions import MissingArgumentError, RepeatArgumentError
 
 from replay_kit.cli import reporting
 from replay_kit.cli.ensembles import repeat_ensembles
 from replay_kit.cli.help import command_group, layout, option_groups
 from replay_kit.cli.options import CHOICES, before_conversion
+from replay_kit.cli.unknown import refuse_unknown
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.version import __version__
 
@@ -77,6 +77,7 @@ _STUDIES = {
         "Plan on estimates, fly in the truth: glides, missions, scenarios, random islands, problems without a solution.",
     ),
 }
+_EVERY = {**_COMMANDS, **{f"experiment {_name}": _words for _name, _words in _STUDIES.items()}}
 _HELP = ("--help", "-h")
 _ANYWHERE = {*_HELP, "--version", "-q", "--quiet", "-v", "--verbose", "--log"}
 _ROOT_OPTIONS = [
@@ -140,11 +141,14 @@ def run(arguments: list[str]) -> int:
     reporting.begin(reporting.Reporting())
     arguments = repeat_ensembles(_command_first(arguments))
     words = [word for word in arguments if word not in _HELP]
+    chain, apps, unused = app.parse_commands(words)
+    command = apps[-1].default_command
     if words == arguments and words not in ([], ["experiment"]):
+        if command is not None and " ".join(chain) in _EVERY:
+            refuse_unknown(command, unused, sorted(_ANYWHERE), chain)
         # a console is made by cyclopts only to print what is printed here
         return app(arguments, error_console=_NO_CONSOLE) or 0
-    chain, apps, unused = app.parse_commands(words)
-    if apps[-1].default_command is None and unused:
+    if command is None and unused:
         # a misspelt command
         return app(words, error_console=_NO_CONSOLE) or 0
     # the defaults of options are those of the program
@@ -176,9 +180,7 @@ def _command_first(arguments: list[str]) -> list[str]:
 
 def _help_text(chain: tuple[str, ...], command: App) -> str:
     width = shutil.get_terminal_size((reporting.PIPE_WIDTH, 24)).columns
-    usage, about = {**_COMMANDS, **{f"experiment {name}": words for name, words in _STUDIES.items()}}.get(
-        " ".join(chain), ("COMMAND", command.help)
-    )
+    usage, about = _EVERY.get(" ".join(chain), ("COMMAND", command.help))
     if command.default_command is None:
         known = {name: words for name, (_, words) in (_STUDIES if chain else _COMMANDS).items()}
         groups = [command_group(known if chain else {**known, "experiment": str(experiment.help)}), ("Options", _ROOT_OPTIONS)]
@@ -190,13 +192,13 @@ def _help_text(chain: tuple[str, ...], command: App) -> str:
 
 def report(error: CycloptsError | ReplayKitError | OSError | KeyboardInterrupt) -> int:
     """Print an error that ends a command on standard error, and keep it in the file of ``--log``; return its exit code."""
-    message, code = str(error), 1
+    # the text of a usage error is made once: for an unknown option it compares all the names of a command
     if isinstance(error, CycloptsError):
         message, code = _explained(error), 2
-    elif isinstance(error, ReplayKitError):
-        code = error.exit_code
     elif isinstance(error, KeyboardInterrupt):
         message, code = "interrupted", 130
+    else:
+        message, code = str(error), error.exit_code if isinstance(error, ReplayKitError) else 1
     print(f"replay-kit: {message}", file=sys.stderr)
     reporting.keep(f"ERROR: {message}")
     return code
@@ -215,12 +217,11 @@ def _explained(error: CycloptsError) -> str:
 
 
 def _missing(error: MissingArgumentError) -> str:
-    """Return what is wrong when an option is missing: an unknown one, where there is one, for it may be the missing one misspelt."""
-    unknown = next((token for token in error.unused_tokens or () if token.startswith("--")), None)
-    if unknown is None or error.app is None:
-        return str(error)
-    token = Token(keyword=unknown.partition("=")[0], value=unknown, source="cli")
-    return str(UnknownOptionError(token=token, argument_collection=error.app.assemble_argument_collection(), verbose=False))
+    """Return what is missing, an option, an argument or an option's value, and how the command is called."""
+    assert error.argument is not None
+    command = " ".join(error.command_chain or ())
+    what = error.argument.name if error.keyword is None else f"{error.keyword}: its value"
+    return f"{what} is missing; expected replay-kit {command} {_EVERY[command][0]}."
 
 
 def _repeated(error: RepeatArgumentError) -> str:

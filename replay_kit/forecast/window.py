@@ -78,6 +78,11 @@ def read_window(ds: xr.Dataset, current: Current, layout: Layout, member: str | 
     else:
         levels, order = np.zeros(0), np.arange(s_coordinate.s.size)
     velocity, counts = _at_centres(source, (current.u, current.v), dims, order)
+    if velocity.shape[-2:] != longitude.shape:
+        got, expected = (" x ".join(map(str, shape)) for shape in (velocity.shape[-2:], longitude.shape))
+        raise ForecastError(
+            f"{where}: the currents have {got} points, the coordinates {expected}; give each forecast alone, with the file of its own grid"
+        )
     velocity = np.where(_mask(source, dims[0], order), velocity, np.nan)
     sea_level = _surface(source)
     if s_coordinate is not None:

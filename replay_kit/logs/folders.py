@@ -25,10 +25,10 @@ def logs_in(path: Path) -> list[Path]:
     gliders = sorted((file for file in held if _GLIDER.fullmatch(file.name)), key=lambda file: [*map(int, re.findall(r"\d+", file.name))])
     bags = [file for file in held if file.suffix == ".mcap"]
     if not gliders and not bags:
-        names = ", ".join(file.name for file in held[:5]) or "nothing"
+        names = ", ".join(file.name for file in held[:5]) or "no file"
         raise LogError(
             f"{path}: expected a ROS 2 bag (with {_BAG}), MCAP files or a glider's files (.nc, .gli, .pld1), the folder holds {names}; "
-            "give the logs one by one"
+            "give the logs themselves"
         )
     return [*gliders, *bags]
 

@@ -107,7 +107,8 @@ def read_recorded(path: Path) -> Recorded:
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions") from error
     except _DAMAGED as error:
-        raise LogError(f"{path}: expected a whole result of replay-kit replay: {error!r}") from error
+        why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
+        raise LogError(f"{path}: expected a whole result of replay-kit replay, but {why}; give the file of replay's --out") from error
     return Recorded(metadata, config, tuple(digests), attachments)
 
 

@@ -36,9 +36,7 @@ def process(folder, *arguments):
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("ocean")
-    ds = synthetic.dataset(seed=4, n_members=21, shape=(6, 7))
-    ds.isel(member=slice(20)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=20, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    synthetic.write_ocean(folder, 20)
     truth = read_truth(str(folder / "truth.nc"), RunConfig().forecast)
     make_twin(truth, Twin("vessel", 20, 0.05, 1), folder / "survey.mcap")
     (folder / "run.toml").write_text("[output]\ninterval = 1.0\n")

@@ -10,6 +10,7 @@ from cyclopts.argument import Argument
 
 from replay_kit.cli.app import _COMMANDS, _STUDIES, app
 from replay_kit.cli.ensembles import repeat_ensembles
+from replay_kit.cli.unknown import option_names
 from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
@@ -98,7 +99,49 @@ def test_the_endings_that_are_possible_are_listed(arguments, listed) -> None:
 def test_names_that_fit_go_on_to_what_is_missing(name) -> None:
     done = invoke(["replay", "--out", name])
     assert done.exit_code == 2
-    assert "requires an argument" in done.output
+    assert "LOG is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap." in done.output
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_the_names_that_annotations_state_are_those_that_the_parser_knows(words) -> None:
+    _, apps, _ = app.parse_commands(list(words))
+    # with the program's own defaults of options
+    with app.app_stack(apps):
+        parsed = {name for argument in apps[-1].assemble_argument_collection() for name in argument.names}
+    stated = set(option_names(apps[-1].default_command))
+    assert {name for name in stated if name.startswith("-")} == {name for name in parsed if name.startswith("-")}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "missing"),
+    [
+        (["replay", "a.mcap"], "--ensemble is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap."),
+        (["replay", "a.mcap", "--ensemble", "e.nc", "-o"], "-o: its value is missing; expected replay-kit replay LOG..."),
+        (["experiment", "dives", "a.mcap"], "--ensemble is missing; expected replay-kit experiment dives LOG... --ensemble FILE."),
+    ],
+)
+def test_a_missing_option_is_named_with_the_form_of_the_command(arguments, missing) -> None:
+    said = refusal(*arguments)
+    assert missing in said
+    assert f"See replay-kit {' '.join(arguments[: 1 + (arguments[0] == 'experiment')])} --help." in said
+
+
+@pytest.mark.parametrize(
+    ("words", "unknown"),
+    [
+        (["--mode", "3"], "Unknown option: --mode. Did you mean --modes? See replay-kit replay --help."),
+        (["--dry_rum"], "Unknown option: --dry_rum. Did you mean --dry-run?"),
+        (["--forecast.no-axis=3"], "Unknown option: --forecast.no-axis."),
+        (["--ensembel", "e.nc"], "Unknown option: --ensembel. Did you mean --ensemble?"),
+        (["-z"], "Unknown option: -z."),
+    ],
+)
+def test_an_unknown_option_is_named_before_what_is_missing(words, unknown) -> None:
+    assert unknown in refusal("replay", "a.mcap", *words)
+
+
+def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_options() -> None:
+    assert "--ensemble is missing" in refusal("replay", "--dry_run", "--measurements.no-use-dac", "--", "--mode")
 
 
 @pytest.fixture(scope="module")

@@ -293,3 +293,19 @@ def test_pop_levels_between_interfaces(tmp_path):
     assert_comes_back(read, 1e-12)
     with pytest.raises(ForecastError, match="dimension k has no coordinate values; add a depth coordinate in metres, or give the file"):
         read_ensemble(save(ds.drop_vars("w_dep"), tmp_path / "none.nc"), ForecastConfig())
+
+
+def test_a_file_of_another_grid_beside_a_forecast_is_refused(tmp_path):
+    longitude, latitude = forms.lonlat()
+    u, v = forms.regular(longitude, latitude)
+    current = xr.Dataset({name: (("member", "depth", "y", "x"), part, {"units": "m s-1"}) for name, part in (("uo", u), ("vo", v))})
+    files = [save(current.assign_coords(depth=("depth", LEVELS)), tmp_path / "current.nc")]
+    x, y = np.meshgrid(*forms.lonlat(shape=(9, 14)))
+    grid = xr.Dataset(
+        {name: (("eta_rho", "xi_rho"), part) for name, part in (("lon_rho", x), ("lat_rho", y), ("mask_rho", np.ones(x.shape)))}
+    )
+    files.append(save(grid, tmp_path / "grid.nc"))
+    with pytest.raises(
+        ForecastError, match=r"current.nc: the currents have 7 x 8 points, the coordinates 9 x 14; give each forecast alone"
+    ):
+        read_ensemble(files, ForecastConfig())

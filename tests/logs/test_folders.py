@@ -52,7 +52,7 @@ def test_a_compressed_part_says_how_to_unpack_it(tmp_path: Path) -> None:
 
 def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(LogError, match=r"the folder holds notes\.txt; give the logs one by one"):
+    with pytest.raises(LogError, match=r"the folder holds notes\.txt; give the logs themselves"):
         open_logs([tmp_path])
 
 

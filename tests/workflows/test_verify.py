@@ -28,9 +28,7 @@ from tests.command import invoke
 def run(tmp_path_factory) -> Path:
     """A folder with a log, an ensemble, and the result of a replay with a goal."""
     folder = tmp_path_factory.mktemp("run")
-    ds = synthetic.dataset(seed=4, n_members=13, shape=(6, 7))
-    ds.isel(member=slice(12)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=12, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    synthetic.write_ocean(folder, 12)
     config = RunConfig()
     make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 60, 0.05, 1), folder / "glider.mcap")
     job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
@@ -202,7 +200,10 @@ def test_inputs_are_known_by_their_content(run, tmp_path):
     (tmp_path / "glider.mcap").write_bytes((run / "glider.mcap").read_bytes() + b"x")
     with pytest.raises(LogError, match="found only other contents"):
         verify(tmp_path / "out.mcap", [], planner_of)
-    with pytest.raises(LogError, match="expected a whole result"):
+    with pytest.raises(
+        LogError,
+        match=r"glider\.mcap: expected a whole result of replay-kit replay, but it has no config\.toml; give the file of replay's --out",
+    ):
         verify(run / "glider.mcap", [run], planner_of)
 
 

@@ -66,12 +66,13 @@ def info(
         print_info(log, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    if logs:
-        console.print(next_command(found, [str(path) for path in logs]), soft_wrap=True)
+    following = next_command(found, logs, ensemble) if logs else None
+    if following is not None:
+        console.print(following, soft_wrap=True)
     if suggest is not None:
         write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
     answer: dict[str, Any] = {"logs": [info_json(log) for log in found]}
-    answer |= {"next": next_command(found, [str(path) for path in logs])} if logs else {}
+    answer |= {} if following is None else {"next": following}
     answer |= {} if forecast is None else {"forecast": ensemble_json(forecast)}
     write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
     return 4 if any(log.report.losses for log in found) else 0

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.horizontal import HorizontalKernel, stream_function_kernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 
@@ -121,15 +121,6 @@ class FlowField:
             weights = depth_weights(self.depth_functions, depths[part], self.levels)
             out[part] = np.einsum("cpz,pz->pc", by_level[:, at], weights)
         return out.reshape(*shape, 2)
-
-    def stream_function(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Array:
-        """Return psi [m^2/s] with u = dpsi/dy, v = -dpsi/dx, at points of the local frame; shapes as in ``velocity``."""
-        points, depths, shape = _flatten(east, north, depth)
-        out = np.empty(depths.size)
-        for part in _chunks(depths.size):
-            by_level = stream_function_kernel(self.kernel, points[part], self.nodes) @ self.latent
-            out[part] = np.sum(by_level * depth_weights(self.depth_functions, depths[part], self.levels), axis=1)
-        return out.reshape(shape)
 
     def standard_error(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False) -> Array:
         """Return the standard deviation [m/s] of each velocity component; arguments and shapes as in ``velocity``.

@@ -56,17 +56,3 @@ def velocity_kernel(kernel: HorizontalKernel, points: Array, nodes: Array) -> Ar
     np.multiply(k, sx * sy, out=out[:p, n:])
     out[p:, :n] = out[:p, n:]
     return out
-
-
-def stream_function_kernel(kernel: HorizontalKernel, points: Array, nodes: Array) -> Array:
-    """Return the matrix, shape (P, 2N), that maps latent velocities at the nodes to the stream function at the points.
-
-    psi(x) = sum_j k(x, x_j) (dy beta_u,j / ly^2 - dx beta_v,j / lx^2); its rotated gradient is ``velocity_kernel``.
-
-    Args:
-        kernel: Parameters.
-        points: shape (P, 2) [m], east and north.
-        nodes: shape (N, 2) [m], east and north.
-    """
-    sx, sy, k = _gaussian(kernel, points, nodes)
-    return np.hstack([k * sy, -k * sx])

@@ -49,9 +49,11 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
             if kind == FORMAT and version in READ_VERSIONS:
                 return from_lossless(dataset.load())
     except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise ForecastError(f"{name}: expected a flow saved by replay-kit (NetCDF-4), but it is none or is damaged: {error}") from error
+        raise ForecastError(f"{name}: expected a file of --save-estimate (NetCDF-4), but it is none or is damaged: {error}") from error
     if kind != FORMAT:
-        raise ForecastError(f"{name}: a NetCDF file, but not a flow saved by replay-kit (no attribute replay_kit_format = {FORMAT})")
+        raise ForecastError(
+            f"{name}: expected a file of --save-estimate, got another NetCDF file (no attribute replay_kit_format = {FORMAT})"
+        )
     known = " and ".join(map(str, READ_VERSIONS))
     raise ForecastError(f"{name}: flow format version {version}, but this replay-kit reads versions {known}; write it again")
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from replay_kit.logs.glider.columns import Columns
 from replay_kit.logs.glider.currents import DiveMean
-from replay_kit.logs.glider.pings import earth_ping
+from replay_kit.logs.glider.pings import FROM_SURFACE, earth_ping
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import PING
 
@@ -34,13 +34,7 @@ def absolute_profiles(columns: Columns, means: Sequence[DiveMean], notes: list[s
         middle_ns = int(samples["dac_time"][k]) if "dac_time" in samples else 0
         time_ns = middle_ns if middle_ns in placed else int(samples["time"][k])
         payload = earth_ping(time_ns, k, None, velocity, (float(steps[0]) if even else 1.0, float(depth[0])))
-        payload |= {
-            "reference": "earth",
-            "orientation": "down",
-            "bin_mapped": True,
-            "pressure": 0.0,
-            "declination_applied": True,
-            "derived": True,
+        payload |= FROM_SURFACE | {
             "computed_from": ["/dac"],
             **({} if even else {"cell_distances": depth.tolist()}),
         }

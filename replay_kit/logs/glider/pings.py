@@ -13,6 +13,17 @@ _UNKNOWN = (
 )
 
 
+#: Of a profile that was computed from others and begins at the surface, not at the glider: its levels are depths.
+FROM_SURFACE = {
+    "reference": "earth",
+    "orientation": "down",
+    "bin_mapped": True,
+    "pressure": 0.0,
+    "declination_applied": True,
+    "derived": True,
+}
+
+
 def earth_ping(time_ns: int, ordinal: int, dive: int | None, velocity: Array, cells: tuple[float, float]) -> dict[str, Any]:
     """Return a ping in earth coordinates; unknown fields are null.
 

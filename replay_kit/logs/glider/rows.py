@@ -43,6 +43,8 @@ class NetcdfRows(LogFile):
         self._time_ns, self._known = units.time_ns(self._name, file.variables[self._name], file, notes)
         self._time_ns, self._known = self._time_ns.ravel(), self._known.ravel()
         self._rows, self._fixed = _split(file, self._name, self._time_ns.size)
+        if not self._rows:
+            raise LogError(f"{path}: {_EXPECTED}, got no variable along {self._name} alone: {', '.join(file.variables)}{_NOT_A_LOG}")
         self._notes = (
             f"of no known glider dialect: each row over {self._name} is a message on {TOPIC}{self._name}, with {', '.join(self._rows)}"
             + (f", and at each row {', '.join(self._fixed)}" if self._fixed else ""),

@@ -17,7 +17,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.columns import dive_number
 from replay_kit.logs.glider.netcdf import NetcdfFile
-from replay_kit.logs.glider.pings import earth_ping
+from replay_kit.logs.glider.pings import FROM_SURFACE, earth_ping
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import PING, number
 
@@ -86,16 +86,7 @@ def _inverted(file: NetcdfFile) -> Iterator[Entry]:
     for leg, end_ns in enumerate(_leg_ends(file)):
         velocity = np.stack([component[:, leg] for component in components], axis=-1)
         payload = earth_ping(end_ns, 2 * dive + leg, dive, velocity, (float(steps[0]), float(levels[0])))
-        # the levels are depths: the profile begins at the surface, not at the glider
-        payload |= {
-            "reference": "earth",
-            "orientation": "down",
-            "bin_mapped": True,
-            "pressure": 0.0,
-            "declination_applied": True,
-            "derived": True,
-            "computed_from": ["/adcp", "/dac"],
-        }
+        payload |= FROM_SURFACE | {"computed_from": ["/adcp", "/dac"]}
         yield end_ns, INVERTED, PING, payload
 
 

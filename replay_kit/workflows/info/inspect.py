@@ -275,17 +275,18 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
         print_lines(console, [f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"])
 
 
-def next_command(logs: Sequence[LogInfo], names: Sequence[str]) -> str:
+def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = ()) -> str:
     """Return what to type next, in words.
 
     Args:
         logs: The logs of a mission.
-        names: As they were given.
+        paths: As they were given.
+        ensemble: The files of its forecast; empty without.
     """
-    given = " ".join(shlex.quote(name) for name in names)
+    given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
     contents = [log.content for log in logs]
     if any(content.bins or content.mean_currents for content in contents):
-        return f"Next: replay-kit replay {given} --ensemble FORECAST.nc -o RESULT.mcap"
+        return f"Next: replay-kit replay {given} --ensemble {forecast} -o RESULT.mcap"
     if any(log.mappable for log in logs):
         return f"Next: replay-kit info {given} --suggest map.toml, correct map.toml, then replay-kit info {given} --config map.toml"
     return f"Next: replay-kit info {given} ANOTHER_LOG, with the log of this mission that has what is missing"

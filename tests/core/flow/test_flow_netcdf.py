@@ -69,10 +69,10 @@ def test_load_refuses_other_files(flow: FlowEstimate, tmp_path: Path) -> None:
     with pytest.raises(ForecastError, match="cannot read"):
         load(path)
     path.write_bytes(b"no NetCDF at all")
-    with pytest.raises(ForecastError, match="expected a flow"):
+    with pytest.raises(ForecastError, match=r"expected a file of --save-estimate \(NetCDF-4\), but it is none or is damaged"):
         load(path)
     write_grid(flow, path)
-    with pytest.raises(ForecastError, match="not a flow saved by replay-kit"):
+    with pytest.raises(ForecastError, match="expected a file of --save-estimate, got another NetCDF file"):
         load(path)
 
 

@@ -1,12 +1,20 @@
 import numpy as np
 import pytest
 
-from replay_kit.core.flow.horizontal import HorizontalKernel, stream_function_kernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from tests.reference.estimator import kernel_3d
 
 KERNEL = HorizontalKernel(9_000.0, 11_000.0, 0.2)
 RNG = np.random.default_rng(3)
 POINTS, NODES = RNG.uniform(-3e4, 3e4, (7, 2)), RNG.uniform(-3e4, 3e4, (5, 2))
+
+
+def stream_function_kernel(kernel, points, nodes):
+    """psi(x) = sum_j k(x, x_j) (dy beta_u,j / ly^2 - dx beta_v,j / lx^2): shape (P, 2N), from latent velocities at the nodes to points."""
+    dx, dy = points[:, None, 0] - nodes[:, 0], points[:, None, 1] - nodes[:, 1]
+    lx, ly = kernel.length_east, kernel.length_north
+    k = (kernel.speed * lx) ** 2 * np.exp(-0.5 * ((dx / lx) ** 2 + (dy / ly) ** 2))
+    return np.hstack([k * dy / ly**2, -k * dx / lx**2])
 
 
 def test_equals_the_block_written_out():

@@ -15,6 +15,7 @@ from replay_kit.logs.glider.columns import dive_number
 from replay_kit.logs.glider.files import open_glider_file
 from replay_kit.logs.glider.reader import GliderReader
 from replay_kit.measurements import observations
+from tests.logs.glider import glider_samples as made
 from tests.places import DATA
 
 WITH_ADCP = sorted((DATA / "seaglider").glob("p17101*.nc"))
@@ -70,18 +71,7 @@ def _small_dive() -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
 
 
 def _write_hdf5(path: Path, variables: dict[str, Any]) -> Path:
-    with h5netcdf.File(path, "w") as file:
-        file.attrs["dive_number"] = 7
-        for name, (dims, values, attributes) in variables.items():
-            values = np.asarray(values)
-            for dim, size in zip(dims, values.shape, strict=True):
-                if dim not in file.dimensions:
-                    file.dimensions[dim] = size
-            variable = file.create_variable(name, dims, data=values, fillvalue=attributes.get("_FillValue"))
-            for key, value in attributes.items():
-                if key != "_FillValue":
-                    variable.attrs[key] = value
-    return path
+    return made.write(path, variables, {"dive_number": 7})
 
 
 def _write_classic(path: Path, variables: dict[str, Any]) -> Path:

@@ -35,12 +35,18 @@ def test_the_table_is_the_flow_at_its_points_and_linear_or_constant_elsewhere(ki
     np.testing.assert_allclose(outside[0], outside[1], atol=1e-12)
 
 
-def test_the_table_allows_what_the_region_allows() -> None:
+def flow_with_land():
+    """Return a flow at rest with land below its first level, the region and the table of it."""
     flow = still_flow()
     wet = flow.grid.wet.copy()
     wet[1:, 3:5, 4:6] = False
-    region = region_of(replace(flow.grid, wet=wet))
-    table = tabulate(replace(flow, grid=replace(flow.grid, wet=wet)), region)
+    flow = replace(flow, grid=replace(flow.grid, wet=wet))
+    region = region_of(flow.grid)
+    return flow, region, tabulate(flow, region)
+
+
+def test_the_table_allows_what_the_region_allows() -> None:
+    _, region, table = flow_with_land()
     rng = np.random.default_rng(0)
     low, high = table.origin - 1e4, table.origin + table.spacing * np.array(table.velocity.shape[:1:-1]) + 1e4
     points = np.column_stack([rng.uniform(low, high, (3000, 2)), rng.uniform(0.0, 400.0, 3000)])
@@ -55,11 +61,7 @@ def test_the_table_allows_what_the_region_allows() -> None:
 
 
 def test_where_a_corner_of_a_cell_is_not_allowed_the_region_itself_is_asked() -> None:
-    flow = still_flow()
-    wet = flow.grid.wet.copy()
-    wet[1:, 3:5, 4:6] = False
-    region = region_of(replace(flow.grid, wet=wet))
-    table = tabulate(replace(flow, grid=replace(flow.grid, wet=wet)), region)
+    flow, region, table = flow_with_land()
     rng = np.random.default_rng(1)
     # about the land, below the first level that has any
     inner = flow.grid.east[2, 3], flow.grid.north[2, 3]

@@ -67,6 +67,22 @@ def test_a_netcdf_file_of_no_known_dialect(tmp_path):
     assert "10 profiles with 10 usable bins" in invoke(["info", str(log), "--config", str(mapping)]).stdout
 
 
+def test_a_netcdf_file_without_rows_is_no_log(tmp_path):
+    u = (("t", "y", "x"), np.full((10, 2, 2), 0.1), {})
+    log = made.write(tmp_path / "grid.nc", {"t": (("t",), made.samples(600.0)["time"], made.EPOCH), "u": u})
+    done = invoke(["info", str(log)])
+    assert done.exit_code == 3
+    assert "got no variable along t alone: t, u; a forecast is given with --ensemble, not as a log" in done.stderr
+
+
+def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
+    log = made.bodc(tmp_path / "a.nc")
+    forecast = tmp_path / "e.nc"
+    assert invoke(["synthesize", "--ensemble", str(forecast), "--truth", str(tmp_path / "t.nc"), "--members", "3"]).exit_code == 0
+    said = invoke(["info", str(log), "--ensemble", str(forecast)]).stdout
+    assert said.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble {forecast} -o RESULT.mcap")
+
+
 @pytest.mark.parametrize(("write", "ending"), [(made.bodc, "--ensemble FORECAST.nc -o RESULT.mcap"), (made.spray, "-o RESULT.mcap")])
 def test_a_gliders_log_is_ready_for_a_replay(tmp_path, write, ending):
     said = invoke(["info", str(write(tmp_path / "a b.nc"))]).stdout

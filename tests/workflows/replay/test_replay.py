@@ -35,9 +35,7 @@ GOAL = Place(152.3, -39.8, 150.0)
 def ocean(tmp_path_factory) -> Path:
     """A folder with an ensemble, the truth withheld from it, and logs of a survey and a glider in it."""
     folder = tmp_path_factory.mktemp("ocean")
-    ds = synthetic.dataset(seed=4, n_members=41, shape=(6, 7))
-    ds.isel(member=slice(40)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
-    ds.isel(member=40, drop=True).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    synthetic.write_ocean(folder, 40)
     truth = read_truth(str(folder / "truth.nc"), SETTINGS.forecast)
     make_twin(truth, Twin("vessel", 40, 0.05, 1), folder / "survey.mcap")
     make_twin(truth, Twin("glider", 40, 0.05, 1), folder / "glider.mcap")
