@@ -36,6 +36,10 @@ _COMMANDS = {
         "LOG... -o OUT.mcap|OUT.tlog",
         "Convert logs to one MCAP or telemetry log without loss of what that format can hold; several logs are merged by time.",
     ),
+    "report": (
+        "RESULT.mcap",
+        "Write a result as one page for a browser: the answer in words, map, section along the track, trust, plan.",
+    ),
     "plan": (
         "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
         "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line.",

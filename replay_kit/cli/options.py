@@ -22,7 +22,7 @@ CHOICES = Group("Options", sort_key=3)
 REPORTING = Group("Reporting", sort_key=9)
 
 # Endings of file names, which the name of a folder does not have.
-_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml")
+_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml", ".html")
 
 # Of a group of values: each of its fields is an option of its own, under the group's heading.
 TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (Parameter(name="*", group=group) for group in (INPUTS, OUTPUTS, CHOICES))
@@ -148,7 +148,7 @@ _LOGS = (
 Log = Annotated[Path, argument("LOG", _LOGS)]
 LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, required=False)]
 PLACE = Numbers("LON,LAT,DEPTH")
-MCAP, NETCDF = Ending((".mcap",)), Ending((".nc",))
+MCAP, NETCDF, HTML = Ending((".mcap",)), Ending((".nc",)), Ending((".html",))
 ENSEMBLE_HELP = "NetCDF files, Zarr stores, folders or patterns; may be repeated. --members says what a member is."
 Ensemble = Annotated[tuple[Path, ...], option("--ensemble", f"Ensemble forecast: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS)]
 Truth = Annotated[str | None, option("--truth", "Known truth to score against.", metavar="T.nc[#member]")]

@@ -4,6 +4,7 @@ The file is written as ``OUT.mcap.part`` and gets its name only when it is compl
 are those of the events, never of the writing, so that the same run gives the same bytes.
 """
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -27,6 +28,7 @@ from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, 
 
 ESTIMATE_NAME = "estimate.nc"
 CONFIG_NAME = "config.toml"
+SUMMARY_NAME = "summary.json"
 
 _OWN_SCHEMA = ("protobuf", DESCRIPTOR_SET)
 
@@ -161,6 +163,15 @@ class ResultWriter(ResultFile):
         """
         self.write_entries(entries, copy_inputs)
         self._accepted, self._arrow_scale = state
+
+    def summary(self, time_ns: int, summary: Mapping[str, Any]) -> None:
+        """Attach the summary of the run as ``summary.json``, for the report; wall times do not belong there.
+
+        Args:
+            time_ns: Time of the run's last message [ns, UTC].
+            summary: As ``replay_kit.results.summary.to_record`` returns it.
+        """
+        self.attach(time_ns, SUMMARY_NAME, "application/json", (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
 
     def finish(self, flow: FlowEstimate) -> None:
         """Attach the last estimate without loss, with its covariance, as ``estimate.nc``; then close.

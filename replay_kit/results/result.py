@@ -1,5 +1,6 @@
 """A result MCAP as a notebook wants it: the estimate, and tables of all else."""
 
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -188,7 +189,7 @@ def open_result(path: str | Path) -> Result:
             names = {record.name for record in reader.iter_metadata()}
     except OSError as error:
         raise LogError(f"{path}: cannot read the result: {error.strerror}; check the path") from error
-    except (McapError, ValueError) as error:
+    except (McapError, ValueError, struct.error) as error:
         raise LogError(
             f"{path}: expected a complete result of replay-kit replay: {error!r}; replay-kit convert recovers the messages of a partial one"
         ) from error

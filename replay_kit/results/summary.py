@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -166,6 +167,28 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
         }
     )
     return summary_json
+
+
+def to_record(summary: ReplaySummary, logs: Sequence[Path]) -> dict[str, Any]:
+    """Return what a result keeps of its summary: ``to_json`` without wall times, and the logs by their names, without their folders.
+
+    Args:
+        summary: Of the run.
+        logs: Its inputs.
+    """
+    record = {key: value for key, value in to_json(summary).items() if key != "seconds"}
+    paths = {str(path): path.name for path in logs}
+
+    def named(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: named(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [named(item) for item in value]
+        for path, name in paths.items() if isinstance(value, str) else ():
+            value = value.replace(path, name)
+        return value
+
+    return {key: named(value) for key, value in record.items()}
 
 
 def _plain(value: Any) -> Any:

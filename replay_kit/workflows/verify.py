@@ -21,7 +21,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
 from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, first_difference, read_recorded
-from replay_kit.results.mcap_writer import CONFIG_NAME
+from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import Planner
 from replay_kit.workflows.replay.provenance import file_hash
@@ -102,7 +102,9 @@ def _with_current_keys(recorded: Recorded) -> Recorded:
 
 def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:
     """Return attachments and metadata records that are not the same, but for versions and what a truth is scored with."""
-    attachments = [f"attachment {name}" for name in _unequal(one.attachments, other.attachments)]
+    # results of earlier versions have no summary
+    made = {name: data for name, data in other.attachments.items() if name != SUMMARY_NAME or name in one.attachments}
+    attachments = [f"attachment {name}" for name in _unequal(one.attachments, made)]
     ours, theirs = ({name: _without_truth(values) for name, values in recorded.metadata.items()} for recorded in (one, other))
     ignored = {_VERSIONS} if _contract(one) == _contract(other) else {_VERSIONS, "contract"}
     metadata = [f"metadata {name}" for name in _unequal(ours, theirs) if name not in ignored]

@@ -38,6 +38,7 @@ class Outputs(Answer):
         Path | None, option("--checkpoint", "State from which an interrupted run continues; deleted at the end.", metavar="FILE")
     ] = None
     include_inputs: Annotated[bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")] = False
+    report: Annotated[bool, flag("--report", "Write the result as a page for a browser too: its name with the ending .html.")] = False
 
 
 @takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "planner", "output")
@@ -54,7 +55,8 @@ def replay(
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
-    check_paths(read, (*made, outputs.json_file), outputs.overwrite)
+    page = outputs.out.with_suffix(".html") if outputs.report else None
+    check_paths(read, (*made, outputs.json_file, page), outputs.overwrite)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
@@ -89,5 +91,10 @@ def replay(
     with part_named(outputs.out), progress() as advance:
         summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
     print_summary(summary, console, outputs.verbose)
+    if page is not None:
+        from replay_kit.workflows.report import report
+
+        report(outputs.out, page, outputs.overwrite, summary)
+        console.print(f"Report: {page}; open it in a browser.", soft_wrap=True)
     write_json(outputs.json_file, to_json(summary))
     return summary.exit_code

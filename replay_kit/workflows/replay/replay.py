@@ -22,7 +22,7 @@ from replay_kit.forecast import ensemble_files
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.results.summary import ReplaySummary, TruthScore
+from replay_kit.results.summary import ReplaySummary, TruthScore, to_record
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
 from replay_kit.workflows.replay.inputs import (
@@ -231,8 +231,17 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
     session.statistics.require_usable(reports, inputs.forecasts.ensemble.grid)
     flow = session.conclude()
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
+    planning = session.planning
+    summary = replace(
+        session.statistics.summary(reports),
+        plan=None if planning.result is None else planning.result.plan,
+        plan_note=planning.failure,
+        outcomes=planning.outcomes,
+        notes=tuple(notes),
+    )
     with session.clock.stage("write"):
         if session.writer is not None:
+            session.writer.summary(session.last_ns, to_record(summary, job.logs))
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)
@@ -243,17 +252,7 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
         with session.clock.stage("score"):
             score, failures = _score(session, inputs, inputs.truth, flow)
             notes += failures
-    planning = session.planning
-    summary = replace(
-        session.statistics.summary(reports),
-        seconds=dict(session.clock.seconds),
-        plan=None if planning.result is None else planning.result.plan,
-        plan_note=planning.failure,
-        outcomes=planning.outcomes,
-        truth=score,
-        notes=tuple(notes),
-    )
-    return summary, flow
+    return replace(summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(notes)), flow
 
 
 def _notes(session: Session, inputs: _Inputs, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:

@@ -1,0 +1,28 @@
+"""``report``: a result as one page for a browser."""
+
+from pathlib import Path
+from typing import Annotated
+
+from replay_kit.cli.console import wide_console
+from replay_kit.cli.options import HTML, TO_OUTPUTS, Replacing, argument, option
+
+
+def report(
+    result: Annotated[Path, argument("RESULT.mcap", "A result of replay or plan; of one that is cut short, what is left is shown.")],
+    /,
+    *,
+    out: Annotated[
+        Path | None,
+        option("--out -o", "Page, one file without anything to fetch. Default: the result's name with .html.", metavar="REPORT.html"),
+        HTML,
+    ] = None,
+    replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
+) -> int:
+    """Return 0."""
+    from replay_kit.workflows.report import page_of
+    from replay_kit.workflows.report import report as write_report
+
+    page = out or page_of(result)
+    size = write_report(result, page, replacing.overwrite)
+    wide_console().print(f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True)
+    return 0

@@ -1,0 +1,101 @@
+"""An opened result with the values that the sections of a report share, each taken out of it when first asked for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Projection
+from replay_kit.results.result import Result
+from replay_kit.results.views.along_track import BinsAlongTrack, EstimateHistory, MeanCurrents, bins_along_track, mean_currents
+from replay_kit.results.views.record import RunRecord, read_record, summary_of
+from replay_kit.results.views.slices import CurrentSlices, published_slices, slices_of
+from replay_kit.results.views.track import Track, track_of
+
+#: Profiles shown along the track; more are thinned.
+PROFILES_SHOWN = 600
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """An opened result, and what was found when it was opened.
+
+    Attributes:
+        result: The result.
+        notes: What the reader of the report should know of how it was opened, such as that the file was cut short.
+    """
+
+    result: Result
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def record(self) -> RunRecord:
+        """How the result was made."""
+        return read_record(self.result.path)
+
+    @cached_property
+    def summary(self) -> Mapping[str, Any]:
+        """The run's summary, as ``--json`` has it."""
+        return summary_of(self.result, self.record)
+
+    @cached_property
+    def projection(self) -> Projection:
+        """The local frame."""
+        frame = self.record.metadata["frame map"]
+        return Projection(float(frame["longitude"]), float(frame["latitude"]))
+
+    @cached_property
+    def _read_estimate(self) -> tuple[FlowEstimate | None, str]:
+        try:
+            return self.result.estimate, ""
+        except ReplayKitError as error:
+            return None, str(error)
+
+    @property
+    def estimate(self) -> FlowEstimate | None:
+        """The last estimate; None when the result has none that can be read."""
+        return self._read_estimate[0]
+
+    @property
+    def without_estimate(self) -> str:
+        """Why there is no estimate; empty when there is one."""
+        return self._read_estimate[1]
+
+    @cached_property
+    def track(self) -> Track:
+        """Where the vehicle was."""
+        return track_of(self.result.fixes, self.projection)
+
+    @cached_property
+    def slices(self) -> CurrentSlices | None:
+        """The published current; that of the last estimate at its levels when none was published, None without that."""
+        published = published_slices(self.result.path)
+        if published is None and self.estimate is not None:
+            return slices_of(self.estimate, self.estimate.levels)
+        return published
+
+    @cached_property
+    def history(self) -> EstimateHistory:
+        """The estimate after each measurement."""
+        return EstimateHistory(self.result.path, self.estimate)
+
+    @cached_property
+    def bins(self) -> BinsAlongTrack:
+        """Bins used along the track."""
+        return bins_along_track(self.result, self.track, self.history, self.estimate, PROFILES_SHOWN)
+
+    @cached_property
+    def mean_currents(self) -> MeanCurrents:
+        """Mean currents of the dives."""
+        return mean_currents(self.result, self.track, self.history)
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Times of the first and the last fix or measurement [ns, UTC]; None without any."""
+        tables = (self.result.fixes, self.result.observations)
+        each = [table.index.to_numpy().astype("datetime64[ns]").astype(np.int64) for table in tables if len(table)]
+        return (int(min(map(np.min, each))), int(max(map(np.max, each)))) if each else None

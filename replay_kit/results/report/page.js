@@ -1,0 +1,297 @@
+// Draws the figures of the page. Each figure has traces of plotly with references that are resolved here:
+//   "$table.column"                          a column of its data
+//   {"$choose": k, "of": [...]}              by the k-th control
+//   {"$field": name, "at": [...]}            two last axes of a packed array; "c0" is the choice of the control 0
+//   {"$op": "hypot"|"rms"|"dry", "of": [..]} of fields, cell by cell
+//   {"$color": name}                         a colour of the page's style, which changes between light and dark
+// A trace of the type "arrows" becomes lines along u and v.
+const MISSING = -32768;
+const unpacked = async (id) => {
+  const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+};
+const styled = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const state = { figures: [], choices: {}, arrays: {} };
+
+function packedArray(figure, name) {
+  const key = `${figure.key}.${name}`;
+  if (!state.arrays[key]) {
+    const bytes = Uint8Array.from(atob(figure.packed[name].data), (c) => c.charCodeAt(0));
+    state.arrays[key] = new Int16Array(bytes.buffer);
+  }
+  return state.arrays[key];
+}
+
+function field(figure, name, at) {
+  const { shape, scale } = figure.packed[name];
+  const values = packedArray(figure, name);
+  const [rows, columns] = shape.slice(-2);
+  let start = 0;
+  at.forEach((index, axis) => {
+    const k = typeof index === "string" ? state.choices[figure.key][Number(index.slice(1))] : index;
+    start = start * shape[axis] + k;
+  });
+  start *= rows * columns;
+  const out = [];
+  for (let j = 0; j < rows; j += 1) {
+    const row = [];
+    for (let i = 0; i < columns; i += 1) {
+      const value = values[start + j * columns + i];
+      row.push(value === MISSING ? null : value * scale);
+    }
+    out.push(row);
+  }
+  return out;
+}
+
+const OPERATIONS = {
+  hypot: (u, v) => (u === null || v === null ? null : Math.hypot(u, v)),
+  rms: (u, v) => (u === null || v === null ? null : Math.hypot(u, v) / Math.SQRT2),
+  dry: (u) => (u === null ? 1 : null),
+};
+
+function resolved(figure, value) {
+  if (typeof value === "string" && value.startsWith("$")) {
+    const [table, column] = value.slice(1).split(".");
+    return figure.tables[table][column];
+  }
+  if (Array.isArray(value)) return value.map((item) => resolved(figure, item));
+  if (value === null || typeof value !== "object") return value;
+  if ("$choose" in value) return resolved(figure, value.of[state.choices[figure.key][value.$choose]]);
+  if ("$field" in value) return field(figure, value.$field, value.at);
+  if ("$color" in value) return styled(`--${value.$color}`);
+  if ("$op" in value) {
+    const [first, second] = value.of.map((item) => resolved(figure, item));
+    const combine = OPERATIONS[value.$op];
+    return first.map((row, j) => row.map((u, i) => combine(u, second && second[j][i])));
+  }
+  return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, resolved(figure, item)]));
+}
+
+// Each arrow is a shaft and two strokes of its head, as one line with gaps.
+function arrows(trace) {
+  const { u, v, step, length, ...rest } = trace;
+  const x = [];
+  const y = [];
+  for (let j = Math.floor(step / 2); j < trace.y.length; j += step) {
+    for (let i = Math.floor(step / 2); i < trace.x.length; i += step) {
+      if (u[j][i] === null) continue;
+      const [dx, dy] = [u[j][i] * length, v[j][i] * length];
+      const [x0, y0] = [trace.x[i] - dx / 2, trace.y[j] - dy / 2];
+      const [x1, y1] = [x0 + dx, y0 + dy];
+      x.push(x0, x1, null, x1 - 0.32 * dx + 0.16 * dy, x1, x1 - 0.32 * dx - 0.16 * dy, null);
+      y.push(y0, y1, null, y1 - 0.32 * dy - 0.16 * dx, y1, y1 - 0.32 * dy + 0.16 * dx, null);
+    }
+  }
+  return { ...rest, type: "scatter", mode: "lines", hoverinfo: "skip", x, y };
+}
+
+function layoutOf(figure) {
+  const layout = resolved(figure, figure.layout);
+  const narrow = isNarrow();
+  const [ink, grid, paper] = [styled("--ink"), styled("--grid"), styled("--panel")];
+  const axis = { gridcolor: grid, zerolinecolor: grid, linecolor: styled("--soft"), automargin: true };
+  const out = {
+    margin: { l: narrow ? 48 : 64, r: narrow ? 8 : 16, t: 12, b: 48 },
+    hovermode: "closest",
+    legend: { orientation: "h", y: -0.18, yanchor: "top", x: 0 },
+    ...layout,
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: paper,
+    font: { color: ink, size: narrow ? 11 : 13, family: "system-ui, 'DejaVu Sans', sans-serif" },
+    colorway: ["--one", "--two", "--three", "--four"].map(styled),
+    hoverlabel: { bgcolor: styled("--paper"), bordercolor: styled("--line"), font: { color: ink } },
+  };
+  for (const key of Object.keys(out)) if (/^[xy]axis/.test(key)) out[key] = { ...axis, ...out[key] };
+  for (const key of ["xaxis", "yaxis"]) if (!out[key]) out[key] = axis;
+  return out;
+}
+
+const isNarrow = () => document.documentElement.clientWidth < 560;
+
+// A map is as high as its region asks for; on a phone its colour bar lies above it, and it has fewer arrows.
+function fitMap(figure, place, traces, layout) {
+  const [west, east] = layout.xaxis.range;
+  const [south, north] = layout.yaxis.range;
+  const beside = isNarrow() ? 70 : 190;
+  const high = Math.max((place.clientWidth - beside) * ((north - south) / (east - west)), 260) + (isNarrow() ? 210 : 130);
+  layout.height = Math.round(Math.min(high, figure.layout.height));
+  layout.legend = { ...layout.legend, y: -90 / layout.height };
+  if (!isNarrow()) return;
+  for (const trace of traces) {
+    if (trace.colorbar) {
+      Object.assign(trace.colorbar, { orientation: "h", x: 0.5, xanchor: "center", y: 1.01, yanchor: "bottom", len: 0.95, thickness: 10 });
+      trace.colorbar.title.side = "top";
+    }
+    if (trace.type === "arrows") Object.assign(trace, { step: 2 * trace.step, length: 1.5 * trace.length });
+  }
+}
+
+// The flights over the waypoints, in the estimate and in its samples.
+function flights(figure) {
+  const { flight, packed } = figure;
+  const values = packedArray(figure, "currents");
+  const { scale, shape } = packed.currents;
+  const velocity = (flow, d, component, j, i) => values[(((flow * shape[1] + d) * 2 + component) * shape[3] + j) * shape[4] + i] * scale;
+  const each = Array.from({ length: shape[0] }, (_, flow) => flyToWaypoints({ ...flight, velocity }, flow, flight.dives, flight.start, [...flight.waypoints, flight.goal]));
+  figure.tables.flights = {
+    flow: each.map((_, k) => (k ? `sample ${k}` : "estimate")),
+    duration_h: each.map(({ duration }) => duration / 3600),
+    miss_m: each.map(({ miss }) => miss),
+    arrived: each.map(({ arrived }) => Number(arrived)),
+  };
+  document.querySelector(`#${figure.key} .readout`).textContent = readout(each, flight.dives.radius);
+  const line = (places, more) => ({ type: "scatter", mode: "lines", hoverinfo: "skip", x: places.map((p) => p[0] / 1e3), y: places.map((p) => p[1] / 1e3), ...more });
+  const samples = each.slice(1).map(({ surfacings }, k) => line(surfacings, { name: "samples", legendgroup: "samples", showlegend: k === 0, line: { width: 0.8, color: styled("--one") } }));
+  const mark = { size: 16, symbol: "diamond", color: styled("--two"), line: { width: 2, color: styled("--paper") } };
+  return [
+    ...samples,
+    line(each[0].surfacings, { name: "estimate", mode: "lines+markers", line: { width: 3, color: styled("--two") }, marker: { size: 5 } }),
+    line(flight.waypoints, { name: "waypoints", mode: "markers+text", text: flight.waypoints.map((_, k) => k + 1), textposition: "top center", marker: mark }),
+  ];
+}
+
+function readout(each, tolerance) {
+  const hours = each.map(({ duration }) => duration / 3600);
+  const [mean, ...samples] = each;
+  const text = `In the estimate the glider ${mean.arrived ? "arrives" : "has not arrived"} after ${hours[0].toFixed(1)} h, ${mean.miss.toFixed(0)} m from the goal.`;
+  if (samples.length === 0) return text;
+  const misses = samples.map(({ miss }) => miss).sort((a, b) => a - b);
+  const median = (misses[Math.floor((misses.length - 1) / 2)] + misses[Math.ceil((misses.length - 1) / 2)]) / 2;
+  const near = samples.filter(({ arrived, miss }) => arrived && miss <= tolerance).length;
+  const ends = [Math.min(...hours.slice(1)), Math.max(...hours.slice(1))].map((value) => value.toFixed(1));
+  return `${text} In ${samples.length} samples of it: after ${ends[0]} to ${ends[1]} h, ${median.toFixed(0)} m off in the median; ${((100 * near) / samples.length).toFixed(0)} % arrive within ${tolerance.toFixed(0)} m.`;
+}
+
+// A control of the waypoints: another waypoint moves the sliders, a slider moves the waypoint.
+function setWaypoint({ key, flight }, number, value) {
+  if (number > 0) {
+    flight.waypoints[state.choices[key][0]][number - 1] = flight.places[number - 1][value];
+    return;
+  }
+  flight.places.forEach((axis, k) => show(document.getElementById(`${key}-${k + 1}`), nearest(axis, flight.waypoints[value][k])));
+}
+
+const nearest = (axis, at) => axis.reduce((best, value, i) => (Math.abs(value - at) < Math.abs(axis[best] - at) ? i : best), 0);
+
+// The waypoint nearest to where the pointer goes down follows it.
+function dragWaypoint(figure) {
+  const place = document.querySelector(`#${figure.key} .plot`);
+  const { flight, key } = figure;
+  const placeOf = (event) => {
+    const { xaxis, yaxis } = place._fullLayout;
+    const box = place.getBoundingClientRect();
+    return [xaxis.p2d(event.clientX - box.left - xaxis._offset), yaxis.p2d(event.clientY - box.top - yaxis._offset)].map((km) => km * 1e3);
+  };
+  const move = (event) => {
+    const at = placeOf(event);
+    flight.places.forEach((axis, k) => set(document.getElementById(`${key}-${k + 1}`), nearest(axis, at[k])));
+    return draw(figure);
+  };
+  place.style.touchAction = "none";
+  place.addEventListener("pointerdown", (event) => {
+    if (event.target.closest(".modebar, .legend")) return;
+    place.setPointerCapture(event.pointerId);
+    const at = placeOf(event);
+    const far = flight.waypoints.map((waypoint) => Math.hypot(waypoint[0] - at[0], waypoint[1] - at[1]));
+    set(document.getElementById(`${key}-0`), far.indexOf(Math.min(...far)));
+    move(event);
+  });
+  place.addEventListener("pointermove", (event) => { if (place.hasPointerCapture(event.pointerId)) move(event); });
+}
+
+async function draw(figure) {
+  const place = document.querySelector(`#${figure.key} .plot`);
+  const layout = layoutOf(figure);
+  let traces = figure.traces.map((trace) => resolved(figure, trace));
+  if (layout.yaxis.scaleanchor && layout.yaxis.range) fitMap(figure, place, traces, layout);
+  traces = traces.map((trace) => (trace.type === "arrows" ? arrows(trace) : trace));
+  if (figure.flight.places) traces.push(...flights(figure));
+  place.style.height = `${layout.height}px`;
+  if (!place.dataset.drawn) place.textContent = "";
+  await Plotly.react(place, traces, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] });
+  place.dataset.drawn = "yes";
+  place.dataset.choices = state.choices[figure.key].join(",");
+}
+
+const csvCell = (value) => (value === null || value === undefined ? "" : /[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : value);
+
+// A table of packed fields is made when it is asked for: a row a cell that is not missing.
+function fieldTable(figure, { field: name, axes, cells, names }) {
+  const { shape } = figure.packed[name];
+  const columns = Object.fromEntries([...Object.keys(axes), ...Object.keys(cells), ...names].map((key) => [key, []]));
+  const ends = Object.values(axes);
+  for (let d = 0; d < shape[0]; d += 1) {
+    for (let t = 0; t < shape[1]; t += 1) {
+      const each = names.map((_, k) => field(figure, name, [d, t, k].slice(0, shape.length - 2)).flat());
+      each[0].forEach((value, cell) => {
+        if (value === null) return;
+        [d, t].forEach((at, k) => columns[Object.keys(axes)[k]].push(ends[k][at]));
+        Object.entries(cells).forEach(([key, list]) => columns[key].push(list[cell]));
+        names.forEach((key, k) => columns[key].push(each[k][cell] === null ? null : Number(each[k][cell].toFixed(4))));
+      });
+    }
+  }
+  return columns;
+}
+
+function save(button) {
+  const figure = state.figures.find(({ key }) => key === button.dataset.figure);
+  const table = figure.tables[button.dataset.table];
+  const columns = "field" in table ? fieldTable(figure, table) : table;
+  const names = Object.keys(columns);
+  const lines = [names.join(",")];
+  for (let row = 0; row < columns[names[0]].length; row += 1) lines.push(names.map((name) => csvCell(columns[name][row])).join(","));
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }));
+  link.download = `${figure.key}-${button.dataset.table}.csv`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+const figureOf = (input) => state.figures.find(({ key }) => key === input.dataset.figure);
+const numberOf = (input) => Number(input.id.slice(input.id.lastIndexOf("-") + 1));
+
+// Set a control and its text to a choice.
+function show(input, value) {
+  input.value = value;
+  state.choices[input.dataset.figure][numberOf(input)] = value;
+  if (input.type !== "range") return;
+  const text = figureOf(input).choices[numberOf(input)][value];
+  input.setAttribute("aria-valuetext", text);
+  input.parentElement.querySelector("output").textContent = text;
+}
+
+// Set a control to a choice, and do what it is for beside a new drawing; returns its figure.
+function set(input, value) {
+  const figure = figureOf(input);
+  show(input, value);
+  if (figure.flight.places) setWaypoint(figure, numberOf(input), value);
+  return figure;
+}
+
+async function start() {
+  state.figures = JSON.parse(await unpacked("figures"));
+  const inputs = [...document.querySelectorAll("[data-figure][id]")];
+  for (const figure of state.figures) {
+    state.choices[figure.key] = inputs.filter((input) => input.dataset.figure === figure.key).map((input) => Number(input.value));
+  }
+  const script = document.createElement("script");
+  script.textContent = await unpacked("plotly");
+  document.head.append(script);
+  for (const input of inputs) input.addEventListener("input", () => draw(set(input, Number(input.value))));
+  for (const button of document.querySelectorAll("button[data-table]")) button.addEventListener("click", () => save(button));
+  const all = async () => { for (const figure of state.figures) await draw(figure); };
+  await all();
+  state.figures.filter(({ flight }) => flight.places).forEach(dragWaypoint);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", all);
+  for (const [event, printing] of [["beforeprint", true], ["afterprint", false]]) {
+    window.addEventListener(event, () => { document.documentElement.classList.toggle("printing", printing); all(); });
+  }
+  document.body.dataset.ready = "yes";
+}
+
+start().catch((error) => {
+  for (const place of document.querySelectorAll(".waiting")) place.textContent = `This figure could not be drawn: ${error.message}. A browser of 2023 or later draws it.`;
+  throw error;
+});

@@ -1,0 +1,154 @@
+"""What a section of a report is made of: text as HTML, and figures as plotly traces on named columns of data."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+#: Significant digits of the data of figures: more than a screen can show.
+_DIGITS = 5
+#: Rows of a table that is open at first.
+_ROWS_OPEN = 14
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """A control of a figure.
+
+    Attributes:
+        name: Of what it chooses.
+        kind: ``range`` for a slider, ``select`` for a list.
+        choices: What can be chosen, as text.
+        chosen: Position of the choice at first.
+    """
+
+    name: str
+    kind: str
+    choices: Sequence[str]
+    chosen: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure: the page's script draws it.
+
+    Attributes:
+        key: Unique in the page, also the name of its files of data.
+        title: What it shows.
+        caption: What to see in it, as HTML.
+        alternative: What it shows, in words for who does not see it.
+        tables: Data by name of the table, then of the column; offered as CSV. The table of a packed array says how its axes are named.
+        traces: plotly traces; a value ``$table.column`` stands for a column.
+        layout: plotly layout.
+        controls: Controls; what they change is in the traces, see ``page.js``.
+        packed: Large numeric arrays, see ``pack``.
+        flight: What ``flight.js`` flies; empty for other figures.
+        readout: Text below the controls, which the script keeps up to date; empty without one.
+    """
+
+    key: str
+    title: str
+    caption: str
+    alternative: str
+    tables: Mapping[str, Mapping[str, Any]]
+    traces: Sequence[Mapping[str, Any]]
+    layout: Mapping[str, Any]
+    controls: Sequence[Control] = ()
+    packed: Mapping[str, Any] = field(default_factory=dict)
+    flight: Mapping[str, Any] = field(default_factory=dict)
+    readout: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section of a report.
+
+    Attributes:
+        key: Unique in the page.
+        title: Its heading.
+        html: Text before its figures, already escaped.
+        figures: In order.
+        missing: What the result does not hold, and what would give it, as sentences.
+    """
+
+    key: str
+    title: str
+    html: str = ""
+    figures: Sequence[Figure] = ()
+    missing: Sequence[str] = ()
+
+
+def column(values: ArrayLike, digits: int = _DIGITS) -> list[float | None]:
+    """Return numbers for JSON, rounded to some significant digits; what is not finite is None."""
+    out: list[float | None] = []
+    for value in np.asarray(values, dtype=np.float64).ravel().tolist():
+        out.append(float(f"{value:.{digits}g}") if math.isfinite(value) else None)
+    return out
+
+
+def times(time_ns: NDArray[np.int64]) -> list[str]:
+    """Return times [ns, UTC] as plotly reads them, to the second."""
+    return [str(each).replace("T", " ") for each in np.asarray(time_ns, dtype=np.int64).astype("datetime64[ns]").astype("datetime64[s]")]
+
+
+def pack(values: NDArray[np.float64], scale: float) -> dict[str, Any]:
+    """Return an array as 16-bit integers in base64 for the page's script: half a ``scale`` is the largest error.
+
+    Args:
+        values: Any shape; NaN becomes -32768, which the script reads as missing.
+        scale: Value of one step.
+    """
+    from base64 import b64encode
+
+    whole = np.where(np.isfinite(values), np.clip(np.rint(np.nan_to_num(values) / scale), -32767, 32767), -32768)
+    return {"scale": scale, "shape": list(values.shape), "data": b64encode(whole.astype("<i2").tobytes()).decode()}
+
+
+def number(key: str, value: float | int | None, text: str) -> str:
+    """Return a number of the run's summary as HTML that carries its exact value.
+
+    Args:
+        key: Its path in the summary, such as ``rms_innovation.before``.
+        value: As in the summary; None when undefined.
+        text: What is shown.
+    """
+    if value is None:
+        return "undefined"
+    return f'<data data-key="{escape(key)}" value="{escape(repr(value))}">{escape(text)}</data>'
+
+
+def cm(key: str, value: float | None) -> str:
+    """Return a speed of the summary [m/s] in cm/s, see ``number``."""
+    return number(key, value, "" if value is None else f"{100.0 * value:.2f} cm/s")
+
+
+def table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
+    """Return a table as HTML that scrolls where it is too wide, and opens on demand where it is long.
+
+    Args:
+        heads: Of the columns.
+        rows: Cells, already escaped.
+        caption: What the table shows.
+    """
+    if len(rows) > _ROWS_OPEN:
+        return f"<details><summary>{escape(caption)} ({len(rows)} rows)</summary>{_table(heads, rows, caption)}</details>"
+    return _table(heads, rows, caption)
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
+    head = "".join(f'<th scope="col">{escape(text)}</th>' for text in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}">'
+        f"<table><caption><span>{escape(caption)}</span></caption>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def items_html(items: Sequence[str]) -> str:
+    """Return a list as HTML, its items already escaped."""
+    return f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"

@@ -1,0 +1,217 @@
+"""The plans: where to steer, the depth profile over the bottom, and how predicted surfacings turned out."""
+
+import json
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.geodesy import to_local
+from replay_kit.results.report.contents import Contents
+from replay_kit.results.report.section import Figure, Section, column, number, table_html
+from replay_kit.results.report.sections.waypoint import waypoint_figure
+from replay_kit.results.views.track import thinned
+
+_POINTS = 3000
+_PLANS = 30
+
+
+def plan_section(contents: Contents) -> Section:
+    """Return the last plan, the plans before it, and the surfacings that they predicted."""
+    plans = contents.result.plans
+    if not len(plans):
+        note = (contents.summary.get("plan") or {}).get("message", "")
+        why = f"No plan was found: {note}" if note else "The result holds no plan: no goal was given, or none was due"
+        return Section("plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."])
+    figures = [_profile(contents)] if len(_last_track(contents)) else []
+    waypoint = waypoint_figure(contents)
+    if waypoint is not None:
+        figures.append(waypoint)
+    if len(contents.result.surfacings):
+        figures.append(_surfacings(contents))
+    missing = [
+        "The result holds neither the energy of a plan nor its odds of arriving: replay-kit plan with --objective "
+        "energy and --samples computes them on this "
+        "estimate."
+    ]
+    html = _legs_html(contents) + _plans_html(contents) + _figures_of_surfacings(contents)
+    return Section("plan", "Plan", html, figures, missing)
+
+
+def _last_track(contents: Contents) -> Any:
+    tracks = contents.result.plan_tracks
+    return tracks[tracks["plan"] == len(contents.result.plans) - 1]
+
+
+def _legs_html(contents: Contents) -> str:
+    """Return the legs of the last plan of a mission."""
+    plan = contents.summary.get("plan") or {}
+    legs = {name: text for name, text in plan.get("statistics", {}).items() if name.startswith("leg_")}
+    rows = []
+    for name in sorted(legs):
+        leg = json.loads(legs[name])
+        rows.append(
+            [
+                str(leg["leg"]),
+                f"{leg['heading_deg']:.0f}",
+                f"{leg['glide_angle_deg']:.1f}",
+                f"{leg['depth_m']:.0f}",
+                f"{leg['surfacing_s'] / 3600.0:.1f}",
+                f"{leg['longitude']:.4f}",
+                f"{leg['latitude']:.4f}",
+            ]
+        )
+    heads = ["leg", "heading [° true]", "glide angle [°]", "depth [m]", "surfaces after [h]", "longitude", "latitude"]
+    return table_html(heads, rows, "Legs of the last plan") if rows else ""
+
+
+def _plans_html(contents: Contents) -> str:
+    plans = contents.result.plans
+    kept = thinned(len(plans), _PLANS)
+    rows = []
+    for time, plan in plans.iloc[kept].iterrows():
+        steered = plan["status"] != "failed"
+        rows.append(
+            [
+                str(time)[:16],
+                escape(plan["status"]),
+                f"{plan['heading_deg']:.0f}" if steered else "",
+                f"{plan['glide_angle_deg']:.1f}" if steered else "",
+                f"{plan['duration'] / 3600.0:.1f}" if np.isfinite(plan["duration"]) else "",
+                f"{plan['closest_approach']:.0f}" if np.isfinite(plan["closest_approach"]) else "",
+                escape(plan["message"]),
+            ]
+        )
+    thin = f"; {len(kept)} of {len(plans)}" if len(kept) < len(plans) else ""
+    heads = ["begins (UTC)", "status", "heading [° true]", "glide angle [°]", "lasts [h]", "misses the goal by [m]", "message"]
+    return table_html(heads, rows, f"The plans, in the order in which they were made{thin}")
+
+
+def _figures_of_surfacings(contents: Contents) -> str:
+    figures = contents.summary.get("surfacings")
+    if not figures:
+        return ""
+    median, delay, share = figures["distance_median_m"], figures["delay_median_s"], figures["inside_ellipse"]
+    text = (
+        f"{number('surfacings.count', figures['count'], str(figures['count']))} surfacings were predicted by the plan "
+        "before: in the median "
+        f"{number('surfacings.distance_median_m', median, f'{median:,.0f}')} m off, at "
+        f"{number('surfacings.delay_median_s', delay, f'{delay / 60.0:+.0f}')} minutes"
+    )
+    if share is not None:
+        text += f"; {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} lie inside the ellipse of 90 %"
+    return f"<p>{text}. If the vehicle flew other plans than these, the distances include the difference of the two.</p>"
+
+
+def _profile(contents: Contents) -> Figure:
+    track = _last_track(contents)
+    track = track.iloc[thinned(len(track), _POINTS)]
+    east, north = to_local(contents.projection, track["longitude"], track["latitude"])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(east), np.diff(north)))]) / 1e3
+    hours = (track.index - track.index[0]).total_seconds().to_numpy() / 3600.0
+    table: dict[str, Any] = {
+        "time": [str(time)[:19] for time in track.index],
+        "hours": column(hours),
+        "distance_km": column(along),
+        "depth_m": column(track["depth"]),
+        "longitude": column(track["longitude"], 9),
+        "latitude": column(track["latitude"], 9),
+    }
+    path = {
+        "type": "scatter",
+        "mode": "lines",
+        "name": "planned depth",
+        "x": "$plan.distance_km",
+        "y": "$plan.depth_m",
+        "text": "$plan.time",
+        "line": {"color": {"$color": "two"}, "width": 1.8},
+        "hovertemplate": "%{text}<br>%{x:.1f} km, %{y:.0f} m<extra></extra>",
+    }
+    traces, bottom = [path], _bottom(contents, east, north)
+    if bottom is not None:
+        table["deepest_wet_level_m"] = column(bottom)
+        line = {"color": {"$color": "ink"}, "width": 1.5, "shape": "hvh"}
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": "deepest wet level",
+                "x": "$plan.distance_km",
+                "y": "$plan.deepest_wet_level_m",
+                "line": line,
+            }
+        )
+    layout = {
+        "height": 400,
+        "xaxis": {"title": {"text": "distance along the plan [km]"}},
+        "yaxis": {"title": {"text": "depth [m]"}, "autorange": "reversed"},
+    }
+    below = (
+        "The line below is the deepest level of the forecast that is wet there; the bottom lies between it and the next level."
+        if bottom is not None and bottom.min() < bottom.max()
+        else "The forecast is wet down to its last level all along the plan."
+    )
+    caption = f"Depth that the last plan reaches along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. {below}"
+    return Figure(
+        "plan-profile",
+        "Depth profile of the last plan",
+        caption,
+        f"Depth against distance along the last plan, {along[-1]:.0f} km long.",
+        {"plan": table},
+        traces,
+        layout,
+    )
+
+
+def _bottom(contents: Contents, east: Any, north: Any) -> Any:
+    """Return the deepest wet level at the nearest grid points [m]; None without an estimate."""
+    if contents.estimate is None:
+        return None
+    grid = contents.estimate.grid
+    nearest = [int(np.argmin((grid.east - e) ** 2 + (grid.north - n) ** 2)) for e, n in zip(east, north, strict=True)]
+    wet = grid.wet.reshape(grid.levels.size, -1)
+    deepest = np.where(wet.any(axis=0), grid.levels[grid.levels.size - 1 - np.argmax(wet[::-1], axis=0)], 0.0)
+    return deepest[nearest]
+
+
+def _surfacings(contents: Contents) -> Figure:
+    table = contents.result.surfacings
+    radians = np.deg2rad(table["direction_deg"].to_numpy(np.float64))
+    distance = table["distance"].to_numpy(np.float64) / 1e3
+    data = {
+        "time": [str(time)[:19] for time in table.index],
+        "east_km": column(distance * np.sin(radians)),
+        "north_km": column(distance * np.cos(radians)),
+        "delay_min": column(table["delay"].to_numpy(np.float64) / 60.0),
+        "inside_ellipse": table["inside_ellipse"].astype(int).tolist(),
+    }
+    points = {
+        "type": "scatter",
+        "mode": "markers",
+        "x": "$surfacing_errors.east_km",
+        "y": "$surfacing_errors.north_km",
+        "text": "$surfacing_errors.time",
+        "customdata": "$surfacing_errors.delay_min",
+        "marker": {"size": 9, "color": {"$color": "one"}},
+        "hovertemplate": "%{text}<br>%{x:.2f} km east, %{y:.2f} km north, %{customdata:+.0f} min<extra></extra>",
+    }
+    reach = float(f"{1.15 * max(distance.max(), 0.1):.3g}")
+    layout = {
+        "height": 420,
+        "xaxis": {"title": {"text": "actual minus predicted, east [km]"}, "range": [-reach, reach], "constrain": "domain"},
+        "yaxis": {"title": {"text": "north [km]"}, "scaleanchor": "x", "range": [-reach, reach], "constrain": "domain"},
+        "showlegend": False,
+    }
+    caption = (
+        "Each point: where the vehicle surfaced, seen from where the plan before had predicted it. A cloud beside the "
+        "centre is a current that the estimate lacks, or another plan flown."
+    )
+    return Figure(
+        "surfacing-errors",
+        "Predicted and actual surfacings",
+        caption,
+        f"Error of {len(table)} predicted surfacings, east and north.",
+        {"surfacing_errors": data},
+        [points],
+        layout,
+    )

@@ -1,0 +1,210 @@
+"""Sections along the track: measured, estimated, their difference and the standard error; mean currents of dives."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.results.report.colors import scale
+from replay_kit.results.report.contents import Contents
+from replay_kit.results.report.section import Control, Figure, Section, column, pack, times
+from replay_kit.results.views.along_track import BinsAlongTrack
+
+#: Most columns and rows of the section, and profiles that a column averages where there are enough.
+_COLUMNS, _ROWS, _PROFILES_A_COLUMN = 160, 40, 3
+_STEP = 5e-4
+_PANELS = ("measured", "estimated", "measured minus estimated", "standard error")
+
+
+def along_track_section(contents: Contents) -> Section:
+    """Return depth against time along the track, and the mean currents of the dives."""
+    bins, missing, figures = contents.bins, [], []
+    if bins.time_ns.size:
+        figures.append(_profiles(contents, bins))
+    else:
+        missing.append("The result holds no profile of the current that was used: there is no section.")
+    if bins.time_ns.size and not np.isfinite(bins.estimated).any():
+        missing.append("Without an estimate, the section shows the difference to the estimate alone, which the result holds for each bin.")
+    means = contents.mean_currents
+    if means.time_ns.size:
+        figures.append(_means(contents))
+    else:
+        missing.append("The result holds no mean current of a dive that was used by itself.")
+    return Section("section", "Section along the track", figures=figures, missing=missing)
+
+
+def gridded(bins: BinsAlongTrack) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return the means over cells of time and depth.
+
+    Args:
+        bins: Along the track.
+
+    Returns:
+        Times of the columns [ns, UTC], depths of the rows [m], and values [m/s], shape (4, 2, rows, columns): measured, estimated,
+        difference, standard error; each east and north; NaN in empty cells.
+    """
+    first, last = int(bins.time_ns.min()), int(bins.time_ns.max())
+    columns = min(_COLUMNS, max(1, bins.profiles // _PROFILES_A_COLUMN if bins.profiles > 60 else bins.profiles))
+    width = max(1.0, (last - first) / columns)
+    deepest = max(float(bins.depth.max()), 1.0)
+    rows = _rows(bins, deepest)
+    at = np.minimum(((bins.time_ns - first) / width).astype(np.intp), columns - 1)
+    row = np.clip((bins.depth / deepest * rows).astype(np.intp), 0, rows - 1)
+    values = np.stack([bins.estimated + bins.residual, bins.estimated, bins.residual, bins.standard_error])
+    out = np.full((4, 2, rows, columns), np.nan)
+    cell = row * columns + at
+    for panel in range(4):
+        for axis in range(2):
+            known = np.isfinite(values[panel, :, axis])
+            count = np.bincount(cell[known], minlength=rows * columns)
+            total = np.bincount(cell[known], weights=values[panel, known, axis], minlength=rows * columns)
+            mean = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+            out[panel, axis] = mean.reshape(rows, columns)
+    time_ns = first + np.rint(width * (np.arange(columns) + 0.5)).astype(np.int64)
+    return time_ns, deepest * (np.arange(rows) + 0.5) / rows, out
+
+
+def _rows(bins: BinsAlongTrack, deepest: float) -> int:
+    """Return the number of rows: none is thinner than the bins are apart, or some would be empty."""
+    steps = np.diff(bins.depth)[np.diff(bins.time_ns) == 0]
+    apart = float(np.median(np.abs(steps))) if steps.size else deepest
+    return int(np.clip(deepest / max(apart, 1e-3), 1, _ROWS))
+
+
+def _profiles(contents: Contents, bins: BinsAlongTrack) -> Figure:
+    time_ns, depths, values = gridded(bins)
+    traces: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {"height": 820, "annotations": [], "margin": {"l": 64, "r": 16, "t": 28, "b": 48}}
+    signed = _limit(values[:2] if np.isfinite(values[:2]).any() else values[2:3])
+    limits = (signed, signed, _limit(values[2:3]), _limit(values[3:]))
+    shown = [panel for panel in range(4) if np.isfinite(values[panel]).any()]
+    height = 1.0 / len(shown)
+    for place, panel in enumerate(shown):
+        top = 1.0 - place * height
+        bottom = top - height * 0.8
+        axis = "" if place == 0 else str(place + 1)
+        is_error = panel == 3
+        traces.append(
+            {
+                "type": "heatmap",
+                "x": times(time_ns),
+                "y": column(depths),
+                "z": {"$field": "section", "at": [panel, "c0"]},
+                "xaxis": "x",
+                "yaxis": f"y{axis}",
+                "colorscale": scale("amp" if is_error else "balance"),
+                "zmin": 0.0 if is_error else -limits[panel],
+                "zmax": limits[panel],
+                "colorbar": {"len": 0.8 * height, "y": 0.5 * (top + bottom), "thickness": 12, "title": {"text": "m/s", "side": "right"}},
+                "hovertemplate": f"%{{x}}, %{{y:.0f}} m: %{{z:.3f}} m/s<extra>{_PANELS[panel]}</extra>",
+                "hoverongaps": False,
+            }
+        )
+        layout[f"yaxis{axis}"] = {
+            "domain": [max(bottom, 0.0), top],
+            "autorange": "reversed",
+            "title": {"text": "depth [m]"},
+            "showgrid": False,
+        }
+        layout["annotations"].append(
+            {
+                "text": _PANELS[panel],
+                "xref": "paper",
+                "yref": "paper",
+                "x": 0.0,
+                "y": top,
+                "xanchor": "left",
+                "yanchor": "bottom",
+                "showarrow": False,
+            }
+        )
+    layout["xaxis"] = {"title": {"text": "time (UTC)"}, "anchor": f"y{'' if len(shown) == 1 else len(shown)}", "showgrid": False}
+    table = {
+        "field": "section",
+        "axes": {"quantity": list(_PANELS), "component": ["eastward", "northward"]},
+        "cells": {"time": [text for _ in depths for text in times(time_ns)], "depth_m": column(np.repeat(depths, time_ns.size))},
+        "names": ["velocity_m_s"],
+    }
+    # the script reads a table's fields by three indices, a panel and a component being two
+    packed = {"section": pack(values, _STEP)}
+    return Figure(
+        "profiles",
+        "Profiles along the track",
+        _caption(bins),
+        "Four panels of depth against time along the track: the measured and the estimated velocity component, their difference and the "
+        "standard error of the estimate.",
+        {"profiles": table},
+        traces,
+        layout,
+        (Control("Component", "select", ("eastward", "northward")),),
+        packed,
+    )
+
+
+def _limit(values: Array) -> float:
+    known = np.abs(values[np.isfinite(values)])
+    return float(f"{max(np.quantile(known, 0.99), 1e-3):.2g}") if known.size else 1.0
+
+
+def _caption(bins: BinsAlongTrack) -> str:
+    thinned = f" Of {bins.profiles + bins.left_out:,} profiles {bins.profiles:,} are shown, evenly spread." if bins.left_out else ""
+    return (
+        "Each bin beside the estimate just after it was used, along the local axes; means over cells of time and "
+        "depth. Look for structure in the "
+        "difference: noise alone leaves none. Stripes that follow the dives point to the instrument or the dead "
+        "reckoning, layers to depths "
+        f"that the estimate does not resolve. The standard error is that of the last estimate at these places.{thinned}"
+    )
+
+
+def _means(contents: Contents) -> Figure:
+    means = contents.mean_currents
+    known = np.isfinite(means.estimated).any()
+    base = means.estimated if known else np.zeros_like(means.residual)
+    table: dict[str, Any] = {"dive": means.dive.tolist(), "end": times(means.time_ns)}
+    for k, name in enumerate(("eastward", "northward")):
+        table |= {
+            f"measured_{name}_m_s": column(base[:, k] + means.residual[:, k]),
+            f"estimated_{name}_m_s": column(base[:, k]),
+            f"standard_deviation_{name}_m_s": column(means.standard_error[:, k]),
+        }
+    traces: list[dict[str, Any]] = []
+    for k, (name, color) in enumerate((("eastward", "one"), ("northward", "two"))):
+        axis = "" if k == 0 else "2"
+        common = {"type": "scatter", "x": "$mean_currents.end", "yaxis": f"y{axis}", "text": "$mean_currents.dive"}
+        traces.append(
+            {
+                **common,
+                "mode": "markers",
+                "name": f"measured, {name}",
+                "y": f"$mean_currents.measured_{name}_m_s",
+                "error_y": {"type": "data", "array": f"$mean_currents.standard_deviation_{name}_m_s", "thickness": 1},
+                "marker": {"color": {"$color": color}, "size": 8},
+                "hovertemplate": f"dive %{{text}}: %{{y:.3f}} m/s<extra>measured, {name}</extra>",
+            }
+        )
+        traces.append(
+            {
+                **common,
+                "mode": "lines+markers",
+                "name": f"estimated, {name}" if known else "no estimate",
+                "y": f"$mean_currents.estimated_{name}_m_s",
+                "line": {"color": {"$color": color}, "width": 1.5, "dash": "solid"},
+                "marker": {"symbol": "line-ew-open", "size": 9, "color": {"$color": color}},
+                "hovertemplate": f"dive %{{text}}: %{{y:.3f}} m/s<extra>estimated, {name}</extra>",
+            }
+        )
+    layout = {
+        "height": 480,
+        "xaxis": {"title": {"text": "end of the dive (UTC)"}, "anchor": "y2"},
+        "yaxis": {"title": {"text": "eastward [m/s]"}, "domain": [0.55, 1.0]},
+        "yaxis2": {"title": {"text": "northward [m/s]"}, "domain": [0.0, 0.45]},
+    }
+    caption = (
+        "Points: mean current measured over each dive, with one standard deviation of what was expected before it. "
+        "Lines: the estimate's mean "
+        "over the positions of the dive, just after the update. Points that stay on one side of the line show a bias."
+    )
+    alternative = f"Measured and estimated mean current of {means.time_ns.size} dives, eastward and northward, against time."
+    return Figure("mean-currents", "Mean currents of the dives", caption, alternative, {"mean_currents": table}, traces, layout)

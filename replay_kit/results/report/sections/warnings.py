@@ -1,0 +1,126 @@
+"""What looks wrong in a result, and what to do next: each test gives a sentence, or none."""
+
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from replay_kit.results.report.contents import Contents
+from replay_kit.results.report.section import number
+from replay_kit.results.views.trust import calibration
+
+#: Notes of a run that only state what was chosen.
+_NEUTRAL = ("modes a level", "prior: ", "no goal was given", "could not be decoded")
+
+
+def what_looks_wrong(contents: Contents) -> list[str]:
+    """Return what a reader should look into, as escaped sentences."""
+    summary = contents.summary
+    out = [text for test in (_losses, _nis, _bias, _improvement, _rejections, _surfacings) if (text := test(contents))]
+    out += [escape(_sentence(note)) for note in summary.get("notes", ()) if not any(word in note for word in _NEUTRAL)]
+    events = contents.result.events
+    known = set(summary.get("notes", ()))
+    out += [
+        escape(_sentence(text))
+        for text in dict.fromkeys(events["message"][events["level"].isin(["warning", "error"])])
+        if text not in known
+    ]
+    return out
+
+
+def next_steps(contents: Contents) -> list[str]:
+    """Return what to do next, as escaped sentences."""
+    summary, plans, out = contents.summary, contents.result.plans, []
+    plan: dict[str, Any] | None = summary.get("plan")
+    if plan and plan.get("heading_deg") is not None and plan["status"] != "failed":
+        verb = "Steer" if plan["status"] == "reached" else "The goal is not reached; the closest way found is to steer"
+        out.append(
+            f"{verb} {number('plan.heading_deg', plan['heading_deg'], format(plan['heading_deg'], '.0f'))}° true "
+            "through water, glide angle "
+            f"{number('plan.glide_angle_deg', plan['glide_angle_deg'], format(plan['glide_angle_deg'], '.1f'))}°, at "
+            f"{number('plan.speed', plan['speed'], format(plan['speed'], '.2f'))} m/s: {escape(plan['message'])}."
+        )
+    elif plan:
+        out.append(f"No plan was found: {escape(plan['message'])}.")
+    elif not len(plans):
+        out.append("Name a goal with <code>--goal LON,LAT,DEPTH</code> to have the way planned.")
+    nis = summary["nis_per_dof"]
+    if nis is not None and nis > 1.4:
+        out.append(
+            "Run <code>replay-kit qc</code> on the log and compare the innovations below dive by dive: either the "
+            "instrument is biased, or the "
+            "ensemble does not fit this place and time. Until then take the standard errors as too small."
+        )
+    if summary.get("losses") or summary.get("late"):
+        out.append("Recover the log from the vehicle again if you can: what was lost is named above.")
+    if contents.estimate is None:
+        out.append("Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty.")
+    return out or ["Nothing: the estimate agrees with what was measured."]
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
+
+
+def _losses(contents: Contents) -> str:
+    summary = contents.summary
+    late, losses = summary.get("late", 0), summary.get("losses", [])
+    parts = [f"{len(losses)} damaged parts of the logs were lost"] if losses else []
+    if late:
+        parts.append(f"{number('late', late, format(late, ','))} messages came later than the reorder window allows")
+    return f"{' and '.join(parts)}." if parts else ""
+
+
+def _nis(contents: Contents) -> str:
+    nis = contents.summary["nis_per_dof"]
+    if nis is None or 0.5 <= nis <= 1.4:
+        return ""
+    if nis > 1.4:
+        return (
+            f"Innovations are {np.sqrt(nis):.1f} times as large as the estimate expects (NIS per degree of freedom "
+            f"{nis:.2f}): it is overconfident, "
+            "or instrument and forecast disagree."
+        )
+    return (
+        f"Innovations are {np.sqrt(nis):.2f} times as large as the estimate expects (NIS per degree of freedom "
+        f"{nis:.2f}): errors are overstated."
+    )
+
+
+def _bias(contents: Contents) -> str:
+    bins = contents.result.innovations
+    found = calibration(bins)
+    # the mean of many independent values would be this near to 0; profiles are not independent, hence the wide limit
+    if found.standardized.size < 50 or abs(found.mean) < 0.2:
+        return ""
+    east, north = (float(np.nanmean(bins[f"innovation_{axis}"])) for axis in ("east", "north"))
+    return (
+        f"The innovations have a mean of {100 * east:+.1f} cm/s east and {100 * north:+.1f} cm/s north: a bias of instrument or forecast."
+    )
+
+
+def _improvement(contents: Contents) -> str:
+    rms = contents.summary["rms_innovation"]
+    if not rms["before"] or not rms["prior"] or rms["before"] <= rms["prior"]:
+        return ""
+    return "The estimate predicts the measurements worse than the ensemble alone: earlier measurements misled it."
+
+
+def _rejections(contents: Contents) -> str:
+    observations = contents.summary["observations"]
+    total = observations["used"] + observations["rejected"]
+    if not total or observations["rejected"] <= 0.1 * total:
+        return ""
+    return f"{100.0 * observations['rejected'] / total:.0f} % of the measurements were rejected."
+
+
+def _surfacings(contents: Contents) -> str:
+    surfacings = contents.summary.get("surfacings")
+    if not surfacings or surfacings.get("inside_ellipse") is None or surfacings["inside_ellipse"] >= 0.6:
+        return ""
+    share = surfacings["inside_ellipse"]
+    return (
+        f"Only {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} of the surfacings lie in the "
+        "ellipse predicted to hold "
+        "90 %: the vehicle did not fly these plans, or the current is less certain than stated."
+    )

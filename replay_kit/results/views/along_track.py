@@ -1,0 +1,171 @@
+"""Measurements along the track beside the estimate at their own time: bins of profiles, and mean currents of dives."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from mcap.reader import make_reader
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import Evolution
+from replay_kit.results.result import Result
+from replay_kit.results.schemas import decode
+from replay_kit.results.views.track import Track, thinned
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BinsAlongTrack:
+    """Bins used of the profiles along a track; all arrays have one row a bin.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        distance: Along the track [m].
+        depth: [m], positive down.
+        estimated: shape (n, 2) [m/s], local east and north, of the estimate just after the profile; NaN without an estimate.
+        residual: shape (n, 2) [m/s], measured minus estimated.
+        standard_error: shape (n, 2) [m/s], of the last estimate there; NaN without one.
+        profiles: Number of profiles these bins are of.
+        left_out: Number of profiles left out, evenly spread.
+    """
+
+    time_ns: NDArray[np.int64]
+    distance: Array
+    depth: Array
+    estimated: Array
+    residual: Array
+    standard_error: Array
+    profiles: int
+    left_out: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeanCurrents:
+    """Mean currents of dives beside the estimate; all arrays have one row a dive.
+
+    Attributes:
+        time_ns: When the dive ended [ns, UTC].
+        dive: Number of the dive.
+        estimated: shape (n, 2) [m/s], local east and north: mean of the estimate over the positions of the dive, just after the update.
+        residual: shape (n, 2) [m/s], measured minus estimated.
+        standard_error: shape (n, 2) [m/s], standard deviation of the innovation before the update.
+    """
+
+    time_ns: NDArray[np.int64]
+    dive: NDArray[np.int64]
+    estimated: Array
+    residual: Array
+    standard_error: Array
+
+
+class EstimateHistory:
+    """The mean of the estimate just after each measurement, from the weights that a replay published."""
+
+    def __init__(self, path: Path, estimate: FlowEstimate | None) -> None:
+        """Read the weights of a result MCAP; without an estimate there is no basis, and every mean is None."""
+        self._path, self._estimate = path, estimate
+
+    @cached_property
+    def _weights(self) -> tuple[NDArray[np.int64], Array]:
+        """Times [ns, UTC], shape (n,), and weights, shape (n, rZ)."""
+        with self._path.open("rb") as file:
+            read = [(m.log_time, decode("FlowEstimate", m.data)) for _, _, m in make_reader(file).iter_messages(topics="/flow/estimate")]
+        return np.array([time for time, _ in read], dtype=np.int64), np.array([value.weights for _, value in read])
+
+    def after(self, time_ns: int) -> FlowEstimate | None:
+        """Return the mean of the estimate after the measurements up to a time [ns, UTC]; None when it is not known."""
+        estimate = self._estimate
+        if estimate is None:
+            return None
+        times, weights = self._weights
+        last = int(np.searchsorted(times, time_ns, side="right")) - 1
+        if last < 0 or weights.shape[1:] != (estimate.n_modes * estimate.levels.size,):
+            return None
+        latent = self._offset + self._change(weights[last])
+        return replace(estimate.mean_flow(), latent=latent, time_ns=int(times[last]))
+
+    @cached_property
+    def _offset(self) -> Array:
+        """Latent velocities of the flow whose weights are 0."""
+        estimate = self._estimate
+        assert estimate is not None
+        if isinstance(estimate.later, Evolution):
+            return estimate.later.offset
+        return estimate.latent - self._change(self._weights[1][-1])
+
+    def _change(self, weights: Array) -> Array:
+        assert self._estimate is not None
+        return self._estimate.modes @ weights.reshape(self._estimate.levels.size, -1).T
+
+
+def mean_current_topics(observations: pd.DataFrame, bins: pd.DataFrame) -> list[str]:
+    """Return the topics whose measurements are mean currents of dives: one value a dive, which a profile is not.
+
+    Args:
+        observations: ``Result.observations``.
+        bins: ``Result.innovations``.
+    """
+    sizes = bins.groupby("observation").size().reindex(range(len(observations)), fill_value=0).to_numpy()
+    topics = []
+    for topic in dict.fromkeys(observations["source_topic"]):
+        here = (observations["source_topic"] == topic).to_numpy()
+        dives = observations["dive"].to_numpy()[here]
+        if (sizes[here] == 1).all() and (dives > 0).all() and len(set(dives.tolist())) == len(dives):
+            topics.append(topic)
+    return topics
+
+
+def bins_along_track(result: Result, track: Track, history: EstimateHistory, estimate: FlowEstimate | None, most: int) -> BinsAlongTrack:
+    """Return the used bins of the profiles of a result along its track.
+
+    Args:
+        result: The result.
+        track: Its track.
+        history: Of its estimate.
+        estimate: The last estimate, for the standard error; None for none.
+        most: Largest number of profiles.
+    """
+    observations, bins = result.observations, result.innovations
+    means = set(mean_current_topics(observations, bins))
+    wanted = np.flatnonzero((observations["dof"] > 0) & ~observations["source_topic"].isin(means))
+    kept = wanted[thinned(wanted.size, most)]
+    used = bins[bins["observation"].isin(kept) & np.isfinite(bins["residual_east"].to_numpy(np.float64))]
+    time_ns = used.index.to_numpy().astype("datetime64[ns]").astype(np.int64)
+    east, north, distance = track.at(time_ns)
+    depth, residual = used["depth"].to_numpy(np.float64), used[["residual_east", "residual_north"]].to_numpy(np.float64)
+    estimated, error = np.full((2, depth.size, 2), np.nan)
+    for time, here in _by_time(time_ns):
+        flow = history.after(time)
+        if flow is not None:
+            estimated[here] = flow.velocity(east[here], north[here], depth[here])
+    if estimate is not None and estimate.n_modes and depth.size and np.isfinite(east).all():
+        error = estimate.standard_error(east, north, depth)
+    return BinsAlongTrack(time_ns, distance, depth, estimated, residual, error, kept.size, wanted.size - kept.size)
+
+
+def mean_currents(result: Result, track: Track, history: EstimateHistory) -> MeanCurrents:
+    """Return the mean currents of the dives of a result beside the mean of its estimate over the positions of each dive."""
+    observations, bins = result.observations, result.innovations
+    rows = np.flatnonzero(observations["source_topic"].isin(mean_current_topics(observations, bins)) & (observations["dof"] > 0))
+    values = bins.set_index("observation").loc[rows]
+    dive = observations["dive"].to_numpy(np.int64)[rows]
+    end = observations.index.to_numpy().astype("datetime64[ns]").astype(np.int64)[rows]
+    begin = np.concatenate([track.time_ns[:1], end[:-1]]) if track.time_ns.size else end
+    estimated = np.full((rows.size, 2), np.nan)
+    for row, (first, last) in enumerate(zip(begin.tolist(), end.tolist(), strict=False)):
+        here = (track.time_ns >= first) & (track.time_ns <= last) & np.isfinite(track.depth)
+        flow = history.after(last)
+        if flow is not None and here.any():
+            estimated[row] = flow.velocity(track.east[here], track.north[here], track.depth[here]).mean(axis=0)
+    residual, error = (values[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64) for name in ("residual", "innovation_std"))
+    return MeanCurrents(end, dive, estimated, residual, error)
+
+
+def _by_time(time_ns: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    times, which = np.unique(time_ns, return_inverse=True)
+    for k, time in enumerate(times.tolist()):
+        yield time, np.flatnonzero(which == k)

@@ -1,0 +1,134 @@
+"""How a result was made: its metadata, its settings, and the summary of its run."""
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.reader import make_reader
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.observation import Flag, Reason
+from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
+from replay_kit.results.result import Result
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """What a result states of its run.
+
+    Attributes:
+        metadata: Records by name, each with its keys and values; the digests are left out.
+        config_toml: The configuration in effect; empty when the result has none.
+        summary: As ``replay_kit.results.summary.to_record``; None when the result has none, as one of an unfinished run.
+    """
+
+    metadata: Mapping[str, Mapping[str, str]]
+    config_toml: str
+    summary: Mapping[str, Any] | None
+
+
+def read_record(path: Path) -> RunRecord:
+    """Return what a result MCAP states of its run."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata() if record.name != "replay_kit.digest"}
+        attached = {record.name: record.data for record in reader.iter_attachments() if record.name in (CONFIG_NAME, SUMMARY_NAME)}
+    summary = json.loads(attached[SUMMARY_NAME]) if SUMMARY_NAME in attached else None
+    return RunRecord(metadata, attached.get(CONFIG_NAME, b"").decode(), summary)
+
+
+def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
+    """Return the settings that differ from their defaults: table and key, value, default (None when it has none).
+
+    A setting that this version does not know counts as changed.
+    """
+    defaults, changed = RunConfig().model_dump(mode="json"), []
+    for section, values in tomllib.loads(config_toml).items():
+        known = defaults.get(section, {})
+        changed += [(f"{section}.{key}", value, known.get(key)) for key, value in values.items() if known.get(key) != value]
+    return changed
+
+
+def summary_of(result: Result, record: RunRecord) -> Mapping[str, Any]:
+    """Return the summary that a result holds, or as much of it as its tables give.
+
+    Args:
+        result: The result; the score against a truth is not in the file, but may be in its summary.
+        record: What the result states of its run.
+    """
+    from replay_kit.results.summary import to_json
+
+    if record.summary is None:
+        return _from_tables(result)
+    truth = record.summary.get("truth") if result.summary is None else to_json(result.summary)["truth"]
+    return {**record.summary, "truth": truth}
+
+
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield each single value of nested mappings and lists with its path, such as ``by_dive.0.bins``."""
+    if isinstance(value, Mapping):
+        items = list(value.items())
+    elif isinstance(value, list):
+        items = [(str(number), item) for number, item in enumerate(value)]
+    else:
+        yield path, value
+        return
+    for key, item in items:
+        yield from leaves(item, f"{path}.{key}" if path else str(key))
+
+
+def _bins_rejected(result: Result) -> dict[str, int]:
+    """Return the number of bins not used by reason, in the order of the reasons; a bin can have several."""
+    bins = result.innovations
+    reasons = bins["reasons"].to_numpy(np.int64)[~np.isin(bins["flags"].to_numpy(np.int64), [Flag.GOOD, Flag.SUSPECT])]
+    counts = {str(reason.name).lower(): int(np.count_nonzero(reasons & int(reason))) for reason in Reason if reason}
+    return {name: count for name, count in counts.items() if count}
+
+
+def _last_plan(result: Result) -> dict[str, Any] | None:
+    if not len(result.plans):
+        return None
+    plan = result.plans.iloc[-1]
+    return {name: plan[name] for name in ("status", "message")} | {
+        name: float(plan[name])
+        for name in ("heading_deg", "glide_angle_deg", "speed", "duration", "closest_approach")
+        if np.isfinite(plan[name])
+    }
+
+
+def _from_tables(result: Result) -> dict[str, Any]:
+    """Return what the tables of a result give of its summary."""
+    table = result.observations
+    used = table[table["accepted"].astype(bool)] if len(table) else table
+    dof = float(used["dof"].sum())
+
+    def rms(name: str) -> float | None:
+        return float(np.sqrt((used[name] ** 2 * used["dof"]).sum() / dof)) if dof else None
+
+    dives = [
+        {
+            "dive": int(number),
+            "profiles": int(dive["profiles"]),
+            "bins": int(dive["bins"]),
+            "rms_innovation_predicted": None,
+            "rms_innovation_prior": float(dive["rms_prior_innovation"]),
+            "nis_per_dof": float(dive["nis_per_dof"]),
+        }
+        for number, dive in result.dives.iterrows()
+    ]
+    return {
+        "observations": {
+            "used": len(used),
+            "rejected": len(table) - len(used),
+            "bins_used": int(dof) // 2,
+            "bins_rejected": _bins_rejected(result),
+        },
+        "by_dive": dives,
+        "plan": _last_plan(result),
+        "rms_innovation": {"before": rms("rms_innovation"), "after": rms("rms_residual"), "prior": rms("rms_prior_innovation")},
+        "nis_per_dof": float(used["nis"].sum()) / dof if dof else None,
+    }

@@ -1,0 +1,100 @@
+"""The published estimate on depth slices through time."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.results.slices import Slice, depth_slice
+from replay_kit.results.views.track import thinned
+
+#: Of the fields of a slice, those kept: u, v and their standard errors.
+KEPT = ("u", "v", "u_standard_error", "v_standard_error")
+_FOLDER = "/flow/grid/"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurrentSlices:
+    """The current on a regular grid of the local frame, at some depths and times.
+
+    Attributes:
+        depths: shape (D,) [m], increasing.
+        time_ns: shape (T,) [ns, UTC], increasing.
+        east: shape (I,) [m], cell centres.
+        north: shape (J,) [m], cell centres.
+        fields: shape (D, T, 4, J, I) [m/s]: u, v along the local axes and their standard errors; NaN where dry or unknown.
+        left_out: Number of published times left out, evenly spread.
+    """
+
+    depths: Array
+    time_ns: NDArray[np.int64]
+    east: Array
+    north: Array
+    fields: Array
+    left_out: int = 0
+
+
+def published_slices(path: Path, most_values: int = 1_600_000) -> CurrentSlices | None:
+    """Return the slices in a result MCAP; None when it has none.
+
+    Args:
+        path: The result.
+        most_values: Largest number of values kept: times between the first and the last are left out until they fit.
+    """
+    times, depths = _index(path)
+    if not times or not depths:
+        return None
+    east, north, first = next(_read(path, [f"{_FOLDER}{depths[0]:g}m"], {times[0]}))[2:]
+    kept = [times[k] for k in thinned(len(times), max(1, most_values // (first.size * len(depths))))]
+    fields = np.full((len(depths), len(kept), *first.shape), np.nan)
+    for time_ns, depth, _, _, values in _read(path, [f"{_FOLDER}{depth:g}m" for depth in depths], set(kept)):
+        fields[depths.index(depth), kept.index(time_ns)] = values
+    return CurrentSlices(np.array(depths), np.array(kept), east, north, fields, len(times) - len(kept))
+
+
+def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
+    """Return an estimate at its own time on slices at depths [m]."""
+    each: list[Slice] = [depth_slice(flow, float(depth)) for depth in depths]
+    fields = np.stack([_fields_of(value) for value in each])[:, None]
+    return CurrentSlices(np.asarray(depths), np.array([flow.time_ns or 0]), each[0].east, each[0].north, fields)
+
+
+def _fields_of(value: Slice) -> Array:
+    error = np.full_like(value.velocity, np.nan) if value.standard_error is None else value.standard_error
+    return np.moveaxis(np.concatenate([value.velocity, error], axis=-1), -1, 0)
+
+
+def _index(path: Path) -> tuple[list[int], list[float]]:
+    """Return the times and the depths of the slices, both increasing."""
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        topics = [] if summary is None else [c.topic for c in summary.channels.values() if c.topic.startswith(_FOLDER)]
+        times = {message.log_time for _, _, message in make_reader(file).iter_messages(topics=topics)} if topics else set()
+    return sorted(times), sorted(float(topic.removeprefix(_FOLDER).removesuffix("m")) for topic in topics)
+
+
+def _read(path: Path, topics: list[str], times: set[int]) -> Iterator[tuple[int, float, Array, Array, Array]]:
+    """Yield time [ns], depth [m], cell centres [m] and fields, shape (4, J, I), of the slices of some times."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        decoder = DecoderFactory()
+        for schema, channel, message in reader.iter_messages(topics=topics):
+            if message.log_time not in times or schema is None:
+                continue
+            decode = decoder.decoder_for("protobuf", schema)
+            assert decode is not None
+            value = decode(message.data)
+            columns, rows = value.column_count, len(value.data) // value.row_stride
+            cells = np.frombuffer(value.data, "<f4").reshape(rows, columns, value.cell_stride // 4).astype(np.float64)
+            offsets = {field.name: field.offset // 4 for field in value.fields}
+            unknown = np.full((rows, columns), np.nan)
+            fields = np.stack([cells[..., offsets[name]] if name in offsets else unknown for name in KEPT])
+            east = value.pose.position.x + value.cell_size.x * (np.arange(columns) + 0.5)
+            north = value.pose.position.y + value.cell_size.y * (np.arange(rows) + 0.5)
+            yield message.log_time, float(channel.topic.removeprefix(_FOLDER).removesuffix("m")), east, north, fields

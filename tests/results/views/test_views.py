@@ -1,0 +1,153 @@
+"""Values taken out of results."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import distance, to_geographic, to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.surfacing import Ellipse
+from replay_kit.results import ResultWriter, open_result
+from replay_kit.results.views.along_track import EstimateHistory, bins_along_track, mean_current_topics, mean_currents
+from replay_kit.results.views.record import changed_settings, leaves
+from replay_kit.results.views.slices import published_slices, slices_of
+from replay_kit.results.views.surfacings import ellipse_outline
+from replay_kit.results.views.track import thinned, track_of
+from replay_kit.results.views.trust import calibration, error_through_time, information_by_dive
+from tests.results.result_samples import CONFIG, METADATA
+from tests.synthetic_flow import TIME_NS
+
+SECOND = 10**9
+
+
+@pytest.mark.parametrize(("count", "most", "kept"), [(0, 3, []), (3, 3, [0, 1, 2]), (5, 3, [0, 2, 4]), (10, 2, [0, 9]), (4, 1, [0])])
+def test_thinned_keeps_the_ends(count: int, most: int, kept: list[int]) -> None:
+    assert thinned(count, most).tolist() == kept
+
+
+def test_a_track_is_sorted_and_measured() -> None:
+    times = pd.to_datetime([TIME_NS + 2 * SECOND, TIME_NS, TIME_NS + SECOND])
+    fixes = pd.DataFrame(
+        {"longitude": [5.02, 5.0, 5.01], "latitude": 62.0, "depth": [1.0, np.nan, 3.0], "dead_reckoned": [0, 1, 1]}, index=times
+    )
+    track = track_of(fixes, Projection(5.0, 62.0))
+    assert track.longitude.tolist() == [5.0, 5.01, 5.02]
+    assert track.dead_reckoned.tolist() == [True, True, False]
+    np.testing.assert_allclose(track.distance, [0.0, distance(5.0, 62.0, 5.01, 62.0), distance(5.0, 62.0, 5.02, 62.0)], rtol=1e-5)
+    east, north, along = track.at(np.array([TIME_NS - SECOND, TIME_NS + SECOND // 2, TIME_NS + 9 * SECOND]))
+    np.testing.assert_allclose(east, [0.0, track.east[1] / 2, track.east[2]], atol=1e-6)
+    np.testing.assert_allclose(along, [0.0, track.distance[1] / 2, track.distance[2]], atol=1e-6)
+    np.testing.assert_allclose(north, [0.0, track.north[1] / 2, track.north[2]], atol=1e-6)
+    empty = track_of(fixes.iloc[:0], Projection(5.0, 62.0))
+    assert np.isnan(empty.at(np.array([TIME_NS]))).all()
+    assert empty.distance.size == 0
+
+
+def test_published_slices_are_those_of_the_flow(flow: FlowEstimate, tmp_path: Path) -> None:
+    later = replace(flow, latent=2.0 * flow.latent)
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
+        for k, value in enumerate((flow, later, flow)):
+            writer.grids(TIME_NS + k * SECOND, value, (120.0, 0.5))
+    slices = published_slices(tmp_path / "out.mcap")
+    assert slices is not None
+    assert slices.depths.tolist() == [0.5, 120.0]
+    assert slices.time_ns.tolist() == [TIME_NS, TIME_NS + SECOND, TIME_NS + 2 * SECOND]
+    own = slices_of(flow, np.array([0.5, 120.0]))
+    assert own.time_ns.tolist() == [TIME_NS]
+    np.testing.assert_allclose(slices.fields[:, :1], own.fields, rtol=1e-6)
+    np.testing.assert_allclose(slices.fields[:, 1, :2], 2.0 * own.fields[:, 0, :2], rtol=1e-6)
+    np.testing.assert_array_equal(slices.east, own.east)
+    np.testing.assert_array_equal(slices.north, own.north)
+    np.testing.assert_allclose(own.fields[1, 0, :2, 2, 3], flow.velocity(own.east[3], own.north[2], 120.0), rtol=1e-12)
+    np.testing.assert_allclose(own.fields[1, 0, 2:, 2, 3], flow.standard_error(own.east[3], own.north[2], 120.0), rtol=1e-12)
+    assert np.isnan(slices.fields[:, :, :, 0, 0]).all()
+    few = published_slices(tmp_path / "out.mcap", most_values=2 * 2 * slices.fields[0, 0].size)
+    assert few is not None
+    assert (few.time_ns.tolist(), few.left_out) == ([TIME_NS, TIME_NS + 2 * SECOND], 1)
+    errors = error_through_time(slices)
+    assert errors.shape == (2, 3)
+    np.testing.assert_allclose(errors[1, 1] ** 2, np.nanmean(own.fields[1, 0, 2:] ** 2), rtol=1e-6)
+
+
+def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
+    flow: FlowEstimate, state, innovation, weights: np.ndarray, tmp_path: Path
+) -> None:
+    place = {"longitude": 5.01, "latitude": 62.02}
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
+        writer.fix(replace(state, **place))
+        writer.fix(replace(state, time_ns=TIME_NS + 9 * SECOND, **place))
+        for k, scale in enumerate((0.5, 1.0)):
+            writer.innovation(replace(innovation, time_ns=TIME_NS + k * SECOND))
+            writer.estimate(TIME_NS + k * SECOND, scale * weights, flow.levels)
+        for dive in (2, 3):
+            one = {
+                name: getattr(innovation, name)[:1] for name in ("depth", "innovation", "innovation_std", "residual", "prior_innovation")
+            }
+            one |= {"flags": innovation.flags[:1], "reasons": innovation.reasons[:1], "dof": 2, "dive": dive}
+            source = replace(innovation.source, topic="/dac")
+            writer.innovation(replace(innovation, time_ns=TIME_NS + (dive + 1) * SECOND, source=source, **one))
+        writer.finish(flow)
+    result = open_result(tmp_path / "out.mcap")
+    track = track_of(result.fixes, flow.grid.projection)
+    history = EstimateHistory(result.path, result.estimate)
+    assert mean_current_topics(result.observations, result.innovations) == ["/dac"]
+    bins = bins_along_track(result, track, history, result.estimate, 10)
+    assert (bins.profiles, bins.left_out, bins.depth.tolist()) == (2, 0, [10.0, 20.0, 40.0] * 2)
+    east, north = to_local(flow.grid.projection, 5.01, 62.02)
+    np.testing.assert_allclose(bins.estimated[3:], flow.velocity(east, north, bins.depth[3:]), rtol=1e-9)
+    before = replace(flow, latent=flow.latent - 0.5 * flow.modes @ weights.reshape(3, 4).T)
+    np.testing.assert_allclose(bins.estimated[:3], before.velocity(east, north, bins.depth[:3]), rtol=1e-9)
+    np.testing.assert_array_equal(bins.residual[:3], innovation.residual[[0, 1, 3]])
+    np.testing.assert_allclose(bins.standard_error, flow.standard_error(east, north, bins.depth), rtol=1e-9)
+    assert history.after(TIME_NS - 1) is None
+    thin = bins_along_track(result, track, EstimateHistory(result.path, None), None, 1)
+    assert (thin.profiles, thin.left_out) == (1, 1)
+    assert np.isnan(thin.estimated).all()
+    assert np.isnan(thin.standard_error).all()
+    means = mean_currents(result, track, history)
+    assert means.dive.tolist() == [2, 3]
+    np.testing.assert_allclose(means.estimated[0], flow.velocity(east, north, state.depth), rtol=1e-9)
+    np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
+    np.testing.assert_array_equal(means.standard_error, innovation.innovation_std[[0, 0]])
+    assert information_by_dive(result.observations).to_dict() == {2: 3 * 3.25, 3: 3.25}
+
+
+def test_calibration_counts_components() -> None:
+    bins = pd.DataFrame(
+        {
+            "innovation_east": [0.5, -3.0, np.nan],
+            "innovation_north": [2.5, 0.1, np.nan],
+            "innovation_std_east": [1.0, 2.0, 1.0],
+            "innovation_std_north": [1.0, 0.1, 1.0],
+        }
+    )
+    found = calibration(bins)
+    assert found.standardized.tolist() == [0.5, -1.5, 2.5, 1.0]
+    assert found.coverage == {1.0: 0.5, 2.0: 0.75, 3.0: 1.0}
+    assert found.mean == 0.625
+    assert found.std == pytest.approx(np.std([0.5, -1.5, 2.5, 1.0]), rel=1e-12)
+    assert calibration(bins.iloc[2:]).coverage == {}
+
+
+def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends() -> None:
+    projection, ellipse = Projection(5.0, 62.0), Ellipse(5.1, 62.05, 900.0, 300.0, 30.0)
+    outline = ellipse_outline(projection, (5.1, 62.05), (900.0, 300.0), 30.0)
+    np.testing.assert_allclose(outline[0], outline[-1], atol=1e-6)
+    centre = np.array(to_local(projection, 5.1, 62.05))
+    for scale, inside in ((0.99, True), (1.01, False)):
+        places = to_geographic(projection, *(centre + scale * (outline - centre)).T)
+        assert all(ellipse.holds(float(lon), float(lat)) is inside for lon, lat in zip(*places, strict=True))
+
+
+def test_changed_settings_and_leaves() -> None:
+    assert changed_settings("[estimator]\nmodes = 4\nnew = 1\n[planner]\nspeed = 0.3\n") == [
+        ("estimator.modes", 4, 300),
+        ("estimator.new", 1, None),
+    ]
+    assert list(leaves({"a": [1, {"b": None}], "c": "d"})) == [("a.0", 1), ("a.1.b", None), ("c", "d")]

@@ -1,0 +1,86 @@
+"""The command ``report``, and ``replay --report``."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.results.summary import to_json
+from replay_kit.workflows.report import page_of, report
+from tests.command import invoke
+from tests.places import SAMPLES
+from tests.results.report.conftest import page, replayed, result_path  # noqa: F401 - fixtures
+from tests.results.report.html_of import elements, text_of
+
+SHORT = ["--end", "2018-11-16T02:00:00Z", "--levels", "5,150", "--modes", "5"]
+
+
+def test_the_command_names_the_page(result_path: Path, page: str, tmp_path: Path) -> None:  # noqa: F811
+    outcome = invoke(["report", str(result_path), "-o", str(tmp_path / "page.html")])
+    assert outcome.exit_code == 0
+    assert (tmp_path / "page.html").read_text() == page
+    assert f"Report: {tmp_path / 'page.html'} ({len(page.encode()) / 1e6:.1f} MB); open it in a browser." in outcome.stdout
+    again = invoke(["report", str(result_path), "-o", str(tmp_path / "page.html")])
+    assert again.exit_code == 2
+    assert "exists; choose another name or give --overwrite" in again.stderr
+    assert invoke(["report", str(result_path), "-o", str(tmp_path / "page.pdf")]).exit_code == 2
+
+
+def test_the_page_lies_beside_the_result() -> None:
+    assert page_of(Path("a/out.mcap")) == Path("a/out.html")
+    assert page_of(Path("out.mcap.part")) == Path("out.html")
+
+
+def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path: Path) -> None:
+    logs, out = [str(SAMPLES / "survey.mcap"), "--ensemble", str(SAMPLES / "ensemble.nc")], tmp_path / "out.mcap"
+    more = ["--truth", str(SAMPLES / "truth.nc"), "--json", str(tmp_path / "out.json"), "--report"]
+    outcome = invoke(["replay", *logs, "-o", str(out), *SHORT, *more])
+    assert outcome.exit_code == 0, outcome.stderr
+    assert f"Report: {tmp_path / 'out.html'}; open it in a browser." in outcome.stdout
+    made, summary = (tmp_path / "out.html").read_text(), json.loads((tmp_path / "out.json").read_text())
+    carried = {attrs["data-key"]: json.loads(attrs["value"] or "") for attrs, _ in elements(made, "data")}
+    assert carried["truth.rmse"] == summary["truth"]["rmse"]
+    assert "without dives: a vessel at the surface" in text_of(made, "answer")
+    refused = invoke(["replay", *logs, "-o", str(tmp_path / "other.mcap"), *SHORT, "--report", "--netcdf", str(tmp_path / "other.html")])
+    assert refused.exit_code == 2
+    report(out, tmp_path / "later.html")
+    assert 'data-key="truth.rmse"' not in (tmp_path / "later.html").read_text()
+
+
+def test_a_result_that_is_cut_short_shows_what_is_left(result_path: Path, tmp_path: Path) -> None:  # noqa: F811
+    cut, data = tmp_path / "cut.mcap.part", result_path.read_bytes()
+    cut.write_bytes(data[: int(0.6 * len(data))])
+    report(cut, tmp_path / "cut.html")
+    made = (tmp_path / "cut.html").read_text()
+    words = text_of(made, "answer")
+    assert "The result is cut short: " in words
+    assert "This page shows what could be recovered." in words
+    assert "carries no estimate.nc" in words
+    assert len(elements(made, "figure")) >= 4
+
+
+def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="cannot read the result"):
+        report(tmp_path / "none.mcap", tmp_path / "page.html")
+    (tmp_path / "text.mcap").write_text("no log")
+    with pytest.raises(LogError, match="expected a complete result"):
+        report(tmp_path / "text.mcap", tmp_path / "page.html")
+    with pytest.raises(LogError, match="no metadata record 'contract'"):
+        report(SAMPLES / "glider.mcap", tmp_path / "page.html")
+    with pytest.raises(ConfigError, match="no folder"):
+        report(SAMPLES / "glider.mcap", tmp_path / "none" / "page.html")
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_result_of_another_version_says_so(result_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    monkeypatch.setattr("replay_kit.workflows.report.CONTRACT_VERSION", 4)
+    report(result_path, tmp_path / "page.html")
+    assert "The result has version 3 of the contract, this program version 4" in text_of((tmp_path / "page.html").read_text(), "answer")
+
+
+def test_the_summary_in_the_result_is_that_of_the_run(replayed) -> None:  # type: ignore[no-untyped-def]  # noqa: F811
+    from replay_kit.results.views.record import read_record
+
+    kept = read_record(replayed.path).summary
+    assert kept == {key: value for key, value in to_json(replayed.summary).items() if key != "seconds"}
