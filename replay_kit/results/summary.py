@@ -169,15 +169,15 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
     return summary_json
 
 
-def to_record(summary: ReplaySummary, logs: Sequence[Path]) -> dict[str, Any]:
-    """Return what a result keeps of its summary: ``to_json`` without wall times, and the logs by their names, without their folders.
+def to_record(summary: ReplaySummary, inputs: Sequence[Path]) -> dict[str, Any]:
+    """Return what a result keeps of its summary: ``to_json`` without wall times, with the inputs' names and not their folders.
 
     Args:
         summary: Of the run.
-        logs: Its inputs.
+        inputs: Logs and files of the ensemble.
     """
     record = {key: value for key, value in to_json(summary).items() if key != "seconds"}
-    paths = {str(path): path.name for path in logs}
+    paths = {str(path): path.name for path in inputs}
 
     def named(value: Any) -> Any:
         if isinstance(value, dict):

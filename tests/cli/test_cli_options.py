@@ -51,7 +51,7 @@ def refusal(*arguments: object) -> str:
 
 def test_the_outputs_of_every_command_are_known() -> None:
     assert {words for words, option in OUTPUTS if option == "--out"} == {
-        *(("replay",), ("convert",), ("plan",), ("twin",), ("fit",)),
+        *(("replay",), ("report",), ("convert",), ("plan",), ("twin",), ("fit",)),
         *(("experiment", name) for name in ("paper", "missions", "planning")),
     }
     without = set(COMMANDS) - {words for words, option in OUTPUTS if option == "--json"}

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.console import wide_console
+from replay_kit.cli.console import console_beside
 from replay_kit.cli.options import HTML, TO_OUTPUTS, Replacing, argument, option
 
 
@@ -24,5 +24,5 @@ def report(
 
     page = out or page_of(result)
     size = write_report(result, page, replacing.overwrite)
-    wide_console().print(f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True)
+    console_beside().print(f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.", soft_wrap=True)
     return 0

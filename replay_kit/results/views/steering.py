@@ -39,9 +39,10 @@ class GriddedCurrents:
     north: Array
     velocity: Array
 
-    def at(self, flow: int, east: float, north: float, depth: float) -> Array:
-        """Return the current (2,) [m/s] of one of the flows: linear between the grid's points, constant beyond its ends."""
-        (d, fd), (j, fj), (i, fi) = (_cell(axis, value) for axis, value in ((self.depths, depth), (self.north, north), (self.east, east)))
+    def at(self, flow: int, place: Array, depth: float) -> Array:
+        """Return the current (2,) [m/s] of a flow at a place (2,) [m]: linear between the grid's points, constant beyond its ends."""
+        at = ((self.depths, depth), (self.north, float(place[1])), (self.east, float(place[0])))
+        (d, fd), (j, fj), (i, fi) = (_cell(axis, value) for axis, value in at)
         corners = self.velocity[flow, d : d + 2, :, j : j + 2, i : i + 2]
         level = corners[0] if corners.shape[0] == 1 else corners[0] + fd * (corners[1] - corners[0])
         row = level[:, 0] + fj * (level[:, 1] - level[:, 0])
@@ -123,7 +124,7 @@ def fly_to_waypoints(currents: GriddedCurrents, flow: int, dives: Dives, start: 
     """
     place, time, surfacings = np.asarray(start, dtype=np.float64), 0.0, [np.asarray(start, dtype=np.float64)]
     depths = np.linspace(0.0, dives.depth, STEPS + 1)
-    expected = np.mean([currents.at(0, *place, depth) for depth in depths], axis=0)
+    expected = np.mean([currents.at(0, place, depth) for depth in depths], axis=0)
     for waypoint in waypoints:
         tries, passed = 0, False
         while not passed and time < dives.max_duration:
@@ -135,7 +136,7 @@ def fly_to_waypoints(currents: GriddedCurrents, flow: int, dives: Dives, start: 
             tries += share < 1.0
             passed = tries == TRIES or float(np.linalg.norm(waypoint - place)) <= dives.radius
             if not passed:
-                place = place + dives.surface_time * currents.at(flow, *place, 0.0)
+                place = place + dives.surface_time * currents.at(flow, place, 0.0)
                 time += dives.surface_time
             surfacings.append(place)
         if not passed:
@@ -161,8 +162,8 @@ def _dive(currents: GriddedCurrents, flow: int, place: Array, through: Array, de
     step = duration / STEPS
     for at in _middles():
         now, middle = (depth * (1.0 - abs(2.0 * share - 1.0)) for share in at)
-        half = place + 0.5 * step * (through + currents.at(flow, *place, now))
-        place = place + step * (through + currents.at(flow, *half, middle))
+        half = place + 0.5 * step * (through + currents.at(flow, place, now))
+        place = place + step * (through + currents.at(flow, half, middle))
     return place
 
 

@@ -241,7 +241,7 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
     )
     with session.clock.stage("write"):
         if session.writer is not None:
-            session.writer.summary(session.last_ns, to_record(summary, job.logs))
+            session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)

@@ -68,13 +68,13 @@ def test_currents_are_linear_between_points_and_constant_beyond(flow: FlowEstima
     velocity = np.stack([1.0 + 0.1 * x - 0.2 * y + 0.01 * z, 2.0 - 0.3 * x], axis=1)[None]
     currents = GriddedCurrents(depths, east, north, velocity)
     for e, n, d in ((3.0, 1.0, 20.0), (20.0, 5.0, 200.0), (15.0, -5.0, 120.0)):
-        np.testing.assert_allclose(currents.at(0, e, n, d), [1.0 + 0.1 * e - 0.2 * n + 0.01 * d, 2.0 - 0.3 * e], rtol=1e-12)
-    np.testing.assert_allclose(currents.at(0, 99.0, -99.0, 999.0), currents.at(0, 20.0, -5.0, 200.0), rtol=1e-12)
+        np.testing.assert_allclose(currents.at(0, np.array([e, n]), d), [1.0 + 0.1 * e - 0.2 * n + 0.01 * d, 2.0 - 0.3 * e], rtol=1e-12)
+    np.testing.assert_allclose(currents.at(0, np.array([99.0, -99.0]), 999.0), currents.at(0, np.array([20.0, -5.0]), 200.0), rtol=1e-12)
     one = GriddedCurrents(depths[:1], east, north, velocity[:, :1])
-    np.testing.assert_allclose(one.at(0, 3.0, 1.0, 70.0), [1.1, 1.1], rtol=1e-12)
+    np.testing.assert_allclose(one.at(0, np.array([3.0, 1.0]), 70.0), [1.1, 1.1], rtol=1e-12)
     gridded = gridded_currents(flow, flow.levels, 2, 7)
     assert gridded.velocity.shape == (3, 3, 2, 5, 7)
     place = float(gridded.east[3]), float(gridded.north[2])
     for k, each in enumerate((flow, *flow.sample(2, 7))):
-        np.testing.assert_allclose(gridded.at(k, *place, 50.0), each.velocity(*place, 50.0), rtol=1e-9)
+        np.testing.assert_allclose(gridded.at(k, np.array(place), 50.0), each.velocity(*place, 50.0), rtol=1e-9)
     assert (gridded.velocity[:, :, :, 0, 0] == 0.0).all()

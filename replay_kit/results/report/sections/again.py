@@ -14,12 +14,14 @@ def again_section(contents: Contents) -> Section:
     record, missing = contents.record, []
     inputs = record.metadata.get("replay_kit.inputs", {})
     html = ""
-    if inputs:
+    if any(name.startswith("log") for name in inputs):
         html += (
             f"<p>The command, with the configuration that the result holds as "
             f"<code>config.toml</code>:</p><pre>{escape(_command(contents))}</pre>"
         )
         html += table_html(["input", "file", "SHA-256"], [_input(name, text) for name, text in inputs.items()], "Inputs")
+    elif inputs:
+        missing.append("The result is of replay-kit plan, or another program: the options of its command are below.")
     else:
         missing.append("The result does not name its inputs.")
     versions = {**record.metadata.get("contract", {}), **record.metadata.get("replay_kit.versions", {})}
@@ -39,12 +41,16 @@ def _command(contents: Contents) -> str:
     names = {key: text.rpartition(" sha256:")[0] for key, text in inputs.items()}
     logs = [names[key] for key in names if key.startswith("log")]
     goal = contents.record.metadata.get("replay_kit.options", {}).get("goal", "")
-    parts = ["replay-kit", "replay", *logs, "--ensemble", names.get("ensemble", "ENSEMBLE"), "--config", "config.toml"]
+    parts = ["replay-kit", "replay", *logs, "--ensemble", *_ensemble(names), "--config", "config.toml"]
     parts += [f"--goal={goal}"] if goal else []
     return (
         f"{shlex.join([*parts, '-o', contents.result.path.name])}\nreplay-kit verify "
         f"{shlex.quote(contents.result.path.name)} --inputs FOLDER"
     )
+
+
+def _ensemble(names: dict[str, str]) -> list[str]:
+    return [names[key] for key in names if key.startswith("ensemble")] or ["ENSEMBLE"]
 
 
 def _input(name: str, text: str) -> list[str]:

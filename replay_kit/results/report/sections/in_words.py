@@ -130,7 +130,10 @@ def _not_used(contents: Contents) -> list[str]:
     rows = [
         f"{escape(row['topic'])}: {number(f'messages.{k}.skipped', row['skipped'], format(row['skipped'], ','))} of "
         f"{number(f'messages.{k}.read', row['read'], format(row['read'], ','))} messages; "
-        + escape("; ".join(f"{count} x {reason}" for reason, count in sorted(row["reasons"].items())))
+        + "; ".join(
+            f"{number(f'messages.{k}.reasons.{n}.count', why['count'], format(why['count'], ','))} x {escape(why['reason'])}"
+            for n, why in enumerate(row["reasons"])
+        )
         for k, row in enumerate(summary.get("messages", ()))
         if row["skipped"]
     ]

@@ -13,6 +13,8 @@ from replay_kit.results.views.track import thinned
 
 #: Positions of the track shown; more are thinned.
 POSITIONS = 3000
+#: More fixes than these hide the track: they are drawn when their entry of the legend is chosen.
+_FIXES = 150
 #: Of marks on the field, whose colours are the same on a light and a dark page.
 DARK = "rgb(15,25,35)"
 
@@ -47,8 +49,8 @@ def track_marks(contents: Contents) -> tuple[dict[str, Any], list[dict[str, Any]
         "y": "$track.north_km",
         "text": "$track.time",
         "customdata": "$track.depth_m",
-        "line": {"color": "rgba(255,255,255,0.85)", "width": 5},
-        "marker": {"size": 4.5, "color": "$track.hours", "colorscale": scale("thermal"), "showscale": False},
+        "line": {"color": "rgba(255,255,255,0.85)", "width": 3},
+        "marker": {"size": 5, "color": "$track.hours", "colorscale": scale("thermal"), "showscale": False},
         "hovertemplate": "%{text}<br>depth %{customdata} m<extra>track</extra>",
     }
     fixes = np.flatnonzero(~track.dead_reckoned[kept])
@@ -58,6 +60,7 @@ def track_marks(contents: Contents) -> tuple[dict[str, Any], list[dict[str, Any]
         "mode": "markers",
         "name": "fixes",
         **at,
+        "visible": True if fixes.size <= _FIXES else "legendonly",
         "marker": {"symbol": "circle-open", "size": 9, "color": mark_color(contents), "line": {"width": 1.4}},
         "hovertemplate": "fix %{text}<extra></extra>",
     }

@@ -64,11 +64,12 @@ def _sentence(text: str) -> str:
 
 def _losses(contents: Contents) -> str:
     summary = contents.summary
+    lost = summary.get("lost_pings", "")
     late, losses = summary.get("late", 0), summary.get("losses", [])
     parts = [f"{len(losses)} damaged parts of the logs were lost"] if losses else []
     if late:
         parts.append(f"{number('late', late, format(late, ','))} messages came later than the reorder window allows")
-    return f"{' and '.join(parts)}." if parts else ""
+    return " ".join([*([f"{' and '.join(parts)}."] if parts else []), *([escape(_sentence(lost))] if lost else [])])
 
 
 def _nis(contents: Contents) -> str:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import PlannerConfig
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
 from replay_kit.results.report.contents import Contents
