@@ -40,6 +40,14 @@ _COMMANDS = {
         "RESULT.mcap",
         "Write a result as one page for a browser: the answer in words, map, section along the track, trust, plan.",
     ),
+    "plot": (
+        "RESULT.mcap map|section|series|dac|trust|plan -o F.png|svg|pdf",
+        "Draw a figure of a result for a paper.",
+    ),
+    "export": (
+        "RESULT.mcap -o X.nc|csv|kml|geojson",
+        "Write a result as a file of other programs: series at places, track, section, dives, innovations, surfacings, plans.",
+    ),
     "plan": (
         "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
         "Plan a mission of dives: headings, glide angles and surfacings to one goal or several, near a place, or along a line.",

@@ -10,7 +10,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
 from replay_kit.core.text import time_text
 from replay_kit.results.plots.panel import Panel, Panels, missing
-from replay_kit.results.plots.style import FOURTH, INK, LAND, SECOND, colormap
+from replay_kit.results.plots.style import FOURTH, INK, LAND, SECOND, colorbar, colormap
 from replay_kit.results.report.contents import Contents
 from replay_kit.results.report.sections.map_frame import coastline
 from replay_kit.results.views.series import typical_depth
@@ -19,8 +19,10 @@ from replay_kit.results.views.surfacings import outlines_of
 
 #: A place: longitude, latitude [degrees] and depth [m].
 At = tuple[float, float, float]
-# Arrows along the longer side of a map; degrees between meridians; the least width of a map [degrees of latitude].
-_ARROWS, _LEAST = 18, 0.02
+# Most arrows along the longer side of a map; degrees between meridians; the least width of a map [degrees of latitude].
+_ARROWS, _LEAST = 24, 0.02
+# Of fewer arrows side by side each is still no longer than this share of the width.
+_FEW = 10.0
 _HALO: Any = {"color": "white", "linewidth": 2.2, "solid_capstyle": "round"}
 
 
@@ -29,7 +31,7 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
 
     Args:
         contents: Of the result.
-        at: Its depth is that of the map, and its place is marked; None for the depth nearest to the measurements.
+        at: Its depth is that of the map, and its place is marked; None for a depth that is typical of the measurements.
     """
     slices = slices_at(contents, at)
     notes = list(contents.notes)
@@ -41,11 +43,13 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
         notes.append("The result holds no current: the map shows positions alone.")
         return Panels([Panel("track", partial(_marks, contents, None, at), 0.8)], 1, notes)
     depth, time = f"{slices.depths[0]:g} m", time_text(int(slices.time_ns[-1]))[:16]
-    panels = [Panel(f"current, {depth}, {time}", partial(_current, contents, slices, at), _height(contents, slices))]
+    panels = [Panel(f"{depth}, {time}", partial(_current, contents, slices, at), _height(contents, slices))]
     if np.isfinite(slices.fields[0, -1, 2:]).any():
         panels.append(Panel("standard error", partial(_error, contents, slices, at), panels[0].height))
     else:
         notes.append("The current has no standard error.")
+    if not np.isfinite(slices.fields[0, -1]).all():
+        notes.append("Grey: land, below the bottom, or not known.")
     return Panels(panels, 2, notes)
 
 
@@ -67,33 +71,41 @@ def degrees(contents: Contents, east: Array, north: Array) -> tuple[Array, Array
     return unwrap_longitude(longitude, contents.projection.longitude), latitude
 
 
-def draw_speed(contents: Contents, slices: CurrentSlices, axes: Axes) -> None:
-    """Draw speed, arrows, land and coast of one slice."""
+def draw_speed(contents: Contents, slices: CurrentSlices, axes: Axes, across: float | None = None) -> None:
+    """Draw speed, arrows, land and coast of one slice.
+
+    Args:
+        contents: Of the result.
+        slices: The slice, at one depth.
+        axes: In degrees.
+        across: Width of what is shown [m]; None for the whole slice.
+    """
     u, v = slices.fields[0, -1, :2]
     _field(contents, slices, np.hypot(u, v), axes, ("speed", "speed [m s$^{-1}$]"))
     step = -(-max(u.shape) // _ARROWS)
-    half = (slice(step // 2, None, step),) * 2
+    half = (slice((step - 1) // 2, None, step),) * 2
     east, north = np.meshgrid(slices.east, slices.north)
     longitude, latitude = degrees(contents, east, north)
     true_u, true_v = rotate_to_geographic(contents.projection, longitude, latitude, u, v)
     typical = float(np.nanquantile(np.hypot(u, v), 0.95)) if np.isfinite(u).any() else 1.0
-    arrows = axes.quiver(
-        longitude[half], latitude[half], true_u[half], true_v[half], color=INK, width=0.0035, scale=_ARROWS * 0.8 * max(typical, 1e-6)
-    )
-    shown = _nice(typical)
-    axes.quiverkey(arrows, 0.86, 1.045, shown, f"{shown:g} m s$^{{-1}}$", labelpos="E", labelsep=0.04, fontproperties={"size": 6.0})
+    width = slices.east[-1] - slices.east[0] if across is None else across
+    cells = max(width / (step * (slices.east[1] - slices.east[0])), _FEW)
+    look: Any = {"color": INK, "edgecolor": "white", "linewidth": 0.3, "width": 0.0045, "minlength": 0.5, "pivot": "mid"}
+    at = (longitude[half], latitude[half], true_u[half], true_v[half])
+    arrows = axes.quiver(*at, scale=0.75 * cells * max(typical, 1e-6), zorder=2.0, **look)
+    shown = _nice(0.6 * typical)
+    key = {"labelpos": "W", "labelsep": 0.04, "fontproperties": {"size": 6.0}}
+    axes.quiverkey(arrows, 0.95, 1.05, shown, f"{shown:g} m s$^{{-1}}$", **key)
 
 
-def frame(contents: Contents, axes: Axes) -> None:
+def frame(axes: Axes) -> None:
     """Give a map axes in degrees, at the scale of its middle latitude."""
     south, north = axes.get_ylim()
     axes.set_aspect(1.0 / max(np.cos(np.deg2rad(np.clip(0.5 * (south + north), -89.0, 89.0))), 0.02))
-    axes.locator_params(nbins=5)
+    axes.locator_params(axis="x", nbins=4)
+    axes.locator_params(axis="y", nbins=3)
     axes.xaxis.set_major_formatter(lambda value, _: _degrees_text((value + 180.0) % 360.0 - 180.0, "EW"))
     axes.yaxis.set_major_formatter(lambda value, _: _degrees_text(value, "NS"))
-    axes.tick_params(axis="y", labelrotation=90)
-    for label in axes.get_yticklabels():
-        label.set_va("center")
 
 
 def draw_track(contents: Contents, axes: Axes) -> None:
@@ -125,7 +137,7 @@ def draw_surfacings(contents: Contents, axes: Axes) -> None:
 def legend(axes: Axes) -> None:
     """Draw the legend below the axes, where it has entries."""
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, handletextpad=0.4, columnspacing=1.0)
+        axes.legend(loc="upper left", bbox_to_anchor=(-0.03, -0.1), ncols=3, handletextpad=0.4, columnspacing=1.0)
 
 
 def _current(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes) -> None:
@@ -135,7 +147,7 @@ def _current(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axe
 
 def _error(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes) -> None:
     error = np.sqrt(0.5 * (slices.fields[0, -1, 2] ** 2 + slices.fields[0, -1, 3] ** 2))
-    _field(contents, slices, error, axes, ("amp", "standard error of a component [m s$^{-1}$]"))
+    _field(contents, slices, error, axes, ("amp", "standard error [m s$^{-1}$]"))
     _marks(contents, slices, at, axes)
 
 
@@ -147,7 +159,7 @@ def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes
         axes.plot(x, at[1], "*", color="white", markeredgecolor=INK, markersize=8.0, linestyle="none", label="place asked for")
     if slices is None:
         _widen(contents, axes)
-    frame(contents, axes)
+    frame(axes)
     legend(axes)
 
 
@@ -158,12 +170,18 @@ def _field(contents: Contents, slices: CurrentSlices, values: Array, axes: Axes,
     known = values[np.isfinite(values)]
     most = float(known.max()) if known.size and known.max() > 0.0 else 1.0
     axes.set_facecolor(LAND)
-    mesh = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), cmap=colormap(look[0]), vmin=0.0, vmax=most, rasterized=True)
-    axes.figure.colorbar(mesh, ax=axes, label=look[1], shrink=0.9, pad=0.02)
+    colors: Any = {"cmap": colormap(look[0]), "vmin": 0.0, "vmax": most, "rasterized": True}
+    centres = degrees(contents, *np.meshgrid(slices.east, slices.north))
+    # beside missing cells there is nothing to interpolate with
+    if known.size == values.size:
+        mesh = axes.pcolormesh(*centres, values, shading="gouraud", **colors)
+    else:
+        mesh = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **colors)
+    colorbar(axes, mesh, look[1])
     x, y = (1e3 * np.array(line, dtype=np.float64) for line in coastline(slices))
     if x.size:
         axes.plot(*degrees(contents, x, y), color=INK, linewidth=0.8)
-    axes.set(xlim=(longitude.min(), longitude.max()), ylim=(latitude.min(), latitude.max()))
+    axes.set(xlim=(centres[0].min(), centres[0].max()), ylim=(centres[1].min(), centres[1].max()))
 
 
 def _widen(contents: Contents, axes: Axes) -> None:
@@ -178,7 +196,7 @@ def _widen(contents: Contents, axes: Axes) -> None:
 def _height(contents: Contents, slices: CurrentSlices) -> float:
     """Return the height of a map over its width, with room for its legend and without its colour bar."""
     shape = (slices.north[-1] - slices.north[0]) / (slices.east[-1] - slices.east[0])
-    return float(np.clip(0.75 * shape + 0.25, 0.45, 1.3))
+    return float(np.clip(0.68 * shape + 0.2, 0.4, 1.2))
 
 
 def _edges(centres: Array) -> Array:

@@ -30,8 +30,8 @@ def dive_panels(contents: Contents, at: At | None) -> Panels:
         notes.append("The result holds no estimate: measured minus estimated is shown, which it holds for each dive.")
         titles = [f"measured minus estimated, {name}" for name in _COMPONENTS]
         return Panels([Panel(title, partial(_differences, means, k), 0.55) for k, title in enumerate(titles)], 2, notes)
-    panels = [Panel(f"depth-averaged current, {name}", partial(_through_time, means, k), 0.6) for k, name in enumerate(_COMPONENTS)]
-    return Panels([*panels, Panel("measured against estimated", partial(_scatter, means), 0.6)], 3, notes)
+    panels = [Panel(f"dives' mean current, {name}", partial(_through_time, means, k), 0.85) for k, name in enumerate(_COMPONENTS)]
+    return Panels([*panels, Panel("all dives", partial(_scatter, means), 0.85)], 3, notes)
 
 
 def _through_time(means: MeanCurrents, k: int, axes: Axes) -> None:
@@ -39,16 +39,16 @@ def _through_time(means: MeanCurrents, k: int, axes: Axes) -> None:
     axes.errorbar(times, measured, means.standard_error[:, k], fmt="o", color=SECOND, markersize=2.5, elinewidth=0.6, label="measured")
     axes.plot(times, means.estimated[:, k], "s-", color=FIRST, markersize=2.0, label="estimated")
     axes.axhline(0.0, color=SOFT, linewidth=0.5)
-    axes.set_ylabel("m s$^{-1}$")
-    date_axis(axes)
+    axes.set_ylabel("m s$^{-1}$", labelpad=1.0)
+    date_axis(axes, 4)
     axes.legend(loc="best")
 
 
 def _differences(means: MeanCurrents, k: int, axes: Axes) -> None:
     axes.plot(means.time_ns.astype("datetime64[ns]"), means.residual[:, k], "o", color=SECOND, markersize=2.5)
     axes.axhline(0.0, color=SOFT, linewidth=0.5)
-    axes.set_ylabel("m s$^{-1}$")
-    date_axis(axes)
+    axes.set_ylabel("m s$^{-1}$", labelpad=1.0)
+    date_axis(axes, 4)
 
 
 def _scatter(means: MeanCurrents, axes: Axes) -> None:
@@ -58,6 +58,6 @@ def _scatter(means: MeanCurrents, axes: Axes) -> None:
     both = np.concatenate([means.estimated, measured])
     ends = (float(np.nanmin(both)), float(np.nanmax(both)))
     axes.plot(ends, ends, color=INK, linewidth=0.6, label="1 : 1")
-    axes.set(xlabel="estimated [m s$^{-1}$]", ylabel="measured [m s$^{-1}$]")
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="estimated [m s$^{-1}$]", ylabel="measured [m s$^{-1}$]", xlim=axes.get_ylim())
+    axes.set_box_aspect(1.0)
     axes.legend(loc="best")

@@ -21,7 +21,7 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
 
     Args:
         contents: Of the result.
-        at: Its depth is that of the map's current; None for that nearest to the measurements.
+        at: Its depth is that of the map's current; None for one that is typical of the measurements.
     """
     plans, notes = contents.result.plans, list(contents.notes)
     if not len(plans):
@@ -42,32 +42,28 @@ def plan_panels(contents: Contents, at: At | None) -> Panels:
 
 
 def _in_words(plan: Any) -> str:
-    steer = f"heading {plan['heading_deg']:.0f}° true, glide angle {plan['glide_angle_deg']:.0f}°, {plan['duration'] / 3600.0:.1f} h"
+    steer = f"heading {plan['heading_deg']:.0f}° true, glide angle {plan['glide_angle_deg']:.1f}°, {plan['duration'] / 3600.0:.1f} h"
     return f"{str(plan.name)[:16]} UTC: {steer}, misses the goal by {plan['closest_approach']:.0f} m."
 
 
 def _map(contents: Contents, local: tuple[Array, Array], at: At | None, axes: Axes) -> None:
-    slices = slices_at(contents, at)
-    plan = contents.result.plans.iloc[-1]
+    slices, plan = slices_at(contents, at), contents.result.plans.iloc[-1]
     ends = [to_local(contents.projection, plan[f"{name}_longitude"], plan[f"{name}_latitude"]) for name in ("start", "goal")]
+    east, north = (np.append(values, [end[k] for end in ends]) for k, values in enumerate(local))
+    reach = 0.65 * max(float(np.ptp(east)), float(np.ptp(north)), 2e3)
     if slices is not None:
-        draw_speed(contents, slices, axes)
+        draw_speed(contents, slices, axes, 2.0 * reach)
     x, y = degrees(contents, *local)
     axes.plot(x, y, **_HALO)
     axes.plot(x, y, color=FIRST, linewidth=1.3, label="plan")
-    for (east, north), marker, name in zip(ends, ("o", "*"), ("start", "goal"), strict=True):
-        size = 5.0 if marker == "o" else 9.0
-        axes.plot(
-            *degrees(contents, east, north), marker, color=FOURTH, markeredgecolor=INK, markeredgewidth=0.6, markersize=size, linestyle="none",
-            label=name,
-        )
+    for end, marker, size, name in zip(ends, ("o", "*"), (5.0, 9.0), ("start", "goal"), strict=True):
+        look: Any = {"color": FOURTH, "markeredgecolor": INK, "markeredgewidth": 0.6, "markersize": size, "linestyle": "none"}
+        axes.plot(*degrees(contents, *end), marker, label=name, **look)
     draw_surfacings(contents, axes)
-    east, north = (np.append(values, [end[k] for end in ends]) for k, values in enumerate(local))
-    reach = 0.65 * max(float(np.ptp(east)), float(np.ptp(north)), 2e3)
     corners = [0.5 * (values.min() + values.max()) + np.array([-reach, reach]) for values in (east, north)]
     around = degrees(contents, *np.meshgrid(*corners))
     axes.set(xlim=(around[0].min(), around[0].max()), ylim=(around[1].min(), around[1].max()))
-    frame(contents, axes)
+    frame(axes)
     legend(axes)
 
 

@@ -4,12 +4,12 @@ from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.dates import HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.plots.current_map import At
 from replay_kit.results.plots.panel import Panel, Panels, missing
-from replay_kit.results.plots.style import LAND, colormap
+from replay_kit.results.plots.style import LAND, colorbar, colormap
 from replay_kit.results.report.contents import Contents
 from replay_kit.results.report.sections.sections_along_track import gridded
 
@@ -56,15 +56,23 @@ def _panel(edges: tuple[Array, Array], values: Array, limit: float, is_error: bo
         vmax=limit,
         rasterized=True,
     )
-    axes.figure.colorbar(mesh, ax=axes, label="m s$^{-1}$", pad=0.02, extend="max" if is_error else "both")
+    colorbar(axes, mesh, "m s$^{-1}$", "max" if is_error else "both")
     axes.invert_yaxis()
     axes.set_ylabel("depth [m]")
     date_axis(axes)
 
 
-def date_axis(axes: Axes) -> None:
-    """Give an axis of time few labels, with the year beside them."""
-    locator = AutoDateLocator(minticks=3, maxticks=7)
+def date_axis(axes: Axes, most: int = 7) -> None:
+    """Give an axis of time few labels, with the year beside them.
+
+    Args:
+        axes: The axes.
+        most: Number of labels that fit.
+    """
+    locator = AutoDateLocator(minticks=2, maxticks=most)
+    # with few labels, spans between two and four days, hours and so on would else have no step
+    for unit, whole in ((SECONDLY, 60), (MINUTELY, 60), (HOURLY, 24), (MONTHLY, 12)):
+        locator.intervald[unit] = [*locator.intervald[unit], whole]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     axes.set_xlabel("time (UTC)")

@@ -19,7 +19,7 @@ def series_panels(contents: Contents, at: At | None) -> Panels:
 
     Args:
         contents: Of the result.
-        at: The place; None for the last position, at the published depth nearest to the measurements.
+        at: The place; None for the last position, at a published depth that is typical of the measurements.
     """
     notes, track, slices = list(contents.notes), contents.track, contents.slices
     if at is None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
@@ -44,6 +45,18 @@ _NO_DATES: dict[str, dict[str, None]] = {"svg": {"Date": None}, "pdf": {"Creatio
 def colormap(name: str) -> LinearSegmentedColormap:
     """Return one of cmocean's colour maps: ``speed``, ``balance``, ``amp`` or ``thermal``."""
     return LinearSegmentedColormap.from_list(name, [(float(at), str(color)) for at, color in scale(name)])
+
+
+def colorbar(axes: Axes, mesh: Any, label: str, extend: str = "neither") -> None:
+    """Draw a colour bar beside axes, as high as these are.
+
+    Args:
+        axes: The axes.
+        mesh: What is coloured.
+        label: With the unit.
+        extend: Ends beyond which there are values: ``neither``, ``max`` or ``both``.
+    """
+    axes.figure.colorbar(mesh, cax=axes.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label, extend=extend)
 
 
 def styled(make: Callable[[], Figure]) -> Figure:

@@ -12,6 +12,7 @@ from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.section import date_axis
 from replay_kit.results.plots.style import FIRST, FOURTH, INK, SECOND, SOFT, THIRD
 from replay_kit.results.report.contents import Contents
+from replay_kit.results.views.along_track import mean_current_topics
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.trust import Calibration, calibration, error_through_time
 
@@ -67,7 +68,12 @@ def _nis(contents: Contents, axes: Axes) -> None:
     dof, accepted = used["dof"].to_numpy(np.float64), used["accepted"].to_numpy(bool)
     ratio = used["nis"].to_numpy(np.float64) / dof
     times = used.index.to_numpy()
-    for here, marker, color, name in ((accepted, "o", FIRST, "accepted"), (~accepted, "x", SECOND, "rejected")):
+    of_dive = used["source_topic"].isin(mean_current_topics(table, contents.result.innovations)).to_numpy(bool)
+    for here, marker, color, name in (
+        (accepted & ~of_dive, "o", FIRST, "profiles"),
+        (accepted & of_dive, "s", FOURTH, "mean currents of dives"),
+        (~accepted, "x", SECOND, "rejected"),
+    ):
         if here.any():
             axes.plot(times[here], ratio[here], marker, color=color, markersize=1.8, linestyle="none", label=name)
     if dof.size:
@@ -95,7 +101,7 @@ def _errors(slices: CurrentSlices, axes: Axes) -> None:
     errors, times = error_through_time(slices), slices.time_ns.astype("datetime64[ns]")
     shown = np.unique(np.linspace(0, slices.depths.size - 1, min(_DEPTHS, slices.depths.size)).astype(int))
     for number, k in enumerate(shown):
-        look = {"color": _COLORS[number % 4], "linestyle": _LINES[(number // 2) % 4]}
+        look = {"color": _COLORS[number % 4], "linestyle": _LINES[number % 4]}
         axes.plot(times, errors[k], marker="o", markersize=2.0, label=f"{slices.depths[k]:g} m", **look)
     axes.set(ylabel="standard error [m s$^{-1}$]", ylim=(0.0, None))
     date_axis(axes)

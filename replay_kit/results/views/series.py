@@ -55,7 +55,7 @@ def series_at(slices: CurrentSlices, projection: Projection, place: tuple[float,
 
 
 def default_place(slices: CurrentSlices | None, track_place: tuple[float, float] | None, depths: Array) -> tuple[float, float, float] | None:
-    """Return the place that is shown where none is asked for: the last position, at the published depth nearest to the measurements.
+    """Return the place that is shown where none is asked for: the last position, at a depth that is typical of the measurements.
 
     Args:
         slices: The published current; None gives the median depth of the measurements.
@@ -68,7 +68,7 @@ def default_place(slices: CurrentSlices | None, track_place: tuple[float, float]
 
 
 def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
-    """Return the published depth nearest to the median depth of measurements [m]; the shallowest without these.
+    """Return the deepest published depth above the median depth of measurements [m]; the shallowest where there is none.
 
     Args:
         slices: The published current; None gives the median itself, or 0.
@@ -78,4 +78,4 @@ def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
     middle = float(np.median(known)) if known.size else 0.0
     if slices is None:
         return middle
-    return float(slices.depths[np.argmin(np.abs(slices.depths - middle))])
+    return float(slices.depths[max(np.searchsorted(slices.depths, middle, side="right") - 1, 0)])
