@@ -30,6 +30,10 @@ _COMMANDS = {
         "LOG... --ensemble FILE... -o OUT.mcap",
         "Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP.",
     ),
+    "smooth": (
+        "LOG... --ensemble FILE... -o OUT.mcap",
+        "Estimate the current at each time from the measurements before and after it, once a mission is over.",
+    ),
     "info": ("LOG... | --ensemble FILE...", "Report what is in a log or a forecast and what it can be used for."),
     "qc": ("LOG...", "Show the outcome of each quality test of the ADCP's bins, and the dives of the track."),
     "convert": (

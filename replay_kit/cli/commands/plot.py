@@ -34,7 +34,8 @@ def plot(
 ) -> int:
     """Return 0."""
     check_paths([result], [out], replacing.overwrite)
-    place = None if look.at is None else numbers(look.at, "--at", PLACE.form)
+    longitude, latitude, depth = numbers(look.at or "0,0,0", "--at", PLACE.form)
+    at = None if look.at is None else (longitude, latitude, depth)
 
     from replay_kit.core.atomic import atomic_file
     from replay_kit.results.plots import drawn
@@ -42,7 +43,7 @@ def plot(
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:
-        content = saved(drawn(contents, figure, None if place is None else (place[0], place[1], place[2]), look.columns), out.suffix.lower())
+        content = saved(drawn(contents, figure, at, look.columns), out.suffix.lower())
     with atomic_file(out) as file:
         file.write(content)
     console_beside(None).print(f"Figure: {out}", soft_wrap=True)

@@ -1,6 +1,6 @@
 """``replay``: logs through the estimator to an estimate, its uncertainty and a plan."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -38,6 +38,11 @@ class Outputs(Answer):
         Path | None, option("--checkpoint", "State from which an interrupted run continues; deleted at the end.", metavar="FILE")
     ] = None
     include_inputs: Annotated[bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")] = False
+    smooth: Annotated[
+        Path | None,
+        option("--smooth", "A second result, in which later measurements count for each time too; see smooth.", metavar="SMOOTHED.mcap"),
+        MCAP,
+    ] = None
     report: Annotated[bool, flag("--report", "Write the result as a page for a browser too: its name with the ending .html.")] = False
 
 
@@ -56,7 +61,7 @@ def replay(
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
     page = outputs.out.with_suffix(".html") if outputs.report else None
-    check_paths(read, (*made, outputs.json_file, page), outputs.overwrite)
+    check_paths(read, (*made, outputs.smooth, outputs.json_file, page), outputs.overwrite)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
@@ -79,7 +84,7 @@ def replay(
         overwrite=outputs.overwrite,
         include_inputs=outputs.include_inputs,
     )
-    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
+    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth])
     console = console_beside(outputs.json_file)
     if dry_run:
         with progress() as advance:
@@ -90,6 +95,11 @@ def replay(
         return 0
     with part_named(outputs.out), progress() as advance:
         summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
+    if outputs.smooth is not None:
+        from replay_kit.workflows.smooth import smooth
+
+        with part_named(outputs.smooth), progress() as advance:
+            smooth(replace(job, out=outputs.smooth), config, advance)
     print_summary(summary, console, outputs.verbose)
     if page is not None:
         from replay_kit.workflows.report import report

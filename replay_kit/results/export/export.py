@@ -7,7 +7,7 @@ import pandas as pd
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
-from replay_kit.results.export.features import features_of, geojson_text, kml_text
+from replay_kit.results.export.features import FEATURES, features_of, geojson_text, kml_text
 from replay_kit.results.export.netcdf import write_netcdf
 from replay_kit.results.export.tables import TABLES, At
 from replay_kit.results.report.contents import Contents
@@ -39,7 +39,10 @@ def export(contents: Contents, path: Path, places: Sequence[At] = (), table: str
         table = "series" if places else "track"
     if table == "series" and not places:
         raise ConfigError("series: expected one or more places, got none; give --at LON,LAT,DEPTH")
-    names = list(TABLES) if table is None else [table]
+    shown = list(TABLES) if ending == ".nc" else list(FEATURES)
+    if table is not None and ending in (".kml", ".geojson") and table not in FEATURES:
+        raise ConfigError(f"table: expected one of {', '.join(FEATURES)} in {ending}, got '{table}'; .nc and .csv hold the others")
+    names = shown if table is None else [table]
     tables = {name: TABLES[name](contents, places) for name in names}
     if ending == ".nc":
         write_netcdf(tables, contents.projection, path)

@@ -13,6 +13,8 @@ from replay_kit.core.grid import Projection
 from replay_kit.results.views.surfacings import outlines_of
 from replay_kit.results.views.track import thinned
 
+#: Tables that have places on a map.
+FEATURES = ("series", "track", "surfacings", "plans")
 _POINTS = 20_000
 _DIGITS = 7
 
@@ -23,7 +25,7 @@ def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection) -> l
     Longitudes are continuous across the antimeridian, as those of ``/plan/geojson``.
 
     Args:
-        tables: As exported; the section and the innovations are no features.
+        tables: Those of ``FEATURES`` that are wanted.
         projection: The local frame.
     """
     features = []
@@ -32,7 +34,11 @@ def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection) -> l
         rows = rows[rows["plan"] == rows["plan"].max()] if name == "plans" and len(rows) else rows
         if len(rows):
             kept = rows.iloc[thinned(len(rows), _POINTS)]
-            about = {"name": "track" if name == "track" else "last plan", "begin": _time(rows["time"].iloc[0]), "end": _time(rows["time"].iloc[-1])}
+            about = {
+                "name": "track" if name == "track" else "last plan",
+                "begin": _time(rows["time"].iloc[0]),
+                "end": _time(rows["time"].iloc[-1]),
+            }
             features.append(_feature("LineString", _line(kept["longitude"], kept["latitude"], projection), about))
     series = tables.get("series", pd.DataFrame())
     for number, rows in series.groupby("place") if len(series) else ():
@@ -44,7 +50,9 @@ def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection) -> l
     for row in surfacings.itertuples() if len(surfacings) else ():
         for kind in ("predicted", "actual"):
             at = _line([getattr(row, f"{kind}_longitude")], [getattr(row, f"{kind}_latitude")], projection)[0]
-            features.append(_feature("Point", at, {"name": f"surfacing, {kind}", "time": _time(row.time), "distance_m": _number(row.distance)}))
+            features.append(
+                _feature("Point", at, {"name": f"surfacing, {kind}", "time": _time(row.time), "distance_m": _number(row.distance)})
+            )
     for outline in outlines_of(surfacings, projection):
         ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
         # counter-clockwise, as GeoJSON wants an outer ring
@@ -66,7 +74,9 @@ def kml_text(features: list[dict[str, Any]]) -> str:
 def _placemark(feature: dict[str, Any]) -> str:
     kind, at = feature["geometry"]["type"], feature["geometry"]["coordinates"]
     about = feature["properties"]
-    data = "".join(f'<Data name="{escape(key)}"><value>{escape(str(value))}</value></Data>' for key, value in about.items() if key != "name")
+    data = "".join(
+        f'<Data name="{escape(key)}"><value>{escape(str(value))}</value></Data>' for key, value in about.items() if key != "name"
+    )
     points = [at] if kind == "Point" else at[0] if kind == "Polygon" else at
     # KML has no longitudes beyond 180
     text = " ".join(f"{(longitude + 180.0) % 360.0 - 180.0:.7f},{latitude:.7f}" for longitude, latitude in points)

@@ -123,4 +123,3 @@ def projection_attributes(projection: Projection) -> dict[str, object]:
         "latitude_of_projection_origin": projection.latitude,
         "reference_ellipsoid_name": "WGS84",
     }
-

@@ -62,7 +62,9 @@ def slices_at(contents: Contents, at: At | None) -> CurrentSlices | None:
     if published is None:
         return None
     k = int(np.argmin(np.abs(published.depths - depth)))
-    return CurrentSlices(published.depths[k : k + 1], published.time_ns[-1:], published.east, published.north, published.fields[k : k + 1, -1:])
+    return CurrentSlices(
+        published.depths[k : k + 1], published.time_ns[-1:], published.east, published.north, published.fields[k : k + 1, -1:]
+    )
 
 
 def degrees(contents: Contents, east: Array, north: Array) -> tuple[Array, Array]:
@@ -117,7 +119,9 @@ def draw_track(contents: Contents, axes: Axes) -> None:
     axes.plot(x, y, **_HALO)
     axes.plot(x, y, color=SECOND, linewidth=1.1, label="track")
     for k, marker, name in ((0, "o", "begin"), (-1, "s", "end")):
-        axes.plot(x[k], y[k], marker, color=SECOND, markeredgecolor="white", markersize=4.5, markeredgewidth=0.7, linestyle="none", label=name)
+        axes.plot(
+            x[k], y[k], marker, color=SECOND, markeredgecolor="white", markersize=4.5, markeredgewidth=0.7, linestyle="none", label=name
+        )
 
 
 def draw_surfacings(contents: Contents, axes: Axes) -> None:
@@ -213,5 +217,3 @@ def _nice(value: float) -> float:
 def _degrees_text(value: float, letters: str) -> str:
     letter = "" if abs(value) < 1e-9 else letters[0] if value > 0.0 else letters[1]
     return f"{abs(float(f'{value:.6g}')):g}°{letter}"
-
-

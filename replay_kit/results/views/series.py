@@ -54,7 +54,9 @@ def series_at(slices: CurrentSlices, projection: Projection, place: tuple[float,
     return Series(place, float(slices.depths[level]), slices.time_ns, u, v, values[:, 2], values[:, 3])
 
 
-def default_place(slices: CurrentSlices | None, track_place: tuple[float, float] | None, depths: Array) -> tuple[float, float, float] | None:
+def default_place(
+    slices: CurrentSlices | None, track_place: tuple[float, float] | None, depths: Array
+) -> tuple[float, float, float] | None:
     """Return the place that is shown where none is asked for: the last position, at a depth that is typical of the measurements.
 
     Args:
