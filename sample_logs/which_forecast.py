@@ -1,6 +1,6 @@
 """Which forecast explains the mission: python sample_logs/which_forecast.py LOG ENSEMBLE...
 
-The best one makes the measurements the most probable: its log-likelihood is the highest, and the RMS innovation low.
+The best one makes the measurements the most probable: its log-likelihood is the highest.
 """
 
 import sys
@@ -17,7 +17,7 @@ for path in forecasts:
     measurements = [event for event in rk.observations(rk.open_log(log).messages()) if estimator.usable(event)]
     steps = [innovation for _, innovation in estimator.steps(estimator.initial(), measurements)]
     bins = sum(step.dof for step in steps)
-    found.append((sum(step.log_likelihood for step in steps), sum(step.nis for step in steps) / bins, path))
-print("log-likelihood   NIS per degree of freedom   forecast")
+    found.append((sum(step.log_likelihood for step in steps) / bins, sum(step.nis for step in steps) / bins, path))
+print("log-likelihood a value   NIS per degree of freedom   forecast")
 for likelihood, nis, path in sorted(found, reverse=True):
-    print(f"{likelihood:14.1f}   {nis:25.2f}   {path}")
+    print(f"{likelihood:22.3f}   {nis:25.2f}   {path}")

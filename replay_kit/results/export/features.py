@@ -28,17 +28,13 @@ def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection) -> l
         tables: Those of ``FEATURES`` that are wanted.
         projection: The local frame.
     """
-    features = []
-    for name in ("track", "plans"):
+    features: list[dict[str, Any]] = []
+    for name, label in (("track", "track"), ("plans", "last plan")):
         rows = tables.get(name, pd.DataFrame())
         rows = rows[rows["plan"] == rows["plan"].max()] if name == "plans" and len(rows) else rows
         if len(rows):
             kept = rows.iloc[thinned(len(rows), _POINTS)]
-            about = {
-                "name": "track" if name == "track" else "last plan",
-                "begin": _time(rows["time"].iloc[0]),
-                "end": _time(rows["time"].iloc[-1]),
-            }
+            about: dict[str, Any] = {"name": label, "begin": _time(rows["time"].iloc[0]), "end": _time(rows["time"].iloc[-1])}
             features.append(_feature("LineString", _line(kept["longitude"], kept["latitude"], projection), about))
     series = tables.get("series", pd.DataFrame())
     for number, rows in series.groupby("place") if len(series) else ():
@@ -92,7 +88,8 @@ def _feature(kind: str, coordinates: Any, about: dict[str, Any]) -> dict[str, An
 
 def _line(longitude: Any, latitude: Any, projection: Projection) -> list[list[float]]:
     continuous = unwrap_longitude(np.asarray(longitude, dtype=np.float64), projection.longitude)
-    return np.column_stack([continuous, np.asarray(latitude, dtype=np.float64)]).round(_DIGITS).tolist()
+    points = np.column_stack([continuous, np.asarray(latitude, dtype=np.float64)]).round(_DIGITS)
+    return [[longitude, latitude] for longitude, latitude in points.tolist()]
 
 
 def _time(value: Any) -> str:

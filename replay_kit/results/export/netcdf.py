@@ -13,7 +13,6 @@ from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, write_dataset
 from replay_kit.core.flow.netcdf import ATTRIBUTES
 from replay_kit.core.grid import Projection
 from replay_kit.core.version import __version__
-from replay_kit.results.export.tables import projection_attributes
 
 _SPEED = {"units": "m s-1"}
 _METRES = {"units": "m"}
@@ -65,7 +64,9 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr
         "title": "Ocean current estimate: series, track, section, dives, innovations, surfacings and plans",
         "source": f"replay-kit {__version__}",
         "history": f"replay-kit {__version__}: export",
-        "comment": "Components of the innovations table are along the axes of the local frame, local_frame; all others are true.",
+        "comment": "Components of innovations are along the axes of the local frame (azimuthal equidistant, WGS84); others are true.",
+        "local_frame_longitude": projection.longitude,
+        "local_frame_latitude": projection.latitude,
     }
     dataset = xr.Dataset(attrs=attrs)
     for table, rows in tables.items():
@@ -75,7 +76,6 @@ def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr
         for column in rows:
             dataset[f"{table}_{column}"] = (table, _values(rows[column]), _attributes(table, str(column), coordinates))
         dataset = dataset.set_coords(coordinates)
-    dataset["local_frame"] = ((), np.int32(0), projection_attributes(projection))
     return dataset
 
 
@@ -107,7 +107,5 @@ def _attributes(table: str, column: str, coordinates: list[str]) -> dict[str, An
     for end, name in (("_longitude", "longitude"), ("_latitude", "latitude"), ("_depth", "depth")):
         if column.endswith(end):
             attrs |= {key: value for key, value in ATTRIBUTES[name].items() if key != "long_name"}
-    if table == "innovations" and column.endswith(("_east", "_north")):
-        attrs["grid_mapping"] = "local_frame"
     units = next((units for part, units in _UNITS if part in column), {})
     return {**units, **attrs}

@@ -6,7 +6,6 @@ from types import MappingProxyType
 import pandas as pd
 
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.core.grid import Projection
 from replay_kit.results.report.contents import Contents
 from replay_kit.results.views.series import series_at
 
@@ -113,13 +112,3 @@ TABLES: Mapping[str, Callable[[Contents, Sequence[At]], pd.DataFrame]] = Mapping
         "plans": plans_table,
     }
 )
-
-
-def projection_attributes(projection: Projection) -> dict[str, object]:
-    """Return the local frame as the attributes of a CF grid mapping."""
-    return {
-        "grid_mapping_name": "azimuthal_equidistant",
-        "longitude_of_projection_origin": projection.longitude,
-        "latitude_of_projection_origin": projection.latitude,
-        "reference_ellipsoid_name": "WGS84",
-    }

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
+from matplotlib.dates import DAILY, HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.plots.current_map import At
@@ -73,6 +73,7 @@ def date_axis(axes: Axes, most: int = 7) -> None:
     # with few labels, spans between two and four days, hours and so on would else have no step
     for unit, whole in ((SECONDLY, 60), (MINUTELY, 60), (HOURLY, 24), (MONTHLY, 12)):
         locator.intervald[unit] = [*locator.intervald[unit], whole]
+    locator.intervald[DAILY] = [1, 2, 3, 4, 5, 7, 14, 21]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     axes.set_xlabel("time (UTC)")

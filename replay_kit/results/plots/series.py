@@ -11,7 +11,7 @@ from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.section import date_axis
 from replay_kit.results.plots.style import FIRST, SOFT
 from replay_kit.results.report.contents import Contents
-from replay_kit.results.views.series import Series, default_place, series_at
+from replay_kit.results.views.series import Series, series_at, typical_depth
 
 
 def series_panels(contents: Contents, at: At | None) -> Panels:
@@ -22,9 +22,9 @@ def series_panels(contents: Contents, at: At | None) -> Panels:
         at: The place; None for the last position, at a published depth that is typical of the measurements.
     """
     notes, track, slices = list(contents.notes), contents.track, contents.slices
-    if at is None:
-        last = (float(track.longitude[-1]), float(track.latitude[-1])) if track.time_ns.size else None
-        at = default_place(slices, last, contents.result.innovations["depth"].to_numpy(np.float64))
+    if at is None and track.time_ns.size:
+        depth = typical_depth(slices, contents.result.innovations["depth"].to_numpy(np.float64))
+        at = (float(track.longitude[-1]), float(track.latitude[-1]), depth)
     if slices is None or at is None:
         what = "no published current" if slices is None else "no position, and no place was asked for"
         return Panels([missing("Current at a place", f"The result holds {what}.")], 1, notes)

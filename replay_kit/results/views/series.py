@@ -54,21 +54,6 @@ def series_at(slices: CurrentSlices, projection: Projection, place: tuple[float,
     return Series(place, float(slices.depths[level]), slices.time_ns, u, v, values[:, 2], values[:, 3])
 
 
-def default_place(
-    slices: CurrentSlices | None, track_place: tuple[float, float] | None, depths: Array
-) -> tuple[float, float, float] | None:
-    """Return the place that is shown where none is asked for: the last position, at a depth that is typical of the measurements.
-
-    Args:
-        slices: The published current; None gives the median depth of the measurements.
-        track_place: Longitude and latitude of the last position [degrees]; None gives None.
-        depths: shape (n,) [m], of the measurements; NaN are left out.
-    """
-    if track_place is None:
-        return None
-    return (*track_place, typical_depth(slices, depths))
-
-
 def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
     """Return the deepest published depth above the median depth of measurements [m]; the shallowest where there is none.
 
@@ -80,4 +65,4 @@ def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
     middle = float(np.median(known)) if known.size else 0.0
     if slices is None:
         return middle
-    return float(slices.depths[max(np.searchsorted(slices.depths, middle, side="right") - 1, 0)])
+    return float(slices.depths[max(int(np.searchsorted(slices.depths, middle, side="right")) - 1, 0)])
