@@ -35,7 +35,7 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     estimator = build_evolving(read_series(SAMPLES / "ensemble.nc", config.forecast), config.estimator, config.time, config.gating)
     log = open_log(SAMPLES / "glider.mcap", config.logs)
     end = config.logs.end_ns
-    measured = [event for event in rk.observations(message for message in log.messages() if message.time_ns <= end)]
+    measured = list(rk.observations(message for message in log.messages() if message.time_ns <= end))
     slices = Contents(result).slices
     flows = smooth_states(estimator, measured, slices.time_ns.tolist())
     assert slices.time_ns.size == 4

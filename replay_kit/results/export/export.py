@@ -55,6 +55,6 @@ def export(contents: Contents, path: Path, places: Sequence[At] = (), table: str
 def _text(tables: dict[str, pd.DataFrame], ending: str, contents: Contents) -> str:
     if ending == ".csv":
         (rows,) = tables.values()
-        return rows.to_csv(index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n")
+        return str(rows.to_csv(index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n"))
     features = features_of(tables, contents.projection)
     return geojson_text(features) if ending == ".geojson" else kml_text(features)

@@ -83,7 +83,7 @@ def _whole(variable: xr.Variable) -> bool:
     return bool(variable.notnull().all())
 
 
-def _values(column: pd.Series) -> np.ndarray[Any, Any]:
+def _values(column: pd.Series) -> Any:
     """Return a column in the types that CF knows."""
     if is_datetime64_any_dtype(column):
         return column.to_numpy("datetime64[ns]")

@@ -93,4 +93,6 @@ class Plots:
             raise ConfigError(f"panel: expected 0 to {len(panels) - 1}, got {panel}; {kind} has {len(panels)} here")
         panels[panel].draw(ax)
         ax.set_title(panels[panel].title)
-        return ax.get_figure(root=True)
+        figure = ax.get_figure(root=True)
+        assert figure is not None  # axes belong to a figure
+        return figure

@@ -1,6 +1,7 @@
 """The section along the track: measured, estimated, difference and standard error, depth against time."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,7 +35,7 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
         notes.append("The result holds no estimate: the section shows measured minus estimated alone, which it holds for each bin.")
     if bins.left_out:
         notes.append(f"{bins.left_out} of {bins.left_out + bins.profiles} profiles are left out, evenly spread.")
-    edges = (_time_edges(time_ns, int(bins.time_ns.min()), int(bins.time_ns.max())), _depth_edges(depths))
+    edges = (_time_edges(time_ns.size, int(bins.time_ns.min()), int(bins.time_ns.max())), _depth_edges(depths))
     limits = (_limit(values[:2]), _limit(values[:2]), _limit(values[2]), _limit(values[3]))
     panels = [
         Panel(f"{row}, {_COMPONENTS[component]}", partial(_panel, edges, values[k, component], limits[k], k == 3), 0.42)
@@ -45,7 +46,7 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
     return Panels(panels, 2, notes)
 
 
-def _panel(edges: tuple[Array, Array], values: Array, limit: float, is_error: bool, axes: Axes) -> None:
+def _panel(edges: tuple[Any, Array], values: Array, limit: float, is_error: bool, axes: Axes) -> None:
     axes.set_facecolor(LAND)
     mesh = axes.pcolormesh(
         edges[0],
@@ -69,20 +70,20 @@ def date_axis(axes: Axes, most: int = 7) -> None:
         axes: The axes.
         most: Number of labels that fit.
     """
-    locator = AutoDateLocator(minticks=2, maxticks=most)
+    locator: Any = AutoDateLocator(minticks=2, maxticks=most)  # type: ignore[no-untyped-call]  # matplotlib has no types of dates
     # with few labels, spans between two and four days, hours and so on would else have no step
     for unit, whole in ((SECONDLY, 60), (MINUTELY, 60), (HOURLY, 24), (MONTHLY, 12)):
         locator.intervald[unit] = [*locator.intervald[unit], whole]
     locator.intervald[DAILY] = [1, 2, 3, 4, 5, 7, 14, 21]
     axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     axes.set_xlabel("time (UTC)")
 
 
-def _time_edges(time_ns: Array, first: int, last: int) -> Array:
+def _time_edges(columns: int, first: int, last: int) -> Any:
     middle = 0.5 * (last - first)
     half = max(middle, 0.5 * _LEAST_NS)
-    offsets = np.linspace(middle - half, middle + half, time_ns.size + 1)
+    offsets = np.linspace(middle - half, middle + half, columns + 1)
     return (first + np.rint(offsets).astype(np.int64)).astype("datetime64[ns]")
 
 

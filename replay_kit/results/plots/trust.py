@@ -1,6 +1,7 @@
 """Whether the stated errors hold: innovations by dive and through time, their distribution, the decrease of the error."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -50,7 +51,7 @@ def trust_panels(contents: Contents, at: At | None) -> Panels:
     return Panels(panels, 2, notes)
 
 
-def _dives(dives: list[dict[str, float | None]], axes: Axes) -> None:
+def _dives(dives: list[dict[str, Any]], axes: Axes) -> None:
     numbers = [dive["dive"] for dive in dives]
     for key, name, color, marker in (
         ("rms_innovation_prior", "ensemble alone", SECOND, "^--"),
@@ -88,7 +89,7 @@ def _nis(contents: Contents, axes: Axes) -> None:
 
 def _histogram(found: Calibration, axes: Axes) -> None:
     edges = np.linspace(-4.0, 4.0, _BINS)
-    axes.hist(np.clip(found.standardized, -4.0, 4.0), edges, density=True, color=FIRST, alpha=0.6, label="found")
+    axes.hist(np.clip(found.standardized, -4.0, 4.0), edges.tolist(), density=True, color=FIRST, alpha=0.6, label="found")
     fine: Array = np.linspace(-4.0, 4.0, 161)
     axes.plot(fine, norm.pdf(fine), color=INK, label="expected")
     within = f"{100.0 * found.coverage[1.0]:.0f} % within 1 (68 %)\n{100.0 * found.coverage[2.0]:.0f} % within 2 (95 %)"
@@ -101,7 +102,7 @@ def _errors(slices: CurrentSlices, axes: Axes) -> None:
     errors, times = error_through_time(slices), slices.time_ns.astype("datetime64[ns]")
     shown = np.unique(np.linspace(0, slices.depths.size - 1, min(_DEPTHS, slices.depths.size)).astype(int))
     for number, k in enumerate(shown):
-        look = {"color": _COLORS[number % 4], "linestyle": _LINES[number % 4]}
+        look: Any = {"color": _COLORS[number % 4], "linestyle": _LINES[number % 4]}
         axes.plot(times, errors[k], marker="o", markersize=2.0, label=f"{slices.depths[k]:g} m", **look)
     axes.set(ylabel="standard error [m s$^{-1}$]", ylim=(0.0, None))
     date_axis(axes)
