@@ -30,6 +30,10 @@ _COMMANDS = {
         "LOG... --ensemble FILE... -o OUT.mcap",
         "Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP.",
     ),
+    "smooth": (
+        "LOG... --ensemble FILE... -o OUT.mcap",
+        "Estimate the current at each time from the measurements before and after it, once a mission is over.",
+    ),
     "info": ("LOG... | --ensemble FILE...", "Report what is in a log or a forecast and what it can be used for."),
     "qc": ("LOG...", "Show the outcome of each quality test of the ADCP's bins, and the dives of the track."),
     "convert": (
@@ -39,6 +43,14 @@ _COMMANDS = {
     "report": (
         "RESULT.mcap",
         "Write a result as one page for a browser: the answer in words, map, section along the track, trust, plan.",
+    ),
+    "plot": (
+        "RESULT.mcap map|section|series|dac|trust|plan -o F.png|svg|pdf",
+        "Draw a figure of a result for a paper.",
+    ),
+    "export": (
+        "RESULT.mcap -o X.nc|csv|kml|geojson",
+        "Write a result as a file of other programs: series at places, track, section, dives, innovations, surfacings, plans.",
     ),
     "plan": (
         "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",

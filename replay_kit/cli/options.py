@@ -22,7 +22,7 @@ CHOICES = Group("Options", sort_key=3)
 REPORTING = Group("Reporting", sort_key=9)
 
 # Endings of file names, which the name of a folder does not have.
-_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml", ".html")
+_FILE_ENDINGS = (".mcap", ".tlog", ".nc", ".json", ".csv", ".geojson", ".toml", ".html", ".png", ".svg", ".pdf", ".kml")
 
 # Of a group of values: each of its fields is an option of its own, under the group's heading.
 TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (Parameter(name="*", group=group) for group in (INPUTS, OUTPUTS, CHOICES))

@@ -26,6 +26,8 @@ from replay_kit.results.summary import ReplaySummary
 if TYPE_CHECKING:
     import pandas as pd
 
+    from replay_kit.results.plots import Plots
+
 _PLACE = ".replay_kit.Place"
 _LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error"}
 _RMS = ("innovation", "residual", "prior_innovation")
@@ -65,6 +67,14 @@ class Result:
             ForecastError: The result holds none.
         """
         return read_estimate(self.path)
+
+    @cached_property
+    def plot(self) -> "Plots":
+        """Figures for a paper: ``map``, ``section``, ``series``, ``dac``, ``trust`` and ``plan``, each a function."""
+        # here, because matplotlib takes half a second to load, and the figures are drawn of a result
+        from replay_kit.results.plots import Plots
+
+        return Plots(self)
 
     @cached_property
     def fixes(self) -> "pd.DataFrame":

@@ -1,6 +1,8 @@
 """A result as a page, also when the result is not complete: what can be recovered is shown, and what was lost is said."""
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from replay_kit.config.run import LogConfig
@@ -10,6 +12,7 @@ from replay_kit.core.paths import check_paths
 from replay_kit.results import CONTRACT_VERSION, Result, open_result
 from replay_kit.results.losses import loss_words
 from replay_kit.results.report import report_html
+from replay_kit.results.report.contents import Contents
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.views.record import read_record
 from replay_kit.workflows.convert import convert
@@ -29,12 +32,27 @@ def report(path: Path, out: Path, overwrite: bool = False, summary: ReplaySummar
         ConfigError: The page exists and may not be replaced, or cannot be written.
     """
     check_paths([path], [out], overwrite)
-    with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder:
-        result, notes = _open(path, Path(folder))
-        page = report_html(Result(result.path, summary), (*notes, *_version_notes(result))).encode()
+    with opened(path, summary) as contents:
+        page = report_html(contents.result, contents.notes).encode()
     with atomic_file(out) as file:
         file.write(page)
     return len(page)
+
+
+@contextmanager
+def opened(path: Path, summary: ReplaySummary | None = None) -> Iterator[Contents]:
+    """Yield the contents of a result, with notes on what was lost of it; of one that is cut short, what could be recovered.
+
+    Args:
+        path: As in ``report``.
+        summary: As in ``report``.
+
+    Raises:
+        LogError: The file is missing, or is no result.
+    """
+    with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder:
+        result, notes = _open(path, Path(folder))
+        yield Contents(Result(result.path, summary), (*notes, *_version_notes(result)))
 
 
 def page_of(result: Path) -> Path:

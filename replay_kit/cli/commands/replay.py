@@ -1,6 +1,6 @@
 """``replay``: logs through the estimator to an estimate, its uncertainty and a plan."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,6 +43,11 @@ class Outputs(Answer):
         Path | None, option("--checkpoint", "State from which an interrupted run continues; deleted at the end.", metavar="FILE")
     ] = None
     include_inputs: Annotated[bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")] = False
+    smooth: Annotated[
+        Path | None,
+        option("--smooth", "A second result, in which later measurements count for each time too; see smooth.", metavar="SMOOTHED.mcap"),
+        MCAP,
+    ] = None
     report: Annotated[bool, flag("--report", "Write the result as a page for a browser too: its name with the ending .html.")] = False
 
     @property
@@ -65,7 +70,7 @@ def replay(
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
-    check_paths(read, (*made, outputs.json_file, outputs.page), outputs.overwrite)
+    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page), outputs.overwrite)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
@@ -87,7 +92,7 @@ def replay(
         overwrite=outputs.overwrite,
         include_inputs=outputs.include_inputs,
     )
-    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
+    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth])
     console = console_beside(outputs.json_file)
     if dry_run:
         with progress() as advance:
@@ -98,6 +103,11 @@ def replay(
         return 0
     with part_named(outputs.out), progress() as advance:
         summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
+    if outputs.smooth is not None:
+        from replay_kit.workflows.smooth import smooth
+
+        with part_named(outputs.smooth), progress() as advance:
+            smooth(replace(job, out=outputs.smooth), config, advance)
     _answer(outputs, summary, console)
     return summary.exit_code
 

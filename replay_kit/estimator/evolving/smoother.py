@@ -88,7 +88,14 @@ class Adjoint:
 def smooth(
     estimator: EvolvingEstimator, observations: Iterable[Measurement], times_ns: Sequence[int], lag: float | None = None
 ) -> list[FlowEstimate]:
-    """Return the current estimates at times, from the observations before and after them.
+    """Return the current estimates at times, from the observations before and after them; see ``smoothed_states``."""
+    return [replace(estimator.flow(state), later=None) for state in smoothed_states(estimator, observations, times_ns, lag)]
+
+
+def smoothed_states(
+    estimator: EvolvingEstimator, observations: Iterable[Measurement], times_ns: Sequence[int], lag: float | None = None
+) -> list[EvolvingState]:
+    """Return the estimator's states at times, from the observations before and after them.
 
     Args:
         estimator: The estimator through time; its gate decides in the forward pass, as in a replay.
@@ -112,7 +119,7 @@ def smooth(
             for step in reversed([step for step in steps if time_ns < step.time_ns <= adjoint.time_ns]):
                 adjoint = adjoint.at(estimator.state_space, step.time_ns).before(step)
             smoothed[time_ns] = adjoint.at(estimator.state_space, time_ns).smoothed(states[time_ns])
-    return [replace(estimator.flow(smoothed[time_ns]), later=None) for time_ns in times_ns]
+    return [smoothed[time_ns] for time_ns in times_ns]
 
 
 def _nothing(estimator: EvolvingEstimator, time_ns: int) -> Adjoint:

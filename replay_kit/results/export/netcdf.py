@@ -1,0 +1,111 @@
+"""Tables of a result in one CF NetCDF file: a dimension a table, and a variable a column, named after both."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from pandas.api.types import is_bool_dtype, is_datetime64_any_dtype, is_integer_dtype, is_numeric_dtype
+
+from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, write_dataset
+from replay_kit.core.flow.netcdf import ATTRIBUTES
+from replay_kit.core.grid import Projection
+from replay_kit.core.version import __version__
+
+_SPEED = {"units": "m s-1"}
+_METRES = {"units": "m"}
+# Units of columns that are no coordinates and no velocity of ``ATTRIBUTES``, by what their names hold; the first that fits.
+_UNITS = (
+    ("_deg", {"units": "degree"}),
+    ("_bearing", {"units": "degree"}),
+    ("delay", {"units": "s"}),
+    ("distance", _METRES),
+    ("ellipse_m", _METRES),
+    ("innovation", _SPEED),
+    ("residual", _SPEED),
+    ("measured", _SPEED),
+    ("estimated", _SPEED),
+    ("rms", _SPEED),
+    ("nis", {"units": "1"}),
+)
+_COORDINATES = ("time", "latitude", "longitude", "depth")
+_COMPONENTS = {"u": "eastward", "v": "northward", "dac_eastward": "eastward", "dac_northward": "northward"}
+
+
+def write_netcdf(tables: Mapping[str, pd.DataFrame], projection: Projection, path: Path) -> None:
+    """Write tables; the file appears whole or not at all.
+
+    Args:
+        tables: By name; those without rows are left out.
+        projection: The local frame of what is along local axes.
+        path: The file.
+
+    Raises:
+        ConfigError: The file cannot be written.
+    """
+    dataset = to_dataset(tables, projection)
+    encoding: dict[str, dict[str, object]] = {}
+    for name, variable in dataset.variables.items():
+        if variable.dtype.kind == "M":
+            encoding[str(name)] = {**CF_TIME, "dtype": "float64", "_FillValue": None if _whole(variable) else np.nan}
+        elif variable.dtype.kind == "f" and variable.ndim:
+            encoding[str(name)] = {"zlib": True, "complevel": 4, "_FillValue": None if _whole(variable) else np.nan}
+        else:
+            encoding[str(name)] = {"_FillValue": None}
+    write_dataset(dataset, path, encoding)
+
+
+def to_dataset(tables: Mapping[str, pd.DataFrame], projection: Projection) -> xr.Dataset:
+    """Return tables as one CF dataset; see ``write_netcdf``."""
+    attrs = {
+        "Conventions": CONVENTIONS,
+        "title": "Ocean current estimate: series, track, section, dives, innovations, surfacings and plans",
+        "source": f"replay-kit {__version__}",
+        "history": f"replay-kit {__version__}: export",
+        "comment": "Components of innovations are along the axes of the local frame (azimuthal equidistant, WGS84); others are true.",
+        "local_frame_longitude": projection.longitude,
+        "local_frame_latitude": projection.latitude,
+    }
+    dataset = xr.Dataset(attrs=attrs)
+    for table, rows in tables.items():
+        if not len(rows):
+            continue
+        coordinates = [f"{table}_{name}" for name in _COORDINATES if name in rows]
+        for column in rows:
+            dataset[f"{table}_{column}"] = (table, _values(rows[column]), _attributes(table, str(column), coordinates))
+        dataset = dataset.set_coords(coordinates)
+    return dataset
+
+
+def _whole(variable: xr.Variable) -> bool:
+    return bool(variable.notnull().all())
+
+
+def _values(column: pd.Series) -> Any:
+    """Return a column in the types that CF knows."""
+    if is_datetime64_any_dtype(column):
+        return column.to_numpy("datetime64[ns]")
+    if is_bool_dtype(column):
+        return column.to_numpy(np.int8)
+    if is_integer_dtype(column):
+        return column.to_numpy(np.int64).astype(np.int32)
+    if is_numeric_dtype(column):
+        return column.to_numpy(np.float64)
+    texts = [str(value).encode() for value in column]
+    return np.array(texts, dtype=f"S{max(map(len, texts))}")
+
+
+def _attributes(table: str, column: str, coordinates: list[str]) -> dict[str, Any]:
+    attrs: dict[str, Any] = {"long_name": f"{column.replace('_', ' ')} ({table})"}
+    if column in _COORDINATES or (column in ATTRIBUTES and column != "estimate_time"):
+        return attrs | {key: value for key, value in ATTRIBUTES[column].items() if key != "long_name"}
+    component, _, kind = column.rpartition("_")
+    if component in _COMPONENTS and kind in ("measured", "estimated") and not column.startswith("dac"):
+        attrs["standard_name"] = f"{_COMPONENTS[component]}_sea_water_velocity"
+    for end, name in (("_longitude", "longitude"), ("_latitude", "latitude"), ("_depth", "depth")):
+        if column.endswith(end):
+            attrs |= {key: value for key, value in ATTRIBUTES[name].items() if key != "long_name"}
+    units = next((units for part, units in _UNITS if part in column), {})
+    return {**units, **attrs}

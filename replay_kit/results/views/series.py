@@ -1,0 +1,68 @@
+"""The published current at a place through time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import rotate_to_geographic, to_local
+from replay_kit.core.grid import Projection
+from replay_kit.results.views.slices import CurrentSlices
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """The current at a place through time; all arrays but the place have the shape (T,).
+
+    Attributes:
+        place: Longitude, latitude [degrees] and depth [m] that were asked for.
+        depth: Of the published slice that is nearest to it [m].
+        time_ns: [ns, UTC].
+        u: Towards true east [m/s]; NaN where the place is dry or outside the region.
+        v: Towards true north [m/s].
+        u_standard_error: Of the component along the local east axis [m/s].
+        v_standard_error: Of the component along the local north axis [m/s].
+    """
+
+    place: tuple[float, float, float]
+    depth: float
+    time_ns: NDArray[np.int64]
+    u: Array
+    v: Array
+    u_standard_error: Array
+    v_standard_error: Array
+
+
+def series_at(slices: CurrentSlices, projection: Projection, place: tuple[float, float, float]) -> Series:
+    """Return the current at a place through time, of the grid cell that holds it at the nearest published depth.
+
+    Args:
+        slices: The published current.
+        projection: Its local frame.
+        place: Longitude, latitude [degrees] and depth [m].
+    """
+    longitude, latitude, depth = place
+    east, north = (float(value) for value in to_local(projection, longitude, latitude))
+    level = int(np.argmin(np.abs(slices.depths - depth)))
+    i, j = (int(np.argmin(np.abs(axis - value))) for axis, value in ((slices.east, east), (slices.north, north)))
+    values = slices.fields[level, :, :, j, i].copy()
+    cell = (slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])
+    if abs(slices.east[i] - east) > 0.5 * cell[0] or abs(slices.north[j] - north) > 0.5 * cell[1]:
+        values[:] = np.nan
+    u, v = rotate_to_geographic(projection, longitude, latitude, values[:, 0], values[:, 1])
+    return Series(place, float(slices.depths[level]), slices.time_ns, u, v, values[:, 2], values[:, 3])
+
+
+def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
+    """Return the deepest published depth above the median depth of measurements [m]; the shallowest where there is none.
+
+    Args:
+        slices: The published current; None gives the median itself, or 0.
+        depths: shape (n,) [m]; NaN are left out.
+    """
+    known = depths[np.isfinite(depths)]
+    middle = float(np.median(known)) if known.size else 0.0
+    if slices is None:
+        return middle
+    return float(slices.depths[max(int(np.searchsorted(slices.depths, middle, side="right")) - 1, 0)])

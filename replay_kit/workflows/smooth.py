@@ -1,0 +1,180 @@
+"""Logs to a smoothed result: at each published time the estimate from the measurements before and after it.
+
+The file is that of a replay (``replay_kit/results/README.md``) with other contents in three places: grids and weights are those of the
+smoothed estimate at the published times, and the residual of a measurement is that to the smoothed estimate of the published time before
+it. Innovations, NIS and the gate's decisions stay those of the replay, which did not know later measurements.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
+from replay_kit.core.progress import Progress, silent
+from replay_kit.estimator import Estimator
+from replay_kit.estimator.evolving.filter import EvolvingEstimator
+from replay_kit.estimator.evolving.smoother import smoothed_states
+from replay_kit.forecast import ensemble_files
+from replay_kit.logs import merge
+from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.results import ResultWriter
+from replay_kit.results.summary import ReplaySummary
+from replay_kit.workflows.replay.build import Forecasts, build, flow_at, read_forecasts
+from replay_kit.workflows.replay.estimation import EstimationState, assimilate
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, look_ahead, open_readers, reading
+from replay_kit.workflows.replay.outputs import Weights, write
+from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
+from replay_kit.workflows.replay.publishing import depth_slices
+from replay_kit.workflows.replay.statistics import RunStatistics
+from replay_kit.workflows.replay.stopwatch import Stopwatch
+
+_NS = 1_000_000_000
+#: Said in a result whose estimate is static.
+STATIC = "the estimate does not change with time: smoothed, it is the last estimate at all times"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Forward:
+    """The replay of the logs.
+
+    Attributes:
+        events: Positions and measurements, in order.
+        innovations: Of the events; None of positions.
+        state: The estimator's last state.
+        statistics: What was used.
+    """
+
+    events: Sequence[VehicleState | Measurement]
+    innovations: Sequence[Innovation | None]
+    state: Any
+    statistics: RunStatistics
+
+
+def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> ReplaySummary:
+    """Write the smoothed result of logs, and return the summary of the replay that it begins with.
+
+    An estimator that is static counts all measurements the same at all times: smoothed, it is its last estimate.
+
+    Args:
+        job: Logs, ensemble and result; its goal and its other outputs do not count.
+        config: The run's settings; grids are published every ``output.interval``.
+        progress: Called with how much is done of each stage.
+
+    Raises:
+        LogError: A log cannot be opened.
+        ForecastError: The ensemble cannot be used.
+        MeasurementError: The logs hold no usable ping of this region.
+        ConfigError: The result exists and may not be replaced, or an option is wrong.
+    """
+    check_outputs(job)
+    with threadpool_limits(limits=config.output.threads):
+        clock = Stopwatch()
+        progress(0, 0, "reading the forecast")
+        with clock.stage("forecast"):
+            place_at, near_ns = look_ahead(job.logs, config)
+            forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+            estimator = build(forecasts, config, None)
+        with clock.stage("estimate"):
+            readers = open_readers(job.logs, config)
+            forward = _replayed(estimator, *_events(readers, estimator, config, progress))
+            reports = [reader.report() for reader in readers]
+            forward.statistics.require_usable(reports, forecasts.ensemble.grid)
+        progress(0, 0, "smoothing")
+        with clock.stage("smooth"):
+            _write(job, config, forecasts, estimator, forward)
+    notes = (*forecasts.notes, *forward.statistics.notes(reports), *estimator.notes(), *_notes(estimator))
+    return replace(forward.statistics.summary(reports), seconds=dict(clock.seconds), notes=notes)
+
+
+def published_times(first_ns: int, last_ns: int, interval: float) -> list[int]:
+    """Return the times at which a smoothed estimate is published [ns, UTC]: every interval from the first on, and the last."""
+    return [*range(first_ns, last_ns, round(interval * _NS)), last_ns]
+
+
+def _notes(estimator: Estimator[Any]) -> list[str]:
+    return [] if isinstance(estimator, EvolvingEstimator) else [STATIC]
+
+
+def _events(
+    readers: Any, estimator: Estimator[Any], config: RunConfig, progress: Progress
+) -> tuple[list[VehicleState | Measurement], RunStatistics]:
+    """Return positions and measurements of the logs, and the statistics of all else."""
+    kinds = (VehicleState, Observation, *((PathMean,) if estimator.supports_path_means else ()))
+    settings, advance = config.logs, reading(readers, progress, "reading the logs")
+    merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
+    state, kept, statistics = initial_state(settings.system), [], RunStatistics()
+
+    def batches() -> Iterator[Any]:
+        nonlocal state
+        for message in merged:
+            state, events = interpret(state, message, config.measurements)
+            advance()
+            yield events
+        yield finish(state, config.measurements)
+
+    for events in batches():
+        kept += [event for event in events if isinstance(event, kinds)]
+        statistics = statistics.after_events(event for event in events if not isinstance(event, kinds))
+    return kept, statistics.with_late(merged.late)
+
+
+def _replayed(estimator: Estimator[Any], events: Sequence[VehicleState | Measurement], statistics: RunStatistics) -> _Forward:
+    """Return the replay of events, in blocks: the states of all steps at once would take too much memory."""
+    prior = estimator.initial()
+    state, innovations = EstimationState(prior, prior), []
+    for begin in range(0, len(events), estimator.block_size):
+        state, steps = assimilate(estimator, state, events[begin : begin + estimator.block_size])
+        statistics = statistics.after_steps(steps)
+        innovations += [None if step.assimilation is None else step.assimilation.innovation for step in steps]
+    return _Forward(events, innovations, state.current, statistics)
+
+
+def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: Estimator[Any], forward: _Forward) -> None:
+    """Write the result."""
+    measured = [event for event in forward.events if isinstance(event, Measurement)]
+    times = [event.time_ns for event in forward.events]
+    published = published_times(min(event.time_ns for event in measured), max(times), config.output.interval)
+    if isinstance(estimator, EvolvingEstimator):
+        states = smoothed_states(estimator, measured, published)
+    else:
+        states = [forward.state] * len(published)
+    prior = estimator.flow(estimator.initial())
+    assert job.out is not None
+    metadata = run_metadata(job.logs, ensemble_files(job.ensemble), forecasts.ensemble, {"smoothed": "true", "modes": str(prior.n_modes)})
+    writer = ResultWriter(job.out, job.overwrite)
+    try:
+        writer.start(prior.grid.projection, min(times), metadata, run_settings_toml(config))
+        for note in _notes(estimator):
+            writer.log(min(times), "info", note)
+        due = 0
+        for event, innovation in zip(forward.events, forward.innovations, strict=True):
+            while due < len(published) and published[due] <= event.time_ns:
+                _publish(writer, estimator, config, states[due], published[due])
+                due += 1
+            if innovation is None:
+                writer.fix(event)  # type: ignore[arg-type]  # a measurement has an innovation
+            else:
+                writer.innovation(_smoothed(estimator, states[max(due - 1, 0)], event, innovation))
+        writer.finish(flow_at(estimator, states[-1], published[-1]))
+    except BaseException:
+        writer.abandon()
+        raise
+
+
+def _publish(writer: ResultWriter, estimator: Estimator[Any], config: RunConfig, state: Any, time_ns: int) -> None:
+    """Write weights and grids of a state."""
+    (weights,) = estimator.weights([state])
+    flow = flow_at(estimator, state, time_ns)
+    if weights is not None:
+        write(writer, Weights(time_ns, weights, flow.levels))
+    write(writer, depth_slices(time_ns, flow, config.output))
+
+
+def _smoothed(estimator: Estimator[Any], state: Any, measurement: Any, innovation: Innovation) -> Innovation:
+    """Return an innovation whose residual is that to a smoothed estimate, for the bins that have one."""
+    residual = estimator.innovation(state, measurement)
+    return replace(innovation, residual=np.where(np.isfinite(innovation.residual), residual, np.nan))

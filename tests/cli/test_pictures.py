@@ -1,0 +1,101 @@
+"""The commands on results, and the scripts beside the sample logs."""
+
+import runpy
+import sys
+from unittest import mock
+
+import pytest
+
+import replay_kit as rk
+from tests.command import run_command
+from tests.places import SAMPLES
+
+SETTINGS = {
+    "logs": {"end": "2018-11-16T06:00:00Z"},
+    "forecast": {"levels": [5, 150, 500]},
+    "estimator": {"modes": 6, "sample_share": 0.5, "shift_distance": 0.0},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", settings=SETTINGS, out=folder / "r.mcap")
+    return folder
+
+
+def test_plot_writes_a_figure_and_keeps_what_exists(folder):
+    done = run_command(folder, ["plot", "r.mcap", "dac", "-o", "f.svg"])
+    assert (done.returncode, done.stdout.strip()) == (0, "Figure: f.svg")
+    assert "mean current, eastward" in (folder / "f.svg").read_text()
+    again = run_command(folder, ["plot", "r.mcap", "dac", "-o", "f.svg"])
+    assert again.returncode == 2
+    assert "--overwrite" in again.stderr
+
+
+def test_export_says_how_many_rows_it_wrote(folder):
+    done = run_command(folder, ["export", "r.mcap", "--at=152.6,-40,150", "-o", "x.csv"])
+    assert (done.returncode, done.stdout.strip()) == (0, "x.csv: series 2 rows")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["plot", "r.mcap", "map", "-o", "f.jpg"], "one of .png, .svg, .pdf"),
+        (["plot", "r.mcap", "maps", "-o", "f.png"], "maps"),
+        (["export", "r.mcap", "-o", "x.xlsx"], "one of .nc, .csv, .kml, .geojson"),
+        (["export", "r.mcap", "-o", "y.csv", "--table", "series"], "give --at LON,LAT,DEPTH"),
+        (["plot", "r.mcap", "series", "--at=152.6,-40", "-o", "f.png"], "DEPTH is missing"),
+    ],
+)
+def test_wrong_words_end_with_code_2(folder, words, says):
+    done = run_command(folder, words)
+    assert done.returncode == 2
+    assert says in done.stderr
+
+
+def test_a_result_that_is_cut_short_is_drawn_with_a_note(folder):
+    whole = (folder / "r.mcap").read_bytes()
+    (folder / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
+    done = run_command(folder, ["plot", "cut.mcap", "trust", "-o", "cut.svg"])
+    assert done.returncode == 0, done.stderr
+    assert "cut short" in (folder / "cut.svg").read_text()
+    none = run_command(folder, ["plot", "missing.mcap", "trust", "-o", "none.svg"])
+    assert none.returncode == 3
+
+
+def script(capsys, name, *arguments):
+    path = SAMPLES / name
+    assert len(path.read_text(encoding="utf-8").splitlines()) < 30
+    with mock.patch.object(sys, "argv", [name, *map(str, arguments)]):
+        runpy.run_path(str(path), run_name="__main__")
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_script_of_a_dives_current(folder, capsys):
+    lines = script(capsys, "dive_current.py", folder / "r.mcap", 1)
+    assert lines[0].startswith("dive 1, 2018-11-16 00:10 to 02:50 UTC")
+    measured = [float(word) for word in lines[1].split()[-2:]]
+    # the dive's mean current in the log, 1.5 and 23.0 cm/s, with the estimate's mean over positions in place of that along the path
+    assert measured == pytest.approx([2.0, 24.5], abs=0.06)
+
+
+def test_the_script_of_forecasts_prefers_the_sample_log_of_its_own_ocean(capsys, tmp_path):
+    import xarray as xr
+
+    with xr.open_dataset(SAMPLES / "ensemble.nc") as ensemble:
+        small = ensemble.isel(member=slice(10), depth=[0, 2, 4]).load()
+    names = [name for name in small.data_vars if small[name].dims[:1] == ("member",)]
+    small.to_netcdf(tmp_path / "own.nc")
+    small.assign({name: -small[name] for name in names}).to_netcdf(tmp_path / "turned.nc")
+    lines = script(capsys, "which_forecast.py", SAMPLES / "glider.mcap", tmp_path / "turned.nc", tmp_path / "own.nc")
+    assert len(lines) == 3
+    likelihoods = [float(line.split()[0]) for line in lines[1:]]
+    assert likelihoods[0] > likelihoods[1]
+
+
+def test_the_script_of_the_next_three_days(folder, capsys):
+    lines = script(capsys, "next_three_days.py", folder / "r.mcap", "153.0,-40.2,0")
+    assert len(lines) == 2
+    assert lines[1].split()[:2] == ["153.0,-40.2,0", "reached"]
+    assert float(lines[1].split()[2]) < 72.0

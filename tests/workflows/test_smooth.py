@@ -1,0 +1,81 @@
+"""The smoothed result of logs: against the smoother itself, and against the replay where the two must agree."""
+
+import numpy as np
+import pytest
+
+import replay_kit as rk
+from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.evolving.smoother import smooth as smooth_states
+from replay_kit.forecast import read_series
+from replay_kit.logs import open_log
+from replay_kit.results.report.contents import Contents
+from replay_kit.workflows.library import settings_of
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.smooth import STATIC, published_times, smooth
+from tests.places import SAMPLES
+
+STATIC_SETTINGS = {
+    "logs": {"end": "2018-11-16T05:00:00Z"},
+    "forecast": {"levels": [5, 150, 500]},
+    "estimator": {"modes": 6, "sample_share": 0.5, "shift_distance": 0.0},
+    "output": {"depths": [5.0, 150.0], "interval": 7200.0},
+}
+EVOLVING = {**STATIC_SETTINGS, "time": {"scale": 86_400.0}}
+
+
+def smoothed(folder, settings):
+    job = ReplayJob((SAMPLES / "glider.mcap",), SAMPLES / "ensemble.nc", folder / "smoothed.mcap")
+    summary = smooth(job, settings_of(settings))
+    return summary, rk.open_result(folder / "smoothed.mcap")
+
+
+def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
+    summary, result = smoothed(tmp_path, EVOLVING)
+    config = settings_of(EVOLVING)
+    estimator = build_evolving(read_series(SAMPLES / "ensemble.nc", config.forecast), config.estimator, config.time, config.gating)
+    log = open_log(SAMPLES / "glider.mcap", config.logs)
+    end = config.logs.end_ns
+    measured = list(rk.observations(message for message in log.messages() if message.time_ns <= end))
+    slices = Contents(result).slices
+    flows = smooth_states(estimator, measured, slices.time_ns.tolist())
+    assert slices.time_ns.size == 4
+    points = np.meshgrid(slices.east, slices.north)
+    for k, flow in enumerate(flows):
+        velocity = flow.velocity(*points, np.full(points[0].shape, 150.0))
+        known = np.isfinite(slices.fields[1, k, 0])
+        np.testing.assert_allclose(slices.fields[1, k, 0][known], velocity[known, 0], atol=1e-6)
+        np.testing.assert_allclose(slices.fields[1, k, 1][known], velocity[known, 1], atol=1e-6)
+    assert summary.exit_code == 0
+    assert STATIC not in summary.notes
+
+
+def test_it_knows_more_of_the_beginning_than_the_replay_and_the_same_of_the_end(tmp_path):
+    _, result = smoothed(tmp_path, EVOLVING)
+    replayed = rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", settings=EVOLVING, out=tmp_path / "replayed.mcap")
+    after, before = Contents(result).slices, Contents(rk.open_result(replayed.path)).slices
+    assert (after.time_ns[:3] == before.time_ns[:3]).all()
+    known = np.isfinite(after.fields[:, 0, 2])
+    assert (after.fields[:, 0, 2][known] < before.fields[:, 0, 2][known]).all()
+    np.testing.assert_allclose(after.fields[:, -1], before.fields[:, -1], atol=2e-6)
+    # decisions are those of the replay, residuals those to the smoothed estimate
+    np.testing.assert_array_equal(result.observations["nis"], replayed.observations["nis"])
+    assert (result.innovations["residual_east"] != replayed.innovations["residual_east"]).any()
+    assert np.isfinite(Contents(result).bins.estimated).all()
+
+
+def test_a_static_estimate_is_its_last_at_all_times(tmp_path):
+    summary, result = smoothed(tmp_path, STATIC_SETTINGS)
+    replayed = rk.replay(SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", settings=STATIC_SETTINGS, out=tmp_path / "replayed.mcap")
+    fields = Contents(result).slices.fields
+    np.testing.assert_array_equal(fields[:, 0], fields[:, -1])
+    np.testing.assert_allclose(fields[:, -1], Contents(rk.open_result(replayed.path)).slices.fields[:, -1], atol=1e-7)
+    assert STATIC in summary.notes
+    assert result.events["message"].tolist() == [STATIC]
+
+
+@pytest.mark.parametrize(
+    ("ends", "interval", "expected"),
+    [((5, 5), 1.0, [5]), ((0, 3 * 10**9), 1.5, [0, 15 * 10**8, 3 * 10**9]), ((1, 10**9), 0.9, [1, 900_000_001, 10**9])],
+)
+def test_published_times_begin_and_end_with_the_log(ends, interval, expected):
+    assert published_times(*ends, interval) == expected
