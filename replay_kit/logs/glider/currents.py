@@ -127,7 +127,7 @@ def _repeated(table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[st
         key = tuple(pair[begin].tolist()) if own[begin] > 0 or fixes.time_ns.size else (float(begin),)
         unique[key] = np.concatenate([unique[key], group]) if key in unique else group
     if rows.size > len(unique):
-        notes.append(f"mean current: {rows.size} values repeat {len(unique)} mean currents, each counted once")
+        notes.append(f"mean current: {len(unique)} in {rows.size} values, each counted once")
     return [_Candidate(int(group[0]), table, group) for group in unique.values()]
 
 

@@ -101,7 +101,7 @@ def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path: Path) -
 def test_what_was_assumed_is_noted(tmp_path: Path) -> None:
     notes = {form: _open(DACS[form][1](tmp_path)).report().notes for form in DACS}
     assert "IOOS GliderDAC: 4 files are one log" in notes["gliderdac"]
-    assert "mean current: 118 values repeat 2 mean currents, each counted once" in notes["gliderdac"]
+    assert "mean current: 2 in 118 values, each counted once" in notes["gliderdac"]
     assert "WATERCURRENTS_U: converted from cm/s to m/s" in notes["bodc"]
     assert "DEPTH_Z: bears the standard name of a depth and counts upwards; not used" in notes["bodc"]
     assert "depth: counts upwards (its values are negative), sign reversed" in notes["socib"]

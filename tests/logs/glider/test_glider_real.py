@@ -96,7 +96,7 @@ def test_mean_currents_of_sp028_begin_at_the_mirror_of_their_end() -> None:
     assert (last["start_fix"]["time"]["sec"], last["end_fix"]["time"]["sec"]) == (1_675_454_640, 1_675_457_160)
     assert (last["start_fix"]["lat"], last["end_fix"]["lat"]) == (pytest.approx(38.248), pytest.approx(38.2457))
     assert last["max_depth"] == pytest.approx(108.4312)
-    assert "mean current: 372 values repeat 9 mean currents, each counted once" in report.notes
+    assert "mean current: 9 in 372 values, each counted once" in report.notes
 
 
 def test_mean_currents_that_are_none_are_said_to_be_missing() -> None:
