@@ -58,6 +58,9 @@ def test_a_result_that_is_cut_short_shows_what_is_left(result_path: Path, tmp_pa
     assert "This page shows what could be recovered." in words
     assert "carries no estimate.nc" in words
     assert len(elements(made, "figure")) >= 4
+    assert "replay_kit_" not in made.split("<script")[0]
+    report(cut, tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_text() == made
 
 
 def test_what_is_no_result_is_refused(tmp_path: Path) -> None:

@@ -2,13 +2,20 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_paths, truth_path
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from replay_kit.config.run import RunConfig
+    from replay_kit.results.summary import ReplaySummary
+    from replay_kit.workflows.replay.inputs import ReplayJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +52,11 @@ class Outputs(Answer):
     ] = None
     report: Annotated[bool, flag("--report", "Write the result as a page for a browser too: its name with the ending .html.")] = False
 
+    @property
+    def page(self) -> Path | None:
+        """The page of the report; None without."""
+        return self.out.with_suffix(".html") if self.report else None
+
 
 @takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "planner", "output")
 def replay(
@@ -60,12 +72,10 @@ def replay(
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
-    page = outputs.out.with_suffix(".html") if outputs.report else None
-    check_paths(read, (*made, outputs.smooth, outputs.json_file, page), outputs.overwrite)
+    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page), outputs.overwrite)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
-    from replay_kit.results.summary import print_summary, to_json
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay import dry_run as dry
     from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
@@ -95,16 +105,29 @@ def replay(
         return 0
     with part_named(outputs.out), progress() as advance:
         summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
-    if outputs.smooth is not None:
-        from replay_kit.workflows.smooth import smooth
+    _smooth(outputs, job, config)
+    _answer(outputs, summary, console)
+    return summary.exit_code
 
-        with part_named(outputs.smooth), progress() as advance:
-            smooth(replace(job, out=outputs.smooth), config, advance)
+
+def _smooth(outputs: Outputs, job: "ReplayJob", config: "RunConfig") -> None:
+    """Write the smoothed result if it is asked for."""
+    if outputs.smooth is None:
+        return
+    from replay_kit.workflows.smooth import smooth
+
+    with part_named(outputs.smooth), progress() as advance:
+        smooth(replace(job, out=outputs.smooth), config, advance)
+
+
+def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:
+    """Print the summary, and write the report and the JSON if they are asked for."""
+    from replay_kit.results.summary import print_summary, to_json
+
     print_summary(summary, console, outputs.verbose)
-    if page is not None:
+    if outputs.page is not None:
         from replay_kit.workflows.report import report
 
-        report(outputs.out, page, outputs.overwrite, summary)
-        console.print(f"Report: {page}; open it in a browser.", soft_wrap=True)
+        report(outputs.out, outputs.page, outputs.overwrite, summary)
+        console.print(f"Report: {outputs.page}; open it in a browser.", soft_wrap=True)
     write_json(outputs.json_file, to_json(summary))
-    return summary.exit_code

@@ -53,7 +53,8 @@ class Contents:
         try:
             return self.result.estimate, ""
         except ReplayKitError as error:
-            return None, str(error)
+            # without the folder: the same result gives the same page wherever it lies
+            return None, str(error).replace(str(self.result.path), self.result.path.name)
 
     @property
     def estimate(self) -> FlowEstimate | None:

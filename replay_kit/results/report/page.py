@@ -57,7 +57,7 @@ def page_html(title: str, sections: list[Section]) -> str:
         "sections": "\n".join(map(_section_html, sections)),
         "figures": _packed(json.dumps([_figure_data(figure) for figure in figures], separators=(",", ":"), allow_nan=False).encode()),
         "plotly": _packed(_plotly()),
-        "js": _text("flight.js") + _text("page.js"),
+        "js": "".join(_text(name) for name in ("flight.js", "waypoint.js", "page.js")),
     }
     page = _text("page.html")
     for name, text in parts.items():
@@ -94,7 +94,7 @@ def _figure_html(figure: Figure) -> str:
     readout = f'<p class="readout" aria-live="polite">{escape(figure.readout)}</p>' if figure.readout else ""
     return (
         f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{readout}'
-        f'<div class="plot" tabindex="0" role="img" aria-label="{escape(figure.alternative)}" '
+        f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}" '
         f'style="height:{figure.layout.get("height", 420)}px"><p class="waiting">This figure is drawn by JavaScript.</p></div>'
         f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div></figure>'
     )

@@ -14,6 +14,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.results.result import Result
+from replay_kit.results.schemas import decode
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,14 +91,22 @@ def _bins_rejected(result: Result) -> dict[str, int]:
 
 
 def _last_plan(result: Result) -> dict[str, Any] | None:
+    """Return the last plan of a result as far as its summary would have it; None without plans."""
     if not len(result.plans):
         return None
     plan = result.plans.iloc[-1]
-    return {name: plan[name] for name in ("status", "message")} | {
-        name: float(plan[name])
-        for name in ("heading_deg", "glide_angle_deg", "speed", "duration", "closest_approach")
-        if np.isfinite(plan[name])
-    }
+    with result.path.open("rb") as file:
+        *_, (_, _, message) = make_reader(file).iter_messages(topics="/plan/controls")
+    statistics = {pair.name: pair.value for pair in decode("Plan", message.data).statistics}
+    return (
+        {name: plan[name] for name in ("status", "message")}
+        | {"statistics": statistics}
+        | {
+            name: float(plan[name])
+            for name in ("heading_deg", "glide_angle_deg", "speed", "duration", "closest_approach")
+            if np.isfinite(plan[name])
+        }
+    )
 
 
 def _from_tables(result: Result) -> dict[str, Any]:

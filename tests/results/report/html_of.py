@@ -3,6 +3,7 @@
 import base64
 import gzip
 import json
+import re
 from html.parser import HTMLParser
 from typing import Any
 
@@ -62,3 +63,9 @@ def text_of(page: str, section: str) -> str:
     """Return the text of a section without its markup."""
     (text,) = (text for attrs, text in elements(page, "section") if attrs.get("id") == section)
     return text
+
+
+def table(page: str, caption: str) -> list[list[str]]:
+    """Return the rows of a table by its caption."""
+    (html,) = re.findall(rf"<caption><span>{re.escape(caption)}</span></caption>.*?<tbody>(.*?)</tbody>", page)
+    return [re.findall(r"<td>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", html)]

@@ -23,6 +23,11 @@ pytestmark = [
 ]
 DIVES = sorted(DATA.glob("seaglider/p17101*.nc"))
 WIDTHS = (1280, 390)
+# as functions: the page allows no eval of expressions
+FITTED = """() => {
+    const plots = [...document.querySelectorAll(".plot")];
+    return plots.every((plot) => plot.querySelector("svg.main-svg").clientWidth === plot.clientWidth);
+}"""
 FLIGHTS = """() => {
     const { flight, tables } = state.figures.find(({ key }) => key === "waypoint");
     return { waypoints: flight.waypoints, ...tables.flights };
@@ -84,7 +89,7 @@ def test_a_report_draws_itself(browser: Any, report_path: Path, width: int, sche
         )
         pictures.append(picture.screenshot())
     tab.locator("#current-map-0").select_option("1")
-    tab.wait_for_function("document.querySelector('#current-map .plot').dataset.choices.startsWith('1')")
+    tab.wait_for_function("() => document.querySelector('#current-map .plot').dataset.choices.startsWith('1')")
     pictures.append(picture.screenshot())
     assert len(set(pictures)) == 4
     with tab.expect_download() as download:
@@ -95,6 +100,8 @@ def test_a_report_draws_itself(browser: Any, report_path: Path, width: int, sche
     with tab.expect_download() as download:
         tab.locator("button[data-table=current]").click()
     assert Path(download.value.path()).read_text().startswith("depth_m,time,longitude,latitude,u_m_s,v_m_s,")
+    tab.set_viewport_size({"width": 700, "height": 900})
+    tab.wait_for_function(FITTED)
     assert errors == []
     assert [url for url in asked if not url.startswith(("data:", "blob:"))] == []
     tab.close()

@@ -1,5 +1,6 @@
 """Results with something missing: the page shows what there is, and says what is not."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from replay_kit.core.surfacing import Ellipse, Outcome, Surfacing
 from replay_kit.results import ResultWriter, open_result
 from replay_kit.results.report import report_html
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
-from tests.results.report.html_of import figures, text_of
+from tests.results.report.html_of import figures, table, text_of
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
@@ -36,7 +37,9 @@ def write(tmp_path: Path, flow: FlowEstimate) -> Write:
             fill(writer)
             if estimate is not None:
                 writer.finish(estimate)
-        return report_html(open_result(tmp_path / "out.mcap"))
+        page = report_html(open_result(tmp_path / "out.mcap"))
+        assert str(tmp_path) not in page
+        return page
 
     return make
 
@@ -123,6 +126,7 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write: Write
     assert "no <way>" not in page.split("<script")[0]
     found = figures(page)
     assert "plan-profile" not in found
+    assert "waypoint" not in found
     names = [trace.get("name") for trace in found["current-map"]["traces"]]
     assert names.count("90 % ellipse") == 1
     assert "last plan" not in names
@@ -139,3 +143,27 @@ def test_a_million_positions_are_thinned_and_it_is_said(write: Write, state: Veh
     assert len(track["time"]) == 3000
     assert (track["longitude"][0], track["longitude"][-1]) == (5.0, 5.03999)
     assert "Of 4,000 positions 3,000 are drawn, evenly spread." in text_of(page, "map")
+
+
+def test_a_plan_alone_is_drawn(write: Write, plan: Plan) -> None:  # noqa: F811
+    leg = {
+        "leg": 1,
+        "heading_deg": 45.4,
+        "glide_angle_deg": 15.0,
+        "depth_m": 300.0,
+        "surfacing_s": 5400.0,
+        "longitude": 5.1,
+        "latitude": 62.0,
+    }
+    planned = replace(plan, statistics={"leg_001": json.dumps(leg)})
+    page = write(lambda writer: writer.plan(planned, Projection(5.0, 62.0)))
+    found = figures(page)
+    assert list(found) == ["current-map", "plan-profile"]
+    assert found["current-map"]["tables"]["plan"]["east_km"] == [0.0, 0.5, 1.0]
+    west, east = found["current-map"]["layout"]["xaxis"]["range"]
+    assert west < 0.0 < 1.0 < east
+    assert "The result holds a plan alone." in text_of(page, "answer")
+    assert "--no-estimate" not in text_of(page, "answer")
+    (cells,) = table(page, "Legs of the last plan")
+    assert cells == ["1", "45", "15.0", "300", "1.5", "5.1000", "62.0000"]
+    assert "wet" not in text_of(page, "plan")

@@ -33,7 +33,7 @@ def test_every_figure_has_caption_text_alternative_data_and_units(page: str) -> 
     assert all(len(text) > 60 for _, text in elements(page, "figcaption"))
     plots = [attrs for attrs, _ in elements(page, "div") if attrs.get("class") == "plot"]
     assert len(plots) == len(KEYS)
-    assert all(len(attrs["aria-label"] or "") > 30 and attrs["tabindex"] == "0" and attrs["role"] == "img" for attrs in plots)
+    assert all(len(attrs["aria-label"] or "") > 30 and attrs["tabindex"] == "0" and attrs["role"] == "group" for attrs in plots)
     offered = {(attrs["data-figure"], attrs["data-table"]) for attrs, _ in elements(page, "button")}
     assert offered == {(key, table) for key, figure in found.items() for table in figure["tables"]}
     for key, figure in found.items():

@@ -19,11 +19,12 @@ def again_section(contents: Contents) -> Section:
             f"<p>The command, with the configuration that the result holds as "
             f"<code>config.toml</code>:</p><pre>{escape(_command(contents))}</pre>"
         )
-        html += table_html(["input", "file", "SHA-256"], [_input(name, text) for name, text in inputs.items()], "Inputs")
     elif inputs:
-        missing.append("The result is of replay-kit plan, or another program: the options of its command are below.")
+        missing.append("The result is of replay-kit plan: the options of its command are below.")
     else:
         missing.append("The result does not name its inputs.")
+    if inputs:
+        html += table_html(["input", "file", "SHA-256"], [_input(name, text) for name, text in inputs.items()], "Inputs")
     versions = {**record.metadata.get("contract", {}), **record.metadata.get("replay_kit.versions", {})}
     names = {"version": "contract of the result", "replay_kit": "replay-kit"}
     shown = {names.get(name, name): value for name, value in versions.items()}

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.text import time_text
 from replay_kit.results.report.colors import scale
 from replay_kit.results.report.contents import Contents
@@ -24,10 +24,11 @@ def map_section(contents: Contents) -> Section:
     slices, track = contents.slices, contents.track
     missing = []
     if slices is None:
-        missing.append("The result holds no current: the map shows positions alone.")
+        missing.append("The result holds no current: the map shows positions and plans alone.")
     if track.time_ns.size == 0:
         missing.append("The result holds no position of the vehicle.")
-    if slices is None and track.time_ns.size == 0:
+    tracks = contents.result.plan_tracks
+    if slices is None and track.time_ns.size == 0 and not len(tracks):
         return Section("map", "Map", missing=missing)
     tables, traces = _field_traces(contents, slices)
     extent = _extent(contents, slices)
@@ -93,6 +94,9 @@ def _extent(contents: Contents, slices: CurrentSlices | None) -> Extent:
     east, north = [contents.track.east], [contents.track.north]
     if slices is not None:
         east, north = [*east, slices.east], [*north, slices.north]
+    if len(tracks := contents.result.plan_tracks):
+        planned = to_local(contents.projection, tracks["longitude"], tracks["latitude"])
+        east, north = [*east, planned[0]], [*north, planned[1]]
     return Extent.around(np.concatenate(east) / 1e3, np.concatenate(north) / 1e3)
 
 
@@ -100,49 +104,6 @@ def _field_traces(contents: Contents, slices: CurrentSlices | None) -> tuple[dic
     """Return the coloured field, land, coastline and arrows."""
     if slices is None:
         return {}, []
-    x, y = column(slices.east / 1e3), column(slices.north / 1e3)
-    u, v, eu, ev = ({"$field": "current", "at": ["c1", "c2", k]} for k in range(4))
-    speed, error = _limits(slices)
-    field = {
-        "type": "heatmap",
-        "x": x,
-        "y": y,
-        "z": {"$choose": 0, "of": [{"$op": "hypot", "of": [u, v]}, {"$op": "rms", "of": [eu, ev]}]},
-        "colorscale": {"$choose": 0, "of": [scale("speed"), scale("amp")]},
-        "zmin": 0.0,
-        "zmax": {"$choose": 0, "of": [speed, error]},
-        "colorbar": {"title": {"text": {"$choose": 0, "of": ["speed [m/s]", "standard error [m/s]"]}, "side": "right"}, "thickness": 14},
-        "hovertemplate": "%{x:.1f} km east, %{y:.1f} km north: %{z:.3f} m/s<extra></extra>",
-        "hoverongaps": False,
-    }
-    land = {
-        "type": "heatmap",
-        "x": x,
-        "y": y,
-        "z": {"$op": "dry", "of": [u]},
-        "colorscale": [[0, {"$color": "land"}], [1, {"$color": "land"}]],
-        "showscale": False,
-        "hovertemplate": "land, or below the bottom<extra></extra>",
-        "hoverongaps": False,
-    }
-    step = -(-max(slices.east.size, slices.north.size) // _ARROWS)
-    cell = step * float(min(slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])) / 1e3
-    arrows = {
-        "type": "arrows",
-        "x": x,
-        "y": y,
-        "u": u,
-        "v": v,
-        "step": step,
-        "length": 1.4 * cell / speed,
-        "showlegend": False,
-    }
-    # dark on a light halo, to be seen on both ends of the colour scale
-    halo = {**arrows, "line": {"color": "rgba(255,255,255,0.7)", "width": 3.4}}
-    arrows |= {"line": {"color": DARK, "width": 1.3}}
-    # beside missing cells there is nothing to interpolate with
-    whole = [bool(np.isfinite(slices.fields[:, :, part]).all()) for part in (slice(0, 2), slice(2, 4))]
-    field["zsmooth"] = {"$choose": 0, "of": ["best" if known else False for known in whole]}
     shore = coastline(slices)
     coast = {
         "type": "scatter",
@@ -160,7 +121,61 @@ def _field_traces(contents: Contents, slices: CurrentSlices | None) -> tuple[dic
         "cells": {"longitude": column(longitude, 8), "latitude": column(latitude, 8)},
         "names": ["u_m_s", "v_m_s", "u_standard_error_m_s", "v_standard_error_m_s"],
     }
-    return {"current": table}, [field, land, *([coast] if shore[0] else []), halo, arrows]
+    x, y = column(slices.east / 1e3), column(slices.north / 1e3)
+    return {"current": table}, [*_heatmaps(slices, x, y), *([coast] if shore[0] else []), *_arrows(slices, x, y)]
+
+
+def _heatmaps(slices: CurrentSlices, x: list[float | None], y: list[float | None]) -> list[dict[str, Any]]:
+    """Return speed or standard error, and the dry cells."""
+    u, v, eu, ev = ({"$field": "current", "at": ["c1", "c2", k]} for k in range(4))
+    speed, error = _limits(slices)
+    # beside missing cells there is nothing to interpolate with
+    whole = [bool(np.isfinite(slices.fields[:, :, part]).all()) for part in (slice(0, 2), slice(2, 4))]
+    field = {
+        "type": "heatmap",
+        "x": x,
+        "y": y,
+        "z": {"$choose": 0, "of": [{"$op": "hypot", "of": [u, v]}, {"$op": "rms", "of": [eu, ev]}]},
+        "colorscale": {"$choose": 0, "of": [scale("speed"), scale("amp")]},
+        "zmin": 0.0,
+        "zmax": {"$choose": 0, "of": [speed, error]},
+        "colorbar": {"title": {"text": {"$choose": 0, "of": ["speed [m/s]", "standard error [m/s]"]}, "side": "right"}, "thickness": 14},
+        "hovertemplate": "%{x:.1f} km east, %{y:.1f} km north: %{z:.3f} m/s<extra></extra>",
+        "hoverongaps": False,
+        "zsmooth": {"$choose": 0, "of": ["best" if known else False for known in whole]},
+    }
+    land = {
+        "type": "heatmap",
+        "x": x,
+        "y": y,
+        "z": {"$op": "dry", "of": [u]},
+        "colorscale": [[0, {"$color": "land"}], [1, {"$color": "land"}]],
+        "showscale": False,
+        "hovertemplate": "land, or below the bottom<extra></extra>",
+        "hoverongaps": False,
+    }
+    return [field, land]
+
+
+def _arrows(slices: CurrentSlices, x: list[float | None], y: list[float | None]) -> list[dict[str, Any]]:
+    """Return the arrows of the current, dark on a light halo, to be seen on both ends of the colour scale."""
+    u, v = ({"$field": "current", "at": ["c1", "c2", k]} for k in range(2))
+    step = -(-max(slices.east.size, slices.north.size) // _ARROWS)
+    cell = step * float(min(slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])) / 1e3
+    arrows = {
+        "type": "arrows",
+        "x": x,
+        "y": y,
+        "u": u,
+        "v": v,
+        "step": step,
+        "length": 1.4 * cell / _limits(slices)[0],
+        "showlegend": False,
+    }
+    return [
+        {**arrows, "line": {"color": "rgba(255,255,255,0.7)", "width": 3.4}},
+        {**arrows, "line": {"color": DARK, "width": 1.3}},
+    ]
 
 
 def _limits(slices: CurrentSlices) -> tuple[float, float]:

@@ -91,6 +91,8 @@ def _found(contents: Contents) -> list[str]:
             f"Against the known truth its RMSE is {cm('truth.rmse', truth['rmse'])}; "
             f"the ensemble mean's {cm('truth.ensemble_mean_rmse', truth['ensemble_mean_rmse'])}."
         )
+    if not out and len(contents.result.plans):
+        return ["The result holds a plan alone."]
     return out or ["Nothing was estimated from the measurements of this log."]
 
 

@@ -131,27 +131,13 @@ def _profile(contents: Contents) -> Figure:
     if bottom is not None:
         table["deepest_wet_level_m"] = column(bottom)
         line = {"color": {"$color": "ink"}, "width": 1.5, "shape": "hvh"}
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": "deepest wet level",
-                "x": "$plan.distance_km",
-                "y": "$plan.deepest_wet_level_m",
-                "line": line,
-            }
-        )
+        traces.append({**path, "name": "deepest wet level", "y": "$plan.deepest_wet_level_m", "line": line})
     layout = {
         "height": 400,
         "xaxis": {"title": {"text": "distance along the plan [km]"}},
         "yaxis": {"title": {"text": "depth [m]"}, "autorange": "reversed"},
     }
-    below = (
-        "The line below is the deepest level of the forecast that is wet there; the bottom lies between it and the next level."
-        if bottom is not None and bottom.min() < bottom.max()
-        else "The forecast is wet down to its last level all along the plan."
-    )
-    caption = f"Depth that the last plan reaches along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. {below}"
+    caption = f"Depth that the last plan reaches along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. {_below(bottom)}"
     return Figure(
         "plan-profile",
         "Depth profile of the last plan",
@@ -161,6 +147,15 @@ def _profile(contents: Contents) -> Figure:
         traces,
         layout,
     )
+
+
+def _below(bottom: Any) -> str:
+    """Return what is known of the bottom along a plan."""
+    if bottom is None:
+        return ""
+    if bottom.min() < bottom.max():
+        return "The line below is the deepest level of the forecast that is wet there; the bottom lies between it and the next level."
+    return "The forecast is wet down to its last level all along the plan."
 
 
 def _bottom(contents: Contents, east: Any, north: Any) -> Any:

@@ -14,6 +14,8 @@ from replay_kit.results.views.along_track import BinsAlongTrack
 #: Most columns and rows of the section, and profiles that a column averages where there are enough.
 _COLUMNS, _ROWS, _PROFILES_A_COLUMN = 160, 40, 3
 _STEP = 5e-4
+#: Of a panel, at its upper left.
+_LABEL = {"xref": "paper", "yref": "paper", "x": 0.0, "xanchor": "left", "yanchor": "bottom", "showarrow": False}
 _PANELS = ("measured", "estimated", "measured minus estimated", "standard error")
 
 
@@ -84,41 +86,15 @@ def _profiles(contents: Contents, bins: BinsAlongTrack) -> Figure:
         top = 1.0 - place * height
         bottom = top - height * 0.8
         axis = "" if place == 0 else str(place + 1)
-        is_error = panel == 3
-        traces.append(
-            {
-                "type": "heatmap",
-                "x": times(time_ns),
-                "y": column(depths),
-                "z": {"$field": "section", "at": [panel, "c0"]},
-                "xaxis": "x",
-                "yaxis": f"y{axis}",
-                "colorscale": scale("amp" if is_error else "balance"),
-                "zmin": 0.0 if is_error else -limits[panel],
-                "zmax": limits[panel],
-                "colorbar": {"len": 0.8 * height, "y": 0.5 * (top + bottom), "thickness": 12, "title": {"text": "m/s", "side": "right"}},
-                "hovertemplate": f"%{{x}}, %{{y:.0f}} m: %{{z:.3f}} m/s<extra>{_PANELS[panel]}</extra>",
-                "hoverongaps": False,
-            }
-        )
+        bar = {"len": 0.8 * height, "y": 0.5 * (top + bottom), "thickness": 12, "title": {"text": "m/s", "side": "right"}}
+        traces.append({"x": times(time_ns), "y": column(depths), "yaxis": f"y{axis}", "colorbar": bar, **_panel(panel, limits[panel])})
         layout[f"yaxis{axis}"] = {
             "domain": [max(bottom, 0.0), top],
             "autorange": "reversed",
             "title": {"text": "depth [m]"},
             "showgrid": False,
         }
-        layout["annotations"].append(
-            {
-                "text": _PANELS[panel],
-                "xref": "paper",
-                "yref": "paper",
-                "x": 0.0,
-                "y": top,
-                "xanchor": "left",
-                "yanchor": "bottom",
-                "showarrow": False,
-            }
-        )
+        layout["annotations"].append({**_LABEL, "text": _PANELS[panel], "y": top})
     layout["xaxis"] = {"title": {"text": "time (UTC)"}, "anchor": f"y{'' if len(shown) == 1 else len(shown)}", "showgrid": False}
     table = {
         "field": "section",
@@ -140,6 +116,21 @@ def _profiles(contents: Contents, bins: BinsAlongTrack) -> Figure:
         (Control("Component", "select", ("eastward", "northward")),),
         packed,
     )
+
+
+def _panel(panel: int, limit: float) -> dict[str, Any]:
+    """Return what a panel shows [m/s], and the ends of its colours."""
+    is_error = panel == 3
+    return {
+        "type": "heatmap",
+        "z": {"$field": "section", "at": [panel, "c0"]},
+        "xaxis": "x",
+        "colorscale": scale("amp" if is_error else "balance"),
+        "zmin": 0.0 if is_error else -limit,
+        "zmax": limit,
+        "hovertemplate": f"%{{x}}, %{{y:.0f}} m: %{{z:.3f}} m/s<extra>{_PANELS[panel]}</extra>",
+        "hoverongaps": False,
+    }
 
 
 def _limit(values: Array) -> float:

@@ -11,6 +11,12 @@ from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.trust import Calibration, error_through_time, information_by_dive
 
 _BINS = 41
+_DIVES_LAYOUT = {
+    "height": 480,
+    "xaxis": {"title": {"text": "dive"}, "anchor": "y2"},
+    "yaxis": {"title": {"text": "RMS innovation [m/s]"}, "domain": [0.45, 1.0], "rangemode": "tozero"},
+    "yaxis2": {"title": {"text": "values"}, "domain": [0.0, 0.34], "rangemode": "tozero"},
+}
 
 
 def calibration_figure(found: Calibration) -> Figure:
@@ -105,14 +111,14 @@ def error_figure(slices: CurrentSlices) -> Figure:
 def dives_figure(contents: Contents, dives: list[dict[str, Any]]) -> Figure:
     """Return how far each dive lay from its predictions, and what it determined; the dives are those of the summary."""
     information = information_by_dive(contents.result.observations)
+    predicted, prior = (
+        column([np.nan if dive[f"rms_innovation_{name}"] is None else dive[f"rms_innovation_{name}"] for dive in dives])
+        for name in ("predicted", "prior")
+    )
     table = {
         "dive": [dive["dive"] for dive in dives],
-        "missed_by_the_estimate_m_s": column(
-            [np.nan if dive["rms_innovation_predicted"] is None else dive["rms_innovation_predicted"] for dive in dives]
-        ),
-        "missed_by_the_ensemble_m_s": column(
-            [np.nan if dive["rms_innovation_prior"] is None else dive["rms_innovation_prior"] for dive in dives]
-        ),
+        "missed_by_the_estimate_m_s": predicted,
+        "missed_by_the_ensemble_m_s": prior,
         "independent_values": column([information.get(dive["dive"], 0.0) for dive in dives]),
     }
     traces = [
@@ -137,12 +143,6 @@ def dives_figure(contents: Contents, dives: list[dict[str, Any]]) -> Figure:
         "yaxis": "y2",
         "marker": {"color": {"$color": "three"}},
     }
-    layout = {
-        "height": 480,
-        "xaxis": {"title": {"text": "dive"}, "anchor": "y2"},
-        "yaxis": {"title": {"text": "RMS innovation [m/s]"}, "domain": [0.45, 1.0], "rangemode": "tozero"},
-        "yaxis2": {"title": {"text": "values"}, "domain": [0.0, 0.34], "rangemode": "tozero"},
-    }
     caption = (
         "Above: how far each dive's measurements lay from the estimate before the dive, and from the ensemble alone; "
         "the gap between the lines is what the "
@@ -155,5 +155,5 @@ def dives_figure(contents: Contents, dives: list[dict[str, Any]]) -> Figure:
         "RMS innovation of each dive against the estimate before it and against the ensemble alone.",
         {"dives": table},
         [*traces, bars],
-        layout,
+        _DIVES_LAYOUT,
     )

@@ -53,7 +53,7 @@ def next_steps(contents: Contents) -> list[str]:
         )
     if summary.get("losses") or summary.get("late"):
         out.append("Recover the log from the vehicle again if you can: what was lost is named above.")
-    if contents.estimate is None:
+    if contents.estimate is None and len(contents.result.observations):
         out.append("Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty.")
     return out or ["Nothing: the estimate agrees with what was measured."]
 
