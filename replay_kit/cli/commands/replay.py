@@ -13,7 +13,9 @@ from replay_kit.core.paths import check_paths, truth_path
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from replay_kit.config.run import RunConfig
     from replay_kit.results.summary import ReplaySummary
+    from replay_kit.workflows.replay.inputs import ReplayJob
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,13 +105,19 @@ def replay(
         return 0
     with part_named(outputs.out), progress() as advance:
         summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
-    if outputs.smooth is not None:
-        from replay_kit.workflows.smooth import smooth
-
-        with part_named(outputs.smooth), progress() as advance:
-            smooth(replace(job, out=outputs.smooth), config, advance)
+    _smooth(outputs, job, config)
     _answer(outputs, summary, console)
     return summary.exit_code
+
+
+def _smooth(outputs: Outputs, job: "ReplayJob", config: "RunConfig") -> None:
+    """Write the smoothed result if it is asked for."""
+    if outputs.smooth is None:
+        return
+    from replay_kit.workflows.smooth import smooth
+
+    with part_named(outputs.smooth), progress() as advance:
+        smooth(replace(job, out=outputs.smooth), config, advance)
 
 
 def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:
