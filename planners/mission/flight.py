@@ -13,6 +13,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
+from replay_kit.core.grid import Projection
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +167,22 @@ def rate_over_ground(
         return np.asarray(through + currents.velocity(at, weights[float(depth)], start_time + float(np.mean(now))))
 
     return over_ground
+
+
+def compass_turn(projection: Projection, begins: Array, ends: Array) -> Array:
+    """Return the angles [rad], shape (L,), by which true north is turned from local north on legs, clockwise.
+
+    A compass holds a heading of true north, whose angle to the local frame changes along a leg. With the angle halfway the straight leg of
+    the local frame ends where the one held by a compass does, to the second order in its length.
+
+    Args:
+        projection: The local frame.
+        begins: shape (L, 2) [m], where the legs begin.
+        ends: shape (L, 2) [m], where they end.
+    """
+    if len(begins) == 0:
+        return np.zeros(0)
+    return grid_bearing_of_true_north(projection, *to_geographic(projection, *(0.5 * (begins + ends)).T))
 
 
 def refine_steps(depths: Array, factor: int) -> Array:

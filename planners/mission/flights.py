@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtri
 
-from planners.mission.flight import Legs, currents_of_samples, fly_legs, refine_steps
+from planners.mission.flight import Legs, compass_turn, currents_of_samples, fly_legs, refine_steps
 from planners.mission.leg import leg_depths, step_stops, steps_needed
 from planners.mission.task import REFINED
 from planners.mission.values import MissionPlan
@@ -76,8 +76,9 @@ def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINE
     if len(plan.headings_deg) == 0:
         raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
     levels = step_stops(flow.levels, np.array([goal.depth for goal in plan.goals]))
-    begins = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings[:-1]])
-    turn = grid_bearing_of_true_north(flow.grid.projection, *begins.T)
+    places = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings])
+    local = np.column_stack(to_local(flow.grid.projection, *places.T))
+    turn = compass_turn(flow.grid.projection, local[:-1], local[1:])
     depths = tuple(
         refine_steps(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), refinement) for leg in plan.yo_depths
     )

@@ -3,12 +3,12 @@
 import numpy as np
 
 from planners.mission.attempt import Attempt, GoalSteps, best_of, energy_of, goals_met, is_feasible
-from planners.mission.flight import Flight, Legs
+from planners.mission.flight import Flight, Legs, compass_turn
 from planners.mission.program import MissionGuess
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan, MissionStatus
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
+from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.text import time_text
 
 Statistics = dict[str, float | int | str]
@@ -33,8 +33,8 @@ def _plan_of(
 ) -> MissionPlan:
     flight, request, projection = best.flight, task.request, task.region.grid.projection
     track = np.column_stack([flight.place[0], flight.depth])
-    begins = np.concatenate([[0], flight.ends[:-1]])
-    turn = grid_bearing_of_true_north(projection, *to_geographic(projection, *track[begins, :2].T))
+    begins = np.concatenate([[0], flight.ends])[: flight.ends.size]
+    turn = compass_turn(projection, track[begins, :2], track[flight.ends, :2])
     return MissionPlan(
         status=status,
         start=request.start,

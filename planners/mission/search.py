@@ -28,6 +28,7 @@ from itertools import pairwise
 import numpy as np
 
 from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible
+from planners.mission.flight import compass_turn
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
 from planners.mission.task import MissionTask, find_route, initial_guess, is_out_of_reach, route_graph_of, turns_of
@@ -36,7 +37,7 @@ from planners.mission.values import MissionPlan
 from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import grid_bearing_of_true_north, to_local
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.progress import announce
 
 # Legs tried beyond those that a route suggests, besides one for each goal.
@@ -177,8 +178,7 @@ def _rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
     begins = np.concatenate([[0.0], warm.surfacing_times])[np.array(goal_legs) + begun - 1]
     durations = warm.surfacing_times[np.array(goal_legs) + begun - 1] - begins
     goals = GoalSteps(goal_legs, task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / durations))
-    longitude, latitude = warm.surfacings[begun:].T
-    places = np.column_stack(to_local(task.region.grid.projection, longitude, latitude))
-    turn = grid_bearing_of_true_north(task.region.grid.projection, longitude, latitude)
+    places = np.column_stack(to_local(task.region.grid.projection, *warm.surfacings[begun:].T))
+    turn = compass_turn(task.region.grid.projection, np.vstack([task.start[:2], places[:-1]]), places)
     headings = np.deg2rad(warm.headings_deg[begun:]) + turn
     return [solve_legs(task, MissionGuess(places, headings, np.deg2rad(warm.glide_angles_deg[begun:])), goals, None)]

@@ -180,7 +180,7 @@ class MissionPlan:
         start_time_ns: [ns, UTC].
         vehicle: The glider.
         settings: How it is flown and planned.
-        headings_deg: shape (L,), through water, clockwise from true north where the leg begins.
+        headings_deg: shape (L,), through water, clockwise from true north, held by a compass.
         glide_angles_deg: shape (L,), below the horizontal in dives, above it in climbs.
         pitches_deg: shape (L,), of the hull, with the same sign.
         yo_depths: Depths [m] at which each leg begins, turns and ends.

@@ -1,9 +1,10 @@
-"""Waypoints for people, other programs and gliders: CSV, GeoJSON, JSON, a Slocum's list of waypoints, a Seaglider's file of targets."""
+"""Waypoints for people, other programs and gliders: CSV, GeoJSON, JSON, KML, QGroundControl, a Slocum, a Seaglider."""
 
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -13,12 +14,16 @@ from replay_kit.core.errors import PlanError
 
 
 def waypoint_text(waypoints: Waypoints, path: Path) -> str:
-    """Return waypoints in the form that a file's name tells: .csv, .geojson, .json, .ma (Slocum), .targets or targets (Seaglider).
+    """Return waypoints in the form that a file's name tells.
+
+    It ends in .csv, .geojson, .json, .kml, .plan (QGroundControl), .ma (Slocum: a ``yo`` where the name begins with that, else a
+    ``goto_list``), .targets or is targets (Seaglider).
 
     Raises:
         PlanError: The name tells none.
     """
-    return FORMS[check_form(path)](waypoints)
+    form = check_form(path)
+    return _slocum_yo(waypoints) if form == ".ma" and path.name.lower().startswith("yo") else FORMS[form](waypoints)
 
 
 def check_form(path: Path) -> str:
@@ -116,6 +121,82 @@ def _seaglider(waypoints: Waypoints) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _slocum_yo(waypoints: Waypoints) -> str:
+    """Return a ``yo`` with the dives of the waypoints: the shallowest depth and the mean pitch on the way to any of them.
+
+    References: Slocum G2 Glider Operators Training Guide, Teledyne Webb Research 2012, ``yo10.ma``.
+    """
+    pitch = float(np.deg2rad(np.mean(waypoints.pitches_deg)))
+    lines = [
+        "behavior_name=yo",
+        f"# {waypoints.message}",
+        "<start:b_arg>",
+        "    b_arg: start_when(enum) 2  # pitch idle",
+        f"    b_arg: num_half_cycles_to_do(nodim) {2 * waypoints.yos}",
+        f"    b_arg: d_target_depth(m) {float(np.min(waypoints.depths)):g}",
+        "    b_arg: d_use_pitch(enum) 3  # servo, radians",
+        f"    b_arg: d_pitch_value(X) {-pitch:.4f}",
+        "    b_arg: c_use_pitch(enum) 3  # servo, radians",
+        f"    b_arg: c_pitch_value(X) {pitch:.4f}",
+        "    b_arg: end_action(enum) 2  # resume",
+        "<end:b_arg>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _qgroundcontrol(waypoints: Waypoints) -> str:
+    """Return a plan of MAVLink waypoints at the surface, with the radius within which each counts as reached.
+
+    References: QGroundControl developer guide, Plan File Format; MAVLink common messages, MAV_CMD_NAV_WAYPOINT (16),
+    MAV_FRAME_GLOBAL_RELATIVE_ALT (3), MAV_TYPE_SUBMARINE (12), MAV_AUTOPILOT_GENERIC (0).
+    """
+    places = [[round(float(y), 7), round(float(x), 7), 0.0] for x, y in zip(waypoints.longitude, waypoints.latitude, strict=True)]
+    items = [
+        {
+            "AMSLAltAboveTerrain": None,
+            "Altitude": 0.0,
+            "AltitudeMode": 1,
+            "autoContinue": True,
+            "command": 16,
+            "doJumpId": number,
+            "frame": 3,
+            # no time to hold, no other radius to pass at, no heading to take
+            "params": [0.0, waypoints.radius, 0.0, None, *place],
+            "type": "SimpleItem",
+        }
+        for number, place in enumerate(places, start=1)
+    ]
+    mission = {"cruiseSpeed": 1, "hoverSpeed": 1, "firmwareType": 0, "vehicleType": 12, "globalPlanAltitudeMode": 1, "version": 2}
+    plan = {
+        "fileType": "Plan",
+        "groundStation": "QGroundControl",
+        "version": 1,
+        "mission": {**mission, "items": items, "plannedHomePosition": places[0]},
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "rallyPoints": {"points": [], "version": 2},
+    }
+    return json.dumps(plan, indent=2, allow_nan=False) + "\n"
+
+
+def _kml(waypoints: Waypoints) -> str:
+    """Return the waypoints as placemarks, with the line through them.
+
+    References: OGC 12-007r2, OGC KML 2.3: coordinates are longitude, latitude and height.
+    """
+    near = float(waypoints.longitude[0])
+    texts = [
+        ",".join(f"{value:.7f}" for value in position(float(x), float(y), near)) + ",0"
+        for x, y in zip(waypoints.longitude, waypoints.latitude, strict=True)
+    ]
+    placemarks = [
+        f"<Placemark><name>waypoint {k}</name><Point><coordinates>{at}</coordinates></Point></Placemark>" for k, at in enumerate(texts, 1)
+    ]
+    line = f"<Placemark><name>way</name><LineString><coordinates>{' '.join(texts)}</coordinates></LineString></Placemark>"
+    about = f"<description>{escape(waypoints.message)}</description>"
+    parts = ['<?xml version="1.0" encoding="UTF-8"?>', '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>', about, *placemarks, line]
+    return "\n".join([*parts, "</Document></kml>"]) + "\n"
+
+
 def _minutes(degrees: float) -> str:
     """Return an angle as whole degrees with minutes behind: -70.5 is -7030.0000."""
     # rounded before it is split, or 59.99999 minutes become 60
@@ -129,6 +210,8 @@ FORMS: dict[str, Callable[[Waypoints], str]] = {
     ".csv": _csv,
     ".geojson": _geojson,
     ".json": _json,
+    ".kml": _kml,
+    ".plan": _qgroundcontrol,
     ".ma": _slocum,
     ".targets": _seaglider,
 }

@@ -123,7 +123,8 @@ def _densified(corners: Array) -> tuple[Array, ...]:
     for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         pieces = max(int(np.ceil(_ELLIPSOID.inv(*begin, *end)[2] / _EDGE)), 1)
         straight.append(begin + np.arange(pieces)[:, None] / pieces * (end - begin))
-        shortest += [begin[None], np.array(_ELLIPSOID.npts(begin[0], begin[1], end[0], end[1], pieces - 1)).reshape(-1, 2)]
+        between = [] if pieces == 1 else _ELLIPSOID.npts(begin[0], begin[1], end[0], end[1], pieces - 1)
+        shortest.append(np.array([begin, *between]))
     longest = len(corners) < sum(map(len, straight))
     return (np.concatenate(straight), np.concatenate(shortest)) if longest else (corners,)
 

@@ -25,6 +25,7 @@ from replay_kit.forecast import read_ensemble
 from tests.benchmarks import planners_mission, planners_scenario
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
+from tests.benchmarks.planners_hazards import hazards_row
 from tests.benchmarks.planners_masked import masked_row
 from tests.benchmarks.planners_search import closest_by_search
 from tests.places import DATA
@@ -45,7 +46,14 @@ _MISSED = 2e3
 
 def rows(tiny: bool) -> list[Row]:
     """Return what was measured."""
-    made = [*glide_rows(tiny), flow_row(tiny), *zermelo_rows(tiny), front_row(tiny), masked_row(3 if tiny else 200)]
+    made = [
+        *glide_rows(tiny),
+        flow_row(tiny),
+        *zermelo_rows(tiny),
+        front_row(tiny),
+        masked_row(3 if tiny else 200),
+        hazards_row(2 if tiny else 300),
+    ]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
     made += planners_scenario.rows(
         None if tiny or not QG.exists() else QG, _MEMBERS[1:2] if tiny else _MEMBERS[1:6:4], 1 if tiny else 5, tiny

@@ -116,10 +116,11 @@ class Outputs(Answer):
         Path | None,
         option(
             "--waypoints",
-            "Short list of places to head for: .csv, .geojson, .json, .ma for a Slocum, .targets for a Seaglider.",
+            "Short list of places to head for: .csv, .geojson, .json, .kml, .plan for QGroundControl, .ma for a Slocum (yo*.ma: dives), "
+            ".targets for a Seaglider.",
             metavar="FILE",
         ),
-        Ending((".csv", ".geojson", ".json", ".ma", ".targets")),
+        Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets")),
     ] = None
     write_unsafe: Annotated[
         bool, flag("--write-unsafe", "Write files of a plan that violates a constraint more often than accepted, or of such waypoints.")

@@ -69,7 +69,7 @@ def _polygons(path: Path) -> list[tuple[str, bool, Sequence[Any]]]:
         polygons = []
         for k, feature in enumerate(features):
             properties, geometry = feature.get("properties") or {}, feature["geometry"]
-            parts = {"Polygon": lambda c: [c], "MultiPolygon": lambda c: c}[geometry["type"]](geometry["coordinates"])
+            parts = {"Polygon": [geometry["coordinates"]], "MultiPolygon": geometry["coordinates"]}[geometry["type"]]
             name, surface_only = str(properties.get("name", f"no-go area {k + 1}")), properties.get("surface_only") or False
             if surface_only not in (True, False):
                 raise ValueError(f"surface_only of {name} is {surface_only!r}, neither true nor false")

@@ -45,8 +45,8 @@ def read_bathymetry(path: Path) -> Bathymetry:
     except (OSError, ValueError) as error:
         raise ForecastError(f"{path}: cannot read the bathymetry: {error}") from error
     variable, up = _depth_variable(path, dataset)
-    axes = [_axis(dataset, variable, names) for names in (_LONGITUDES, _LATITUDES)]
-    if any(axis is None for axis in axes):
+    axes = [axis for axis in (_axis(dataset, variable, names) for names in (_LONGITUDES, _LATITUDES)) if axis is not None]
+    if len(axes) < 2:
         raise _nothing_found(path, dataset)
     values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:

@@ -332,3 +332,15 @@ def test_half_planes_keep_a_point_on_its_side_and_lead_out():
         np.testing.assert_allclose(plane, [1.0, 0.0, -5.0], atol=1e-12)
         assert point @ nothing[:2] <= nothing[2]
     np.testing.assert_array_equal(replace(ring, outside=True).forbids(points), [True, False])
+
+
+def test_a_sliver_between_two_areas_does_not_hide_the_way_round_them():
+    flow = still_flow()
+    areas = (_area(flow, -1e3, -20e3, 1e3, 560.0), _area(flow, -1e3, 640.0, 1e3, 3e3))
+    request = MissionRequest(
+        place(flow, -6e3, 0.0, 0.0), (place(flow, 6e3, 0.0, 0.0),), settings=replace(SETTINGS, depth=390.0), no_go=areas
+    )
+    plan = plan_mission(flow, request)
+    assert plan.status == "reached"
+    # round the corner at 3 km with the margin of 50 m
+    assert plan.track[:, 1].max() == pytest.approx(3050.0, abs=2.0)

@@ -125,3 +125,10 @@ def test_an_area_two_metres_wide_is_seen_and_where_it_is_crossed():
     assert first_crossing((ring,), beside, np.zeros(3)) is None
     assert first_crossing((ring,), beside, np.full(3, 4.0)) == ("cable", 1, 1.0)
     assert first_crossing((replace(ring, outside=True),), path, np.zeros(3)) == ("cable", 0, 0.0)
+
+
+def test_an_area_may_have_long_edges_beside_short_ones():
+    strip = NoGo(((-0.05, 0.0), (0.05, 0.0), (0.05, 0.0001), (-0.05, 0.0001)), "strip")
+    (ring,) = no_go_rings(Projection(0.0, 0.0), strip)
+    # 0.1 by 0.0001 degrees at the equator
+    assert ring.area.area == pytest.approx(11131.9 * 11.0574, rel=1e-3)

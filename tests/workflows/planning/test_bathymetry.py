@@ -105,7 +105,7 @@ def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():
     assert "no depth at 2 of its" in gaps
     wide = np.s_[::3, ::6]
     (coarse,) = bathymetry_notes(Bathymetry(longitude[wide], latitude[wide], DEPTH[wide]), replace(grid, latitude=grid.latitude))[:1]
-    assert "are 25.5 km apart, wider than the forecast's, 8.5 km" in coarse
+    assert "are 25.6 km apart, wider than the forecast's, 8.5 km" in coarse
     part = np.s_[:, :20]
     (short,) = bathymetry_notes(Bathymetry(longitude[part], latitude[part], DEPTH[part]), grid)
     assert "does not cover all of the region" in short
