@@ -25,7 +25,7 @@ from replay_kit.workflows.replay.inputs import checkpoint_files
 from replay_kit.workflows.replay.session import ReplayState, Session
 
 #: Begins the file; then the run's identity, the SHA-256 of the rest, and the rest.
-_MAGIC = b"replay-kit checkpoint 4\n"
+_MAGIC = b"replay-kit checkpoint 5\n"
 _HEAD = len(_MAGIC) + 64 + 32
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}

@@ -233,6 +233,8 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     with session.clock.stage("write"):
         if session.writer is not None:
+            if spread := session.estimator.spread_record(session.estimation.current):
+                session.writer.write_metadata("replay_kit.spread", spread)
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)
