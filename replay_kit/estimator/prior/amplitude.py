@@ -44,7 +44,7 @@ def fit_amplitude(innovation: Array, prior_cov: Array, expected: float | None = 
         return float(np.sum(np.log(total) + square / total) + doubt**2)
 
     # the likelihood may have several maxima; the bracket about the best of a grid has the highest
-    grid = np.linspace(*np.log(AMPLITUDES), _STEPS)
+    grid = np.log(np.geomspace(AMPLITUDES[0], AMPLITUDES[1], _STEPS))
     best = int(np.argmin([deviance(point) for point in grid]))
     bounds = grid[max(best - 1, 0)], grid[min(best + 1, _STEPS - 1)]
     found = minimize_scalar(deviance, bounds=bounds, method="bounded", options={"xatol": 1e-6})

@@ -285,11 +285,11 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingC
     """
     basis = build_basis(ensemble, config)
     if config.preset == "paper":
-        prior = scaled_prior(diagonal_prior(basis.member_weights), config.spread)
-        return ReducedBasisEstimator(basis, prior, config.paper_error_std, basis.truncation_std, ensemble.time_ns)
+        variances = scaled_prior(diagonal_prior(basis.member_weights), config.spread)
+        return ReducedBasisEstimator(basis, variances, config.paper_error_std, basis.truncation_std, ensemble.time_ns)
     members = members_in_basis(basis)
     settings = choose_settings(members, correlation_length(ensemble), config)
-    prior: Prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
+    prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
     spread = None
     if config.spread == "fit" or (config.spread is None and ensemble.made_from):
         expected = left_out_amplitude(members, settings)
