@@ -213,6 +213,11 @@ class EstimatorConfig(_Section):
     representation_error_std: float | None = Field(
         default=None, ge=0.0, description="Representation error [m/s]. Default: from what the truncated basis does not represent."
     )
+    spread: Literal["as_given", "fit"] | Annotated[float, Field(gt=0.0)] | None = Field(
+        default=None,
+        description="Factor on the variance of the prior. as_given: 1; fit: fitted by leaving members out, then to the log's first "
+        "profiles; or a number. Default: fit for members made of lags, times or models with the preset default, else as_given.",
+    )
     paper_error_std: float = Field(default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s].")
 
     @field_validator("modes", mode="before")

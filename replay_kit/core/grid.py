@@ -69,6 +69,7 @@ class Ensemble:
         notes: What a user should know of how the file was read.
         members: Where each member comes from; empty for what was not read from files.
         representation_error_std: What the files' own doubtful labels add to the error of each component [m/s].
+        made_from: ``lags``, ``times`` or ``models`` where the members are no ensemble of a producer's: their spread is not their error.
     """
 
     grid: Grid
@@ -78,6 +79,7 @@ class Ensemble:
     notes: tuple[str, ...] = ()
     members: tuple[str, ...] = ()
     representation_error_std: float = 0.0
+    made_from: str = ""
 
     def __repr__(self) -> str:
         """Return its source, size and time, and its grid."""

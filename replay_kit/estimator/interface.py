@@ -95,5 +95,9 @@ class Estimator(Protocol[State]):
         return []
 
     def bias_notes(self, state: State) -> list[str]:
-        """Return notes on systematic errors of the instrument, estimated or significant in the log, for the user."""
+        """Return notes on what the log taught: the prior's amplitude, systematic errors of the instrument; for the user."""
         return []
+
+    def spread_record(self, state: State) -> dict[str, str]:
+        """Return the amplitude of the prior's covariance in a state and the number of profiles it was fitted to; empty if not fitted."""
+        return {}

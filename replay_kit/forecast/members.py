@@ -9,6 +9,8 @@ from typing import Literal
 from replay_kit.core.errors import ConfigError, ForecastError
 
 Kind = Literal["dim", "files", "suffix", "lags", "times", "models"]
+#: Of these the spread of the members is not their error.
+MADE: tuple[Kind, ...] = ("lags", "times", "models")
 
 # Of a file's name, then of its folder's; the first that fits all files and tells two of them apart is taken.
 _SURE = (r"(?:mem|member|ens|realization|real)[_-]?0*(\d+)(?!\d)", r"(r\d+i\d+p\d+f\d+)")

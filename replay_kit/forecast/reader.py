@@ -17,7 +17,7 @@ from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.blocks import Block, Collection, open_collection
 from replay_kit.forecast.grid import centre_longitude, grid_to_local, local_grid, true_to_local
 from replay_kit.forecast.layout import Layout, lay_out
-from replay_kit.forecast.members import MemberRule, parse_rule
+from replay_kit.forecast.members import MADE, MemberRule, parse_rule
 from replay_kit.forecast.names import MEMBER_NAMES
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.regrid import bilinear, find_cells, to_levels
@@ -78,7 +78,9 @@ def read_members(found: Collection, config: ForecastConfig, near_ns: int | None,
     count = sum(len(field.labels) for field in selection.fields if not field.extra)
     if count < 2:
         raise ForecastError(f"{found.source}: an ensemble needs at least 2 members, got {count}{ways(found)}")
-    return read_selection(selection, config, place_at, found.source, found.notes)
+    reading = read_selection(selection, config, place_at, found.source, found.notes)
+    made_from = found.rule.kind if found.rule.kind in MADE else ""
+    return replace(reading, ensemble=replace(reading.ensemble, made_from=made_from))
 
 
 def read_truth(spec: str, config: ForecastConfig, *, near_ns: int | None = None, place_at: tuple[float, float] | None = None) -> Ensemble:

@@ -102,6 +102,7 @@ def test_lagged_forecasts_valid_at_one_time(tmp_path):
     lagged(tmp_path)
     one = synthetic.ensemble().velocity[0]
     read = read_ensemble(tmp_path, ForecastConfig(members="lags"))
+    assert read.made_from == "lags"
     # the last day that all hold is day 5 of the first
     np.testing.assert_allclose(read.velocity, np.array([1.0, 2.0, 3.0])[:, None, None, None, None] * 6.0 * one, atol=1e-13)
     assert str(np.datetime64(read.time_ns, "ns"))[:10] == "2020-01-06"
@@ -123,6 +124,7 @@ def test_fields_of_the_season_are_anomalies_about_the_forecast(tmp_path):
         ds[name].attrs = one[name].attrs
     save(ds.assign_coords(time=np.array(days, "M8[ns]")), tmp_path / "archive.nc")
     read = read_ensemble(tmp_path / "archive.nc", ForecastConfig(members="times:15d"))
+    assert read.made_from == "times"
     unit = synthetic.ensemble().velocity[0]
     np.testing.assert_allclose(read.velocity, np.array([8.0, 9.0, 13.0])[:, None, None, None, None] * unit, atol=1e-13)
     assert "3 fields within 15 days" in read.notes[0]
@@ -145,6 +147,8 @@ def test_models_lose_their_own_bias(tmp_path, times):
             ds[name].attrs = one[name].attrs
         save(ds.assign_coords(time=np.datetime64("2020-01-01", "ns") + np.arange(times) * DAY), tmp_path / f"{'ab'[model]}.nc")
     read = read_ensemble([tmp_path / "a.nc", tmp_path / "b.nc"], ForecastConfig(members="models", time="2020-01-01"))
+    assert read.made_from == "models"
+    assert read_ensemble([tmp_path / "a.nc", tmp_path / "b.nc"], ForecastConfig(members="files", time="2020-01-01")).made_from == ""
     unit = synthetic.ensemble().velocity[0]
     difference = read.velocity[1] - read.velocity[0]
     if times > 1:

@@ -20,6 +20,7 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.estimator.basis.shifts import shifted_copies
 
 # The paper's length in cells: 10 km on its cells of 8.6 km.
 LENGTH_IN_CELLS = 1.16
@@ -97,7 +98,9 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     kernel = _kernel(ensemble, slices, config)
     if config.preset == "paper":
         return _paper_basis(ensemble.grid, slices, kernel, DepthFunctions("gaussian", config.length_vertical), config.modes)
-    basis = _default_basis(ensemble.grid, slices, kernel, config)
+    few = bool(ensemble.made_from) and (config.modes is None or (ensemble.n_members - 1) * slices.shape[1] < config.modes)
+    shift = (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance) if few else 0.0
+    basis = _default_basis(ensemble.grid, slices, kernel, config, shift)
     return replace(basis, truncation_std=np.hypot(basis.truncation_std, ensemble.representation_error_std))
 
 
@@ -215,12 +218,17 @@ def _paper_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, depth_func
     return Basis(grid, kernel, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
 
 
-def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: EstimatorConfig) -> Basis:
-    """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset."""
+def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: EstimatorConfig, shift: float) -> Basis:
+    """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
+
+    With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
+    their own, and what a basis does not span, the estimate's standard error does not contain.
+    """
     n_members, n_levels, size = slices.shape
     mean: Array = slices.mean(axis=0)
     anomalies = (slices - mean).reshape(-1, size).T  # (2N, E Z)
-    velocity_modes, singular_values = _svd(anomalies, config.modes)
+    spanned = shifted_copies(slices - mean, grid.nodes, shift).reshape(-1, size).T if shift > 0.0 else anomalies
+    velocity_modes, singular_values = _svd(spanned, config.modes)
     weights = velocity_modes.T @ anomalies
     truncated = (anomalies - velocity_modes @ weights).reshape(size, n_members, n_levels)
     velocities: Array = np.hstack([mean.T, velocity_modes])

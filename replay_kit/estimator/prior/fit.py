@@ -20,6 +20,7 @@ from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.core.progress import counted
 from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.prior.amplitude import fit_amplitude
 from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
 
 # Candidates for the sample covariance's share.
@@ -31,6 +32,8 @@ _COLUMNS = (5, 25, 150)
 # The share hardly depends on the modes of little energy, and the cost goes with the cube of their number.
 _MODES = 50
 _LEFT_OUT = 6
+# Of a member left out, for the amplitude.
+_AMPLITUDE_COLUMNS = 10
 # Candidates of a thorough fit, in correlation lengths.
 _SHIFTS = (0.0, 0.5, 1.0, 1.5, 2.0)
 _RADII = (4.5, 9.0)
@@ -150,8 +153,8 @@ def score_sample_shares(
     if n_members < 4:
         return []
     by_member = []
-    for member in np.unique(np.linspace(0, n_members - 1, min(left_out, n_members)).astype(np.int64)):
-        by_member.append(_score_member(few, int(member), settings, shares))
+    for member in _spread_over(n_members, left_out):
+        by_member.append(_score_member(few, member, settings, shares))
         advance()
     log_score, coverage = np.mean(by_member, axis=0)
     return [
@@ -173,6 +176,35 @@ def _score_member(members: Members, member: int, settings: PriorSettings, shares
             [score_withheld(members, truth, share * sample + (1.0 - share) * localised, precision, information) for share in shares]
         )
     return np.asarray(np.mean(scores, axis=0).T, dtype=np.float64)
+
+
+def left_out_amplitude(members: Members, settings: PriorSettings) -> float:
+    """Return the amplitude of the prior's covariance that suits members left out in turn, their geometric mean; 1 with fewer than four.
+
+    Args:
+        members: All of the ensemble; the leading modes are used.
+        settings: Of the prior.
+    """
+    few = members.leading()
+    n_members, n_nodes = few.weights.shape[0], few.nodes.shape[0]
+    if n_members < 4:
+        return 1.0
+    logs = []
+    for member in _spread_over(n_members, _LEFT_OUT):
+        others = np.delete(few.weights, member, axis=0)
+        prior = hybrid_prior(others, few.velocity_modes, few.nodes, settings)
+        rng = np.random.default_rng([_SEED, member])
+        at = rng.integers(n_nodes, size=_AMPLITUDE_COLUMNS)
+        rows = np.concatenate([few.velocity_modes[at], few.velocity_modes[at + n_nodes]]) / _LEVEL_ERROR_STD
+        truth = (few.weights[member] - others.mean(axis=0)) @ rows.T
+        cross = prior.matvec_modes(rows) @ rows.T  # (Z, c, Z, c)
+        logs.append(np.log(fit_amplitude((truth + rng.standard_normal(truth.shape)).ravel(), cross.reshape(truth.size, truth.size))))
+    return float(np.exp(np.mean(logs)))
+
+
+def _spread_over(n_members: int, count: int) -> list[int]:
+    """Return the positions of so many members, evenly spread over the ensemble."""
+    return [int(member) for member in np.unique(np.linspace(0, n_members - 1, min(count, n_members)).astype(np.int64))]
 
 
 def measure_columns(members: Members, truth: Array, n_columns: int, rng: np.random.Generator) -> tuple[Array, Array]:

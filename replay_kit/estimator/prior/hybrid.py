@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from replay_kit.core.arrays import Array
+from replay_kit.estimator.basis.shifts import shifted_copies
 
 
 class Prior(Protocol):
@@ -231,24 +231,6 @@ def localised_part(anomalies: Array, velocity_modes: Array, projector: Array, no
     taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), radius), (2, 2))
     in_functions: Array = np.einsum("qz,ezr->qer", vertical, anomalies, optimize=True)
     return vertical, np.stack([projector @ (taper * (field.T @ field)) @ projector.T for field in in_functions @ velocity_modes.T])
-
-
-def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
-    """Return fields and their copies shifted east, west, north and south, weighted: shape (5 E, Z, 2N).
-
-    Their Gram matrix is a mean, in which a field itself counts as much as two of its copies. A copy has at each node
-    what the field has at the node nearest to the shifted place, so at the edge it repeats the edge.
-
-    Args:
-        fields: shape (E, Z, 2N).
-        nodes: shape (N, 2) [m].
-        shift: [m].
-    """
-    offsets = shift * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    _, source = cKDTree(nodes).query(nodes[None] + offsets[:, None])
-    both = np.concatenate([source, source + nodes.shape[0]], axis=1)
-    weights = np.sqrt(np.array([2.0, 1.0, 1.0, 1.0, 1.0]) / 6.0)
-    return np.concatenate([weight * fields[..., indices] for weight, indices in zip(weights, both, strict=True)])
 
 
 def gaspari_cohn(distance: Array, radius: float) -> Array:

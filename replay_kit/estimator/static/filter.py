@@ -18,18 +18,20 @@ from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
-from replay_kit.estimator.basis.modes import Basis, build_basis, correlation_length
+from replay_kit.estimator.basis.modes import Basis, build_basis, cell_size, correlation_length
 from replay_kit.estimator.basis.noise import bin_noise
 from replay_kit.estimator.interface import Estimator
-from replay_kit.estimator.prior.fit import choose_settings, members_in_basis
+from replay_kit.estimator.prior.amplitude import ScaledPrior, fit_amplitude, scaled_prior
+from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
 from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior
+from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.update.biases import NAMES, BiasScore, significant_bias_notes, unit_bias_rows
 from replay_kit.estimator.update.compression import ProfileRows, compress_profile
 from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_path_mean
-from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means
+from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means, prior_covariance
 from replay_kit.estimator.update.representation import inflated, select_representation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
 
@@ -46,6 +48,7 @@ class FilterState:
         monitor: Of the latest gate results.
         last: The last measurement with a usable bin; an equal one that follows is a duplicate.
         bias_score: Of systematic errors of the instrument.
+        spread: Amplitude of the prior's covariance; None as it is given.
     """
 
     posterior: Posterior
@@ -53,6 +56,7 @@ class FilterState:
     monitor: ConsistencyMonitor = _NEW_MONITOR
     last: Measurement | None = None
     bias_score: BiasScore = _NO_SCORE
+    spread: SpreadFit | None = None
 
     @property
     def mean(self) -> Array:
@@ -71,6 +75,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         representation_std: shape (Z,) [m/s], representation error of the basis, by level.
         time_ns: Time of the forecast.
         gating: Gate and covariance inflation; None accepts every profile with its stated errors (paper).
+        spread: Amplitude of the prior's covariance before the log, which is then fitted to it; None leaves the covariance as it is.
     """
 
     basis: Basis
@@ -79,6 +84,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
     representation_std: Array
     time_ns: int | None
     gating: GatingConfig | None = None
+    spread: SpreadFit | None = None
 
     supports_path_means = True
     # the products of so many observations with the prior covariance are computed together: it is read once for all
@@ -90,14 +96,23 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         return int(self.prior.mean.size)
 
     @property
+    def prior_weights(self) -> Array:
+        """Mean of the prior, shape (Z, r)."""
+        return self._by_level(self.prior.mean)
+
+    @property
     def common_part(self) -> Prior:
         """The prior."""
         return self.prior
 
     def initial(self) -> FilterState:
         """Return the prior as a state."""
-        n_levels = self.basis.grid.levels.size
-        return FilterState(initial(self.prior, np.zeros((len(NAMES), n_levels, self.prior.mean.size // n_levels))), None)
+        return self._initial(self.spread)
+
+    def _initial(self, spread: SpreadFit | None) -> FilterState:
+        no_bias = np.zeros((len(NAMES), *self.prior_weights.shape))
+        prior = self.prior if spread is None else ScaledPrior(self.prior, spread.amplitude)
+        return FilterState(initial(prior, no_bias), None, spread=spread)
 
     def step(self, state: FilterState, observation: Measurement) -> tuple[FilterState, Innovation]:
         """Return the state after an observation, and the innovation.
@@ -110,9 +125,36 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Yield the state after each observation, and its innovation.
 
         The same as repeated ``step``, but products that do not depend on earlier observations are computed for ``block_size`` of them
-        at once: several times faster, and equal to rounding.
+        at once: several times faster, and equal to rounding. While the prior's amplitude is fitted, it is ``step``.
         """
         source = iter(observations)
+        while state.spread is not None and state.spread.past is not None:
+            measurement = next(source, None)
+            if measurement is None:
+                return
+            state, innovation = self._fitting_step(state, state.spread, measurement)
+            yield state, innovation
+        yield from self._assimilated(state, source)
+
+    def _fitting_step(self, state: FilterState, spread: SpreadFit, measurement: Measurement) -> tuple[FilterState, Innovation]:
+        """Return the state after a measurement, with the amplitude fitted if it is time, and the innovation before that."""
+        state, innovation = next(self._assimilated(state, [measurement]))
+        place = None
+        if innovation.accepted and isinstance(measurement, Observation):
+            place = np.array(to_local(self.basis.grid.projection, measurement.longitude, measurement.latitude), dtype=np.float64)
+        spread = spread.after(measurement, place)
+        if not spread.is_due:
+            return replace(state, spread=spread), innovation
+        rows = [self.rows(profile, screen_measurement(profile, self.basis.grid).used) for profile, _ in spread.profiles]
+        misfit = np.concatenate([each.compress(each.values)[0] - each.matvec(self.prior_weights) for each in rows])
+        fitted = spread.fitted(fit_amplitude(misfit, prior_covariance(self.prior, rows), spread.expected))
+        assert spread.past is not None
+        *_, (state, _) = self._assimilated(self._initial(fitted), spread.past)
+        return state, innovation
+
+    def _assimilated(self, state: FilterState, source: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]:
+        """Yield the state after each observation, and its innovation, with the prior's amplitude as it is."""
+        source = iter(source)
         while block := [self._linearised(observation) for observation in islice(source, self.block_size)]:
             prefetched: Iterator[PriorCrossCovariance] = iter(())
             made_by: Posterior | None = None
@@ -148,9 +190,10 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         if inflation > 1.0:
             posterior = inflated(posterior, inflation)
         # the posterior's own prior may be an earlier posterior
-        prior = rows.matvec(self._by_level(self.prior.mean))
+        prior = rows.matvec(self.prior_weights)
         score = update.bias_score(state.bias_score, screened.observation, bias_rows)
-        return FilterState(posterior, time_ns, monitor, screened.observation, score), update.to_innovation(screened, prior, inflation)
+        after = FilterState(posterior, time_ns, monitor, screened.observation, score, state.spread)
+        return after, update.to_innovation(screened, prior, inflation)
 
     def _linearised(self, observation: Measurement) -> tuple[Screened, ProfileRows | PathRows | None]:
         """Return a measurement after screening, and its rows; None without a usable bin."""
@@ -219,8 +262,14 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         return [f"prior: {self.prior.settings}"] if self.prior.settings else []
 
     def bias_notes(self, state: FilterState) -> list[str]:
-        """Return the significant systematic errors of the instrument."""
-        return significant_bias_notes(state.bias_score)
+        """Return the amplitude of the prior, where it is fitted, and the significant systematic errors of the instrument."""
+        return [*([] if state.spread is None else [str(state.spread)]), *significant_bias_notes(state.bias_score)]
+
+    def spread_record(self, state: FilterState) -> dict[str, str]:
+        """Return the amplitude of the prior's covariance in a state, and what it was fitted to."""
+        if state.spread is None:
+            return {}
+        return {"amplitude": repr(state.spread.amplitude), "profiles": str(state.spread.fitted_to)}
 
     def _by_level(self, mean: Array) -> Array:
         return mean.reshape(self.basis.grid.levels.size, -1)
@@ -236,10 +285,15 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingC
     """
     basis = build_basis(ensemble, config)
     if config.preset == "paper":
-        return ReducedBasisEstimator(
-            basis, diagonal_prior(basis.member_weights), config.paper_error_std, basis.truncation_std, ensemble.time_ns
-        )
+        variances = scaled_prior(diagonal_prior(basis.member_weights), config.spread)
+        return ReducedBasisEstimator(basis, variances, config.paper_error_std, basis.truncation_std, ensemble.time_ns)
     members = members_in_basis(basis)
     settings = choose_settings(members, correlation_length(ensemble), config)
     prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
-    return ReducedBasisEstimator(basis, prior, None, basis.representation_std(config), ensemble.time_ns, gating)
+    spread = None
+    if config.spread == "fit" or (config.spread is None and ensemble.made_from):
+        expected = left_out_amplitude(members, settings)
+        spread = SpreadFit(expected, expected, 0, float(np.sqrt(np.prod(cell_size(ensemble.grid)))))
+    return ReducedBasisEstimator(
+        basis, scaled_prior(prior, config.spread), None, basis.representation_std(config), ensemble.time_ns, gating, spread
+    )

@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Observation
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
-from replay_kit.estimator.update.posterior import prior_cross_covariances
+from replay_kit.estimator.update.posterior import prior_covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,15 +77,9 @@ def predict_jointly(estimator: ReducedBasisEstimator, profiles: Sequence[Observa
         profiles: Places, depths and errors.
         bins: For each profile the indices of its bins to predict, at least one in all.
     """
-    designs, images, log_error = [], [], 0.0
-    for profile, used in zip(profiles, bins, strict=True):
-        if used.size:
-            rows = estimator.rows(profile, used)
-            designs.append(rows.design())
-            images.append(prior_cross_covariances(estimator.prior, [rows])[0].reshape(2 * rows.r.shape[0], -1))
-            log_error += 2.0 * rows.noise.log_scale
-    design, image = np.concatenate(designs), np.concatenate(images)
-    covariance: Array = design @ image.T
-    covariance = 0.5 * (covariance + covariance.T)
+    all_rows = [estimator.rows(profile, used) for profile, used in zip(profiles, bins, strict=True) if used.size]
+    log_error = sum(2.0 * rows.noise.log_scale for rows in all_rows)
+    mean = np.concatenate([rows.matvec(estimator.prior_weights) for rows in all_rows])
+    covariance = prior_covariance(estimator.prior, all_rows)
     covariance[np.diag_indices_from(covariance)] += 1.0
-    return JointPrediction(estimator, tuple(bins), design @ estimator.prior.mean, np.asarray(np.linalg.cholesky(covariance)), log_error)
+    return JointPrediction(estimator, tuple(bins), mean, np.asarray(np.linalg.cholesky(covariance)), log_error)

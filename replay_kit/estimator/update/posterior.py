@@ -210,6 +210,13 @@ def prior_cross_covariances(prior: Prior, profiles: Sequence[ProfileRows]) -> li
     return [np.matmul(rows.r, of_profile).reshape(-1, n_levels, n_modes) for rows, of_profile in zip(profiles, by_component, strict=True)]
 
 
+def prior_covariance(prior: Prior, profiles: Sequence[ProfileRows]) -> Array:
+    """Return the covariance of the rows of all profiles under a prior, without their own noise, shape (R, R)."""
+    crosses = [cross.reshape(len(cross), -1) for cross in prior_cross_covariances(prior, profiles)]
+    covariance: Array = np.concatenate([rows.design() for rows in profiles]) @ np.concatenate(crosses).T
+    return 0.5 * (covariance + covariance.T)
+
+
 def tiled_product(matrix: Array, columns: Array) -> Array:
     """Return the product of a matrix, shape (n, m), with columns, shape (m, c).
 

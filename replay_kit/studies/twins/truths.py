@@ -1,7 +1,7 @@
 """Which truth an experiment withholds: one of its own, or a member left out of the ensemble."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def leave_out(ensemble: Ensemble, member: int) -> Case:
         raise ConfigError(f"--leave-out: an ensemble of at least 3 members is needed, got {ensemble.n_members}")
     left = np.delete(ensemble.velocity, member, axis=0)
     truth = Ensemble(ensemble.grid, ensemble.velocity[member : member + 1], ensemble.time_ns, f"{ensemble.source}#{member}")
-    return Case(member, truth, Ensemble(ensemble.grid, left, ensemble.time_ns, ensemble.source, ensemble.notes))
+    return Case(member, truth, replace(ensemble, velocity=left, members=()))
 
 
 def members_named(text: str, n_members: int) -> tuple[int, ...]:

@@ -248,6 +248,8 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
     with session.clock.stage("write"):
         if session.writer is not None:
             session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
+            if spread := session.estimator.spread_record(session.estimation.current):
+                session.writer.write_metadata("replay_kit.spread", spread)
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)

@@ -1,0 +1,158 @@
+"""The amplitude fitted as a log goes on: from the past only, the same however it is called, and when it is fitted at all."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.config.gating import GatingConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.geodesy import to_local
+from replay_kit.estimator import build_estimator
+from replay_kit.estimator.prior.amplitude import ScaledPrior, fit_amplitude
+from replay_kit.estimator.static.likelihood import predict_jointly
+from replay_kit.estimator.static.spread import SpreadFit
+from tests import synthetic
+
+GIVEN = synthetic.ensemble(n_members=6, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
+MADE = replace(GIVEN, made_from="lags")
+CONFIG = EstimatorConfig(modes=20)
+ESTIMATOR = build_estimator(MADE, CONFIG)
+# so near one another that nearly all would be left out by the usual spacing
+ESTIMATOR = replace(ESTIMATOR, spread=replace(ESTIMATOR.spread, spacing=10.0))
+PROFILES = synthetic.random_profiles(GIVEN.grid, 40)
+
+
+def after(estimator, profiles):
+    state = estimator.initial()
+    for profile in profiles:
+        state, _ = estimator.step(state, profile)
+    return state
+
+
+def test_made_members_are_fitted_and_true_ones_are_not():
+    assert build_estimator(GIVEN, CONFIG).spread is None
+    assert build_estimator(MADE, CONFIG).spread.fitted_to == 0
+    assert build_estimator(GIVEN, CONFIG.model_copy(update={"spread": "fit"})).spread.fitted_to == 0
+    assert build_estimator(MADE, CONFIG.model_copy(update={"spread": "as_given"})).spread is None
+    assert build_estimator(MADE, EstimatorConfig(preset="paper", modes=10)).spread is None
+
+
+def test_a_number_is_a_factor_on_the_covariance():
+    for config in (CONFIG, EstimatorConfig(preset="paper", modes=10)):
+        given = build_estimator(GIVEN, config)
+        scaled = build_estimator(GIVEN, config.model_copy(update={"spread": 2.0}))
+        assert scaled.spread is None
+        np.testing.assert_allclose(scaled.prior.covariance(), 2.0 * given.prior.covariance(), rtol=1e-12)
+
+
+def test_before_the_log_the_amplitude_is_that_of_members_left_out():
+    prior = ESTIMATOR.initial().posterior.prior
+    assert isinstance(prior, ScaledPrior)
+    assert prior.amplitude == ESTIMATOR.spread.amplitude
+    assert after(ESTIMATOR, PROFILES[:7]).spread.amplitude == ESTIMATOR.spread.amplitude
+    assert after(ESTIMATOR, PROFILES[:7]).spread.fitted_to == 0
+
+
+@pytest.mark.parametrize("count", [8, 16, 32])
+def test_it_is_the_likeliest_for_the_profiles_so_far_and_the_estimate_is_made_with_it(count):
+    state = after(ESTIMATOR, PROFILES[:count])
+    bins = [np.flatnonzero(profile.depth <= GIVEN.grid.levels[-1]) for profile in PROFILES[:count]]
+    joint = predict_jointly(ESTIMATOR, PROFILES[:count], bins)
+    rows = [ESTIMATOR.rows(profile, used) for profile, used in zip(PROFILES, bins, strict=False)]
+    innovation = np.concatenate([each.compress(each.values)[0] for each in rows]) - joint.mean
+    amplitude = fit_amplitude(innovation, joint.chol @ joint.chol.T - np.eye(innovation.size), ESTIMATOR.spread.amplitude)
+    assert state.spread.amplitude == pytest.approx(amplitude, rel=1e-4)
+    assert state.spread.fitted_to == count
+    scaled = replace(ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, state.spread.amplitude), spread=None)
+    alone = after(scaled, PROFILES[:count])
+    np.testing.assert_allclose(state.mean, alone.mean, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(state.posterior.covariance(), alone.posterior.covariance(), rtol=1e-8, atol=1e-12)
+
+
+def test_the_innovation_published_was_predicted_before_the_fit():
+    before, (_, innovation) = after(ESTIMATOR, PROFILES[:7]), ESTIMATOR.step(after(ESTIMATOR, PROFILES[:7]), PROFILES[7])
+    np.testing.assert_allclose(innovation.innovation, ESTIMATOR.innovation(before, PROFILES[7]), rtol=1e-9, atol=1e-12)
+
+
+def test_online_in_blocks_and_from_a_pickle_are_the_same():
+    online = after(ESTIMATOR, PROFILES)
+    *_, (at_once, _) = ESTIMATOR.steps(ESTIMATOR.initial(), PROFILES)
+    half = pickle.loads(pickle.dumps(after(ESTIMATOR, PROFILES[:13])))
+    for profile in PROFILES[13:]:
+        half, _ = ESTIMATOR.step(half, profile)
+    for other in (at_once, half):
+        np.testing.assert_allclose(other.mean, online.mean, rtol=1e-8, atol=1e-11)
+        assert other.spread.amplitude == pytest.approx(online.spread.amplitude, rel=1e-12)
+    assert online.spread.past is None
+    assert online.spread.profiles == ()
+
+
+def test_a_state_is_not_changed_by_what_follows():
+    state = after(ESTIMATOR, PROFILES[:7])
+    mean, amplitude = state.mean.copy(), state.spread.amplitude
+    ESTIMATOR.step(state, PROFILES[7])
+    np.testing.assert_array_equal(state.mean, mean)
+    assert state.spread.amplitude == amplitude
+    assert len(state.spread.past) == 7
+
+
+def test_profiles_near_one_another_count_once():
+    fit, here = SpreadFit(1.0, 1.0, 0, 1000.0), np.array([0.0, 0.0])
+    fit = fit.after(PROFILES[0], here).after(PROFILES[1], np.array([600.0, 799.0]))
+    assert len(fit.profiles) == 1
+    fit = fit.after(PROFILES[2], np.array([600.0, 800.0]))
+    assert len(fit.profiles) == 2
+    assert len(fit.past) == 3
+    assert len(fit.after(PROFILES[3], None).profiles) == 2
+
+
+def test_the_usual_spacing_is_a_cell():
+    east, north = GIVEN.grid.east, GIVEN.grid.north
+    cell = np.sqrt(np.hypot(*np.diff([east, north], axis=2)[:, 0, 0]) * np.hypot(*np.diff([east, north], axis=1)[:, 0, 0]))
+    assert build_estimator(MADE, CONFIG).spread.spacing == pytest.approx(cell, rel=0.02)
+
+
+def test_a_vehicle_that_stays_ends_the_fit():
+    fit = SpreadFit(1.5, 1.0, 8, 1000.0, past=(PROFILES[0],) * 1023)
+    assert len(fit.after(PROFILES[1], None).past) == 1024
+    ended = fit.after(PROFILES[1], None).after(PROFILES[2], np.zeros(2))
+    assert ended.past is None
+    assert (ended.amplitude, ended.fitted_to) == (1.5, 8)
+    assert ended.after(PROFILES[3], np.zeros(2)) is ended
+
+
+def test_what_it_says():
+    state = after(ESTIMATOR, PROFILES[:9])
+    assert ESTIMATOR.spread_record(state) == {"amplitude": repr(state.spread.amplitude), "profiles": "8"}
+    assert (
+        ESTIMATOR.bias_notes(state)[0]
+        == f"variance of the prior multiplied by {state.spread.amplitude:.2f}, fitted to 8 profiles of the log"
+    )
+    assert "members left out, no profile of the log" in ESTIMATOR.bias_notes(ESTIMATOR.initial())[0]
+    given = build_estimator(GIVEN, CONFIG)
+    assert given.spread_record(given.initial()) == {}
+    assert given.bias_notes(given.initial()) == []
+
+
+def test_rejected_profiles_do_not_count():
+    estimator = replace(ESTIMATOR, gating=GatingConfig())
+    wrong = replace(PROFILES[6], velocity=PROFILES[6].velocity + 30.0)
+    state = after(estimator, [*PROFILES[:6], wrong])
+    place = np.array(to_local(GIVEN.grid.projection, wrong.longitude, wrong.latitude))
+    assert len(state.spread.past) == 7
+    assert not any(np.array_equal(place, at) for _, at in state.spread.profiles)
+
+
+def test_few_made_members_span_their_shifted_copies_too():
+    three = replace(GIVEN, velocity=GIVEN.velocity[:3])
+    made = replace(three, made_from="times")
+    # two anomalies at three levels, and four copies of each
+    assert build_estimator(three, EstimatorConfig()).basis.n_modes == 6
+    assert build_estimator(made, EstimatorConfig()).basis.n_modes == 30
+    assert build_estimator(made, EstimatorConfig(shift_distance=0.0)).basis.n_modes == 6
+    # as many modes as the members have themselves: nothing is added
+    alike = [build_estimator(ensemble, EstimatorConfig(modes=6)).basis.modes for ensemble in (three, made)]
+    np.testing.assert_array_equal(*alike)
+    assert build_estimator(made, EstimatorConfig(modes=7)).basis.n_modes == 7
