@@ -1,24 +1,20 @@
-"""The summary of a replay: one frozen value, as JSON and as the tables and sentences printed at the end of a run."""
+"""The summary of a replay: one frozen value, as the tables and sentences printed at the end of a run."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
 
-import numpy as np
 from rich.console import Console
 
-from replay_kit.core.finding import Finding, finding_json
+from replay_kit.core.finding import Finding
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
-from replay_kit.results.losses import loss_json, loss_words
-from replay_kit.results.summary_plan import outcomes_json, outcomes_sentence, plan_json, plan_sentence
-from replay_kit.results.text import coded, folded, not_used_lines, print_lines, print_table
+from replay_kit.results.losses import loss_words
+from replay_kit.results.summary_plan import outcomes_sentence, plan_sentence
+from replay_kit.results.text import folded, not_used_lines, print_lines, print_table
 from replay_kit.results.verdict import verdict
 
-_STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
 # Dives that the summary names.
 _WORST = 3
 
@@ -154,74 +150,6 @@ class ReplaySummary:
         """All that apply: 4 when bytes, frames or late messages were lost, 6 when the inputs contradict each other or themselves."""
         lost, contradicted = self.losses or self.late, any(finding.severity != "warning" for finding in self.findings)
         return (4,) * bool(lost) + (6,) * contradicted
-
-
-def to_json(summary: ReplaySummary) -> dict[str, Any]:
-    """Return the summary as the JSON object of ``--json``; undefined figures are null."""
-    plan = plan_json(summary.plan) if summary.plan else None
-    if plan is None and summary.plan_note:
-        plan = {"status": "failed", "message": summary.plan_note}
-    summary_json: dict[str, Any] = _plain(
-        {
-            "status": _STATUS[summary.exit_code],
-            "exit_code": summary.exit_code,
-            "exit_codes": list(summary.exit_codes),
-            "verdict": list(summary.verdict),
-            "consistency": [finding_json(finding) for finding in summary.findings],
-            "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
-            "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
-            "late": summary.late,
-            "observations": {
-                "used": summary.profiles_used,
-                "rejected": summary.profiles_rejected,
-                "bins_used": summary.bins_used,
-                "bins_rejected": dict(summary.bins_rejected),
-            },
-            "rms_innovation": {"before": summary.rms_before, "after": summary.rms_after, "prior": summary.rms_prior},
-            "nis_per_dof": summary.nis_per_dof,
-            "by_dive": [asdict(row) for row in summary.by_dive],
-            "seconds": dict(summary.seconds),
-            "plan": plan,
-            "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
-            "truth": asdict(summary.truth) if summary.truth else None,
-            "notes": list(summary.notes),
-            "lost_pings": summary.lost_pings,
-        }
-    )
-    return summary_json
-
-
-def to_record(summary: ReplaySummary, inputs: Sequence[Path]) -> dict[str, Any]:
-    """Return what a result keeps of its summary: ``to_json`` without wall times, with the inputs' names and not their folders.
-
-    Args:
-        summary: Of the run.
-        inputs: Logs and files of the ensemble.
-    """
-    record = {key: value for key, value in to_json(summary).items() if key != "seconds"}
-    paths = {str(path): path.name for path in inputs}
-
-    def named(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: named(item) for key, item in value.items()}
-        if isinstance(value, list):
-            return [named(item) for item in value]
-        for path, name in paths.items() if isinstance(value, str) else ():
-            value = value.replace(path, name)
-        return value
-
-    return {key: named(value) for key, value in record.items()}
-
-
-def _plain(value: Any) -> Any:
-    """Return a value with NaN and infinities as None, tuples as lists, NumPy scalars as Python's."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def print_summary(summary: ReplaySummary, console: Console, verbose: bool = False) -> None:

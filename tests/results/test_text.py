@@ -6,7 +6,8 @@ import math
 import pytest
 from rich.console import Console
 
-from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow, print_summary, to_json
+from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow, print_summary
+from replay_kit.results.summary_json import to_json
 from replay_kit.results.text import code_of, fold_names, folded, iso, not_used_lines, print_table, short_times
 
 DAY = 86_400 * 10**9

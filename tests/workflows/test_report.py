@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.results.summary import to_json
+from replay_kit.results.summary_json import to_json
 from replay_kit.workflows.report import page_of, report
 from tests.command import invoke
 from tests.places import SAMPLES

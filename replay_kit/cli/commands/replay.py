@@ -122,7 +122,8 @@ def _smooth(outputs: Outputs, job: "ReplayJob", config: "RunConfig") -> None:
 
 def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:
     """Print the summary, and write the report and the JSON if they are asked for."""
-    from replay_kit.results.summary import print_summary, to_json
+    from replay_kit.results.summary import print_summary
+    from replay_kit.results.summary_json import to_json
 
     print_summary(summary, console, outputs.verbose)
     if outputs.page is not None:

@@ -30,7 +30,8 @@ def smooth(*logs: Log, inputs: Annotated[Inputs, TO_INPUTS], outputs: Annotated[
     check_paths((*logs, *inputs.ensemble, settings.file), (outputs.out, outputs.json_file), outputs.overwrite)
     config = settings.load()
 
-    from replay_kit.results.summary import print_summary, to_json
+    from replay_kit.results.summary import print_summary
+    from replay_kit.results.summary_json import to_json
     from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
 

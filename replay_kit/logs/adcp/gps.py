@@ -8,27 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.logs.shared.positions import Positions
 
 _NS = 1_000_000_000
 _HALF_DAY_NS = 43_200 * _NS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fixes:
+class Fixes(Positions):
     """A vessel's fixes.
 
     Attributes:
-        time_ns: shape (n,) [ns, UTC], increasing.
-        longitude: shape (n,) [degrees east].
-        latitude: shape (n,) [degrees north].
         offset_ns: What is to be added to the instrument's clock to have UTC [ns]; None without fixes.
         n_bad: Records of the GPS that are no fix.
     """
 
-    time_ns: NDArray[np.int64]
-    longitude: Array
-    latitude: Array
     offset_ns: int | None
     n_bad: int
 

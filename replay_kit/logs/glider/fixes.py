@@ -7,25 +7,20 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.logs.glider.columns import Columns, Table
+from replay_kit.logs.shared.positions import Positions
 
 # of a SeaExplorer: at the surface with a fix
 _FIX_STATE = 119
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fixes:
+class Fixes(Positions):
     """Positions measured at the surface, in order of time.
 
     Attributes:
-        time_ns: shape (n,) [ns, UTC], increasing.
-        longitude: shape (n,) [degrees east].
-        latitude: shape (n,) [degrees north].
         error: shape (n,) [m], standard deviation of each component; NaN where unknown.
     """
 
-    time_ns: NDArray[np.int64]
-    longitude: Array
-    latitude: Array
     error: Array
 
 

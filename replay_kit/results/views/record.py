@@ -61,7 +61,7 @@ def summary_of(result: Result, record: RunRecord) -> Mapping[str, Any]:
         result: The result; the score against a truth is not in the file, but may be in its summary.
         record: What the result states of its run.
     """
-    from replay_kit.results.summary import to_json
+    from replay_kit.results.summary_json import to_json
 
     if record.summary is None:
         return _from_tables(result)

@@ -22,7 +22,8 @@ from replay_kit.forecast import ensemble_files
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.results.summary import ReplaySummary, TruthScore, to_record
+from replay_kit.results.summary import ReplaySummary, TruthScore
+from replay_kit.results.summary_json import to_record
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
 from replay_kit.workflows.replay.consistency import checked_speeds, conclusions

@@ -8,7 +8,7 @@ import numpy as np
 import replay_kit as rk
 from replay_kit.results.report import report_html
 from replay_kit.results.report.page import SECTIONS
-from replay_kit.results.summary import to_json
+from replay_kit.results.summary_json import to_json
 from replay_kit.results.views.record import leaves
 from tests.results.report.html_of import elements, figures, text_of, unpacked
 

@@ -12,7 +12,7 @@ from replay_kit.core.message import Loss
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results import Result
-from replay_kit.results.summary import to_json
+from replay_kit.results.summary_json import to_json
 from replay_kit.studies.twins import Faults, Twin, make_twin
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay

@@ -25,7 +25,8 @@ from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing, outcome_of
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
-from replay_kit.results.summary import print_summary, to_json
+from replay_kit.results.summary import print_summary
+from replay_kit.results.summary_json import to_json
 from replay_kit.workflows.planning import MissionPlanner, planner_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.provenance import run_settings_toml

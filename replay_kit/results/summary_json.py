@@ -1,0 +1,85 @@
+"""The summary of a replay as JSON, and as the result keeps it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.finding import finding_json
+from replay_kit.results.losses import loss_json
+from replay_kit.results.summary import ReplaySummary
+from replay_kit.results.summary_plan import outcomes_json, plan_json
+from replay_kit.results.text import coded
+
+_STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
+
+
+def to_json(summary: ReplaySummary) -> dict[str, Any]:
+    """Return the summary as the JSON object of ``--json``; undefined figures are null."""
+    plan = plan_json(summary.plan) if summary.plan else None
+    if plan is None and summary.plan_note:
+        plan = {"status": "failed", "message": summary.plan_note}
+    summary_json: dict[str, Any] = _plain(
+        {
+            "status": _STATUS[summary.exit_code],
+            "exit_code": summary.exit_code,
+            "exit_codes": list(summary.exit_codes),
+            "verdict": list(summary.verdict),
+            "consistency": [finding_json(finding) for finding in summary.findings],
+            "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
+            "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
+            "late": summary.late,
+            "observations": {
+                "used": summary.profiles_used,
+                "rejected": summary.profiles_rejected,
+                "bins_used": summary.bins_used,
+                "bins_rejected": dict(summary.bins_rejected),
+            },
+            "rms_innovation": {"before": summary.rms_before, "after": summary.rms_after, "prior": summary.rms_prior},
+            "nis_per_dof": summary.nis_per_dof,
+            "by_dive": [asdict(row) for row in summary.by_dive],
+            "seconds": dict(summary.seconds),
+            "plan": plan,
+            "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
+            "truth": asdict(summary.truth) if summary.truth else None,
+            "notes": list(summary.notes),
+            "lost_pings": summary.lost_pings,
+        }
+    )
+    return summary_json
+
+
+def to_record(summary: ReplaySummary, inputs: Sequence[Path]) -> dict[str, Any]:
+    """Return what a result keeps of its summary: ``to_json`` without wall times, with the inputs' names and not their folders.
+
+    Args:
+        summary: Of the run.
+        inputs: Logs and files of the ensemble.
+    """
+    record = {key: value for key, value in to_json(summary).items() if key != "seconds"}
+    paths = {str(path): path.name for path in inputs}
+
+    def named(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: named(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [named(item) for item in value]
+        for path, name in paths.items() if isinstance(value, str) else ():
+            value = value.replace(path, name)
+        return value
+
+    return {key: named(value) for key, value in record.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with NaN and infinities as None, tuples as lists, NumPy scalars as Python's."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
