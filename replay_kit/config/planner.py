@@ -1,5 +1,6 @@
 """``[planner]``: what a replay plans, and when."""
 
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -59,6 +60,11 @@ class PlannerConfig(BaseModel):
         if 0 < self.samples < 3:
             raise ValueError(f"samples: an ellipse needs three or more, got {self.samples}")
         return self
+
+    @property
+    def bathymetry_path(self) -> Path | None:
+        """File of the bathymetry; None without."""
+        return None if self.bathymetry is None else Path(self.bathymetry)
 
     @property
     def at_surfacings(self) -> bool:

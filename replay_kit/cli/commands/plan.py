@@ -164,15 +164,13 @@ def plan(
     from replay_kit.workflows.planning.request import MissionKind, PlanJob
 
     kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
-    configured = config.planner.bathymetry
-    bathymetry = places.bathymetry if configured is None or places.bathymetry is not None else Path(configured)
     job = PlanJob(
         flows,
         start,
         goals,
         kind=kind,
         no_go=places.no_go,
-        bathymetry=bathymetry,
+        bathymetry=places.bathymetry or config.planner.bathymetry_path,
         spline=method.spline,
         risk=method.risk,
         waypoints=outputs.waypoints is not None,
@@ -192,17 +190,24 @@ def plan(
         return _UNSAFE
     _write(planned, outputs)
     if outputs.out is not None:
-        asked = {"start": places.start, "goals": " ".join(places.goal), "objective": aim.objective, "mooring": aim.mooring}
-        more = {
-            "spline": method.spline,
-            "risk": method.risk,
-            "arrive": method.arrive,
-            "time_limit": method.time_limit,
-            "surfacings_only": aim.surfacings_only,
-            "line_weight": kind.cross_track_weight,
-        }
-        write_mission(outputs.out, outputs.overwrite, planned, job, {**asked, **more}, config)
+        write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, aim, method, kind.cross_track_weight), config)
     return 0 if unsafe is None else _UNSAFE
+
+
+def _asked(places: Places, aim: Aim, method: Method, line_weight: float | None) -> dict[str, object]:
+    """Return what was asked for beyond the configuration, as it was given."""
+    return {
+        "start": places.start,
+        "goals": " ".join(places.goal),
+        "objective": aim.objective,
+        "mooring": aim.mooring,
+        "spline": method.spline,
+        "risk": method.risk,
+        "arrive": method.arrive,
+        "time_limit": method.time_limit,
+        "surfacings_only": aim.surfacings_only,
+        "line_weight": line_weight,
+    }
 
 
 def _write(planned: "PlannedMission", outputs: Outputs) -> None:

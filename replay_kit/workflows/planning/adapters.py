@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -33,7 +32,7 @@ def planner_of(config: PlannerConfig) -> Planner:
     """
     if config.kind == "mission":
         bound = MissionPlanner.of(config)
-        return bound if config.bathymetry is None else replace(bound, bathymetry=read_bathymetry(Path(config.bathymetry)))
+        return bound if config.bathymetry_path is None else replace(bound, bathymetry=read_bathymetry(config.bathymetry_path))
     if config.bathymetry is not None:
         raise ConfigError("[planner] bathymetry: only a mission turns above the bottom; set kind to mission (--planner mission)")
     return GlidePlanner.of(config)
