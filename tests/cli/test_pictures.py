@@ -99,3 +99,14 @@ def test_the_script_of_the_next_three_days(folder, capsys):
     assert len(lines) == 2
     assert lines[1].split()[:2] == ["153.0,-40.2,0", "reached"]
     assert float(lines[1].split()[2]) < 72.0
+
+
+def test_a_replay_writes_a_smoothed_result_too(tmp_path):
+    words = ["replay", str(SAMPLES / "glider.mcap"), "--ensemble", str(SAMPLES / "ensemble.nc"), "--end", "2018-11-16T02:00:00Z", "-q"]
+    words += ["--levels", "5,150,500", "--modes", "6", "--time.scale", "86400", "-o", "r.mcap", "--smooth", "s.mcap"]
+    done = run_command(tmp_path, words)
+    assert done.returncode == 0, done.stderr
+    first, second = (rk.open_result(tmp_path / name) for name in ("r.mcap", "s.mcap"))
+    assert (first.observations["nis"] == second.observations["nis"]).all()
+    assert len(first.fixes) == len(second.fixes) > 5
+    assert run_command(tmp_path, [*words[:-1], "r.mcap", "--overwrite"]).returncode == 2
