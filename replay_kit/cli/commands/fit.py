@@ -19,15 +19,13 @@ class Outputs(Answer):
 
 @takes_settings(*PART_OF_FORECAST, "estimator.modes", file=False)
 def fit(
-    ensemble: Annotated[Path, argument("ENSEMBLE", "Ensemble forecast: CF NetCDF or Zarr with a member dimension.")],
-    /,
-    *,
+    *ensemble: Annotated[Path, argument("ENSEMBLE", "Ensemble forecast: NetCDF files, Zarr stores, folders or patterns.")],
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
     left_out: Annotated[int, option("--left-out", "Number of members that are left out in turn.", least=1)] = 12,
 ) -> int:
     """Return 0."""
-    check_paths([ensemble], [outputs.out, outputs.json_file], outputs.overwrite)
+    check_paths(ensemble, [outputs.out, outputs.json_file], outputs.overwrite)
     config = settings.load()
 
     from replay_kit.forecast import read_ensemble

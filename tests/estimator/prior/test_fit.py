@@ -113,6 +113,20 @@ def test_the_command_writes_settings_that_the_estimator_takes(tmp_path, capsys):
     assert answer["length"] == pytest.approx(correlation_length(data), rel=1e-3)
 
 
+def test_the_command_takes_one_file_a_member(tmp_path):
+    members = synthetic.dataset(n_members=5)
+    files = [str(tmp_path / f"mem{k:03d}.nc") for k in range(5)]
+    for k, file in enumerate(files):
+        members.isel(member=k, drop=True).to_netcdf(file)
+    members.to_netcdf(tmp_path / "all.nc")
+    answers = []
+    for number, given in enumerate((files, [str(tmp_path / "all.nc")])):
+        answer = tmp_path / f"{number}.json"
+        assert run_cli(["fit", *given, "-o", str(tmp_path / f"{number}.toml"), "--left-out", "1", "--json", str(answer)]) == 0
+        answers.append(json.loads(answer.read_text())["chosen"])
+    assert answers[0] == pytest.approx(answers[1], rel=1e-9)
+
+
 def test_the_command_says_what_it_cannot_use(tmp_path, capsys):
     few, out = tmp_path / "few.nc", tmp_path / "p.toml"
     synthetic.dataset(n_members=3).to_netcdf(few)

@@ -93,6 +93,24 @@ def test_two_runs_give_the_same_bytes(ocean, tmp_path):
     assert first.read_bytes() == second.read_bytes()
 
 
+def test_a_fitted_spread_is_in_the_metadata_and_the_notes(ocean, tmp_path):
+    config = SETTINGS.model_copy(update={"estimator": EstimatorConfig(spread="fit", modes=20)})
+    summary, _ = run(ocean, "survey.mcap", out=tmp_path / "out.mcap", config=config)
+    with (tmp_path / "out.mcap").open("rb") as stream:
+        records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+    found = records["replay_kit.spread"]
+    assert set(found) == {"amplitude", "profiles"}
+    assert int(found["profiles"]) in (8, 16, 32)
+    amplitude = float(found["amplitude"])
+    sentence = f"variance of the prior multiplied by {amplitude:.2f}, fitted to {found['profiles']} profiles of the log"
+    assert sentence in summary.notes
+    run(ocean, "survey.mcap", out=tmp_path / "again.mcap", config=config)
+    assert (tmp_path / "again.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
+    run(ocean, "survey.mcap", out=tmp_path / "given.mcap")
+    with (tmp_path / "given.mcap").open("rb") as stream:
+        assert "replay_kit.spread" not in {record.name for record in make_reader(stream).iter_metadata()}
+
+
 def test_mcap_and_tlog_of_a_mission_give_the_same_estimate(ocean):
     # a telemetry log has no mean currents
     profiles = SETTINGS.model_copy(update={"measurements": MeasurementConfig(use_dac=False)})
