@@ -52,17 +52,17 @@ def refusal(*arguments: object) -> str:
 
 def test_the_outputs_of_every_command_are_known() -> None:
     assert {words for words, option in OUTPUTS if option == "--out"} == {
-        *(("replay",), ("report",), ("convert",), ("plan",), ("twin",), ("fit",)),
+        *(("replay",), ("smooth",), ("report",), ("plot",), ("export",), ("convert",), ("plan",), ("twin",), ("fit",)),
         *(("experiment", name) for name in ("paper", "missions", "planning")),
     }
     without = set(COMMANDS) - {words for words, option in OUTPUTS if option == "--json"}
-    assert without == {("twin",), ("synthesize",), ("report",)}
+    assert without == {("twin",), ("synthesize",), ("report",), ("plot",), ("export",)}
 
 
 @pytest.mark.parametrize(("words", "option"), [given for given in OUTPUTS if given not in FOLDERS])
 def test_an_ending_that_does_not_fit_is_refused_before_anything_is_read(words, option, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name, shown in (("wrong.xyz", ".xyz"), ("flow.nc.gz", ".gz"), ("WRONG.KML", ".KML")):
+    for name, shown in (("wrong.xyz", ".xyz"), ("flow.nc.gz", ".gz"), ("WRONG.DBF", ".DBF")):
         said = refusal(*words, option, name)
         assert said.startswith(f"{option}: expected the name of a file that ends in ")
         assert f"with the ending {shown};" in said
@@ -86,7 +86,7 @@ def test_a_folder_does_not_get_the_name_of_a_file(words, option) -> None:
         (["replay", "-o", "m2.nc"], "in .mcap,"),
         (["replay", "--netcdf", "x.mcap"], "in .nc,"),
         (["plan", "--geojson", "w.kml"], ".geojson, .json,"),
-        (["plan", "--waypoints", "w"], ".csv, .geojson, .json, .ma, .targets,"),
+        (["plan", "--waypoints", "w"], ".csv, .geojson, .json, .kml, .plan, .ma, .targets,"),
         (["fit", "-o", "fitted.json"], "in .toml,"),
         (["qc", "--json", "quality.csv"], "in .json,"),
     ],
@@ -191,7 +191,7 @@ def test_an_option_with_one_value_is_given_once(words) -> None:
 def test_every_command_that_reads_an_ensemble_takes_several_files() -> None:
     assert {words for words, option in SINGLE if option.name == "--ensemble"} == {("synthesize",)}
     assert {words for words, name, option in OPTIONS if option.name == "--ensemble"} == {
-        *(("replay",), ("info",), ("synthesize",)),
+        *(("replay",), ("smooth",), ("info",), ("synthesize",)),
         *(("experiment", name) for name in ("accuracy", "paper", "missions", "planning", "dives")),
     }
 

@@ -148,7 +148,7 @@ def bins_along_track(result: Result, track: Track, history: EstimateHistory, est
 
 
 def mean_currents(result: Result, track: Track, history: EstimateHistory) -> MeanCurrents:
-    """Return the mean currents of the dives of a result beside the mean of its estimate over the positions of each dive."""
+    """Return the mean currents of the dives of a result beside the mean through time of its estimate over the positions of each dive."""
     observations, bins = result.observations, result.innovations
     rows = np.flatnonzero(observations["source_topic"].isin(mean_current_topics(observations, bins)) & (observations["dof"] > 0))
     values = bins.set_index("observation").loc[rows]
@@ -160,9 +160,19 @@ def mean_currents(result: Result, track: Track, history: EstimateHistory) -> Mea
         here = (track.time_ns >= first) & (track.time_ns <= last) & np.isfinite(track.depth)
         flow = history.after(last)
         if flow is not None and here.any():
-            estimated[row] = flow.velocity(track.east[here], track.north[here], track.depth[here]).mean(axis=0)
+            # by the time about each position, as the measurement is a mean through time
+            weight = _time_about(track.time_ns[here])
+            estimated[row] = weight @ flow.velocity(track.east[here], track.north[here], track.depth[here])
     residual, error = (values[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64) for name in ("residual", "innovation_std"))
     return MeanCurrents(end, dive, estimated, residual, error)
+
+
+def _time_about(time_ns: NDArray[np.int64]) -> Array:
+    """Return the share of the time that lies about each of some increasing times, by the trapezoidal rule."""
+    if time_ns[0] == time_ns[-1]:
+        return np.full(time_ns.size, 1.0 / time_ns.size)
+    ends = np.concatenate([time_ns[:1], 0.5 * (time_ns[:-1] + time_ns[1:]), time_ns[-1:]])
+    return np.diff(ends) / (time_ns[-1] - time_ns[0])
 
 
 def _by_time(time_ns: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:
