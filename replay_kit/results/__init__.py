@@ -5,7 +5,7 @@ from replay_kit.results.digest import Digest
 from replay_kit.results.journal import Journal, read_journal
 from replay_kit.results.mcap_reader import read_estimate
 from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.results.result import Result, open_result
+from replay_kit.results.opened import Result, open_result
 from replay_kit.results.schemas import CONTRACT_VERSION
 
 __all__ = [

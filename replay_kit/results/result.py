@@ -26,7 +26,6 @@ from replay_kit.results.summary import ReplaySummary
 if TYPE_CHECKING:
     import pandas as pd
 
-    from replay_kit.results.plots import Plots
 
 _PLACE = ".replay_kit.Place"
 _LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error"}
@@ -34,7 +33,7 @@ _RMS = ("innovation", "residual", "prior_innovation")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result:
+class ResultFile:
     """What a replay found. Tables are pandas', with UTC times; each is read when first asked for.
 
     Attributes:
@@ -67,14 +66,6 @@ class Result:
             ForecastError: The result holds none.
         """
         return read_estimate(self.path)
-
-    @cached_property
-    def plot(self) -> "Plots":
-        """Figures for a paper: ``map``, ``section``, ``series``, ``dac``, ``trust`` and ``plan``, each a function."""
-        # here, because matplotlib takes half a second to load, and the figures are drawn of a result
-        from replay_kit.results.plots import Plots
-
-        return Plots(self)
 
     @cached_property
     def fixes(self) -> "pd.DataFrame":
@@ -185,8 +176,8 @@ class Result:
         return _table(rows, " ".join(columns).replace("timestamp", "time", 1))
 
 
-def open_result(path: str | Path) -> Result:
-    """Return a result that ``replay`` wrote, with its estimate and tables; they are read when first asked for.
+def result_path(path: str | Path) -> Path:
+    """Return the path of a result that ``replay`` wrote.
 
     Raises:
         LogError: The file is missing, or is no complete result.
@@ -205,7 +196,7 @@ def open_result(path: str | Path) -> Result:
         ) from error
     if "contract" not in names:
         raise LogError(f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log")
-    return Result(path)
+    return path
 
 
 def _table(rows: list[Any], columns: str) -> "pd.DataFrame":

@@ -16,7 +16,7 @@ from replay_kit.results.plots.series import series_panels
 from replay_kit.results.plots.style import WIDTHS
 from replay_kit.results.plots.trust import trust_panels
 from replay_kit.results.report.contents import Contents
-from replay_kit.results.result import Result
+from replay_kit.results.result import ResultFile
 
 #: Each figure by its name.
 KINDS: Mapping[str, Callable[[Contents, At | None], Panels]] = MappingProxyType(
@@ -57,7 +57,7 @@ class Plots:
     depth [m], and ``columns``, 1 or 2, for the width of a journal's column or of two.
     """
 
-    def __init__(self, result: Result) -> None:
+    def __init__(self, result: ResultFile) -> None:
         """Prepare the figures of a result; nothing is read yet."""
         self._contents = Contents(result)
 

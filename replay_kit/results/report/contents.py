@@ -10,7 +10,7 @@ import numpy as np
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection
-from replay_kit.results.result import Result
+from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import BinsAlongTrack, EstimateHistory, MeanCurrents, bins_along_track, mean_currents
 from replay_kit.results.views.record import RunRecord, read_record, summary_of
 from replay_kit.results.views.slices import CurrentSlices, published_slices, slices_of
@@ -29,7 +29,7 @@ class Contents:
         notes: What the reader of the report should know of how it was opened, such as that the file was cut short.
     """
 
-    result: Result
+    result: ResultFile
     notes: tuple[str, ...] = ()
 
     @cached_property

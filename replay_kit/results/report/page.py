@@ -17,7 +17,7 @@ from replay_kit.results.report.sections.in_words import words_section
 from replay_kit.results.report.sections.plan import plan_section
 from replay_kit.results.report.sections.sections_along_track import along_track_section
 from replay_kit.results.report.sections.trust import trust_section
-from replay_kit.results.result import Result
+from replay_kit.results.result import ResultFile
 
 #: The sections from top to bottom; each is a pure function of the opened result.
 SECTIONS: tuple[Callable[[Contents], Section], ...] = (
@@ -30,7 +30,7 @@ SECTIONS: tuple[Callable[[Contents], Section], ...] = (
 )
 
 
-def report_html(result: Result, notes: tuple[str, ...] = ()) -> str:
+def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
     """Return a result as one HTML page, with all scripts and data inside; the same result gives the same page.
 
     Args:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
-from replay_kit.results.result import Result
+from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
 from replay_kit.results.views.track import Track, thinned
 
@@ -106,8 +106,8 @@ def mean_current_topics(observations: pd.DataFrame, bins: pd.DataFrame) -> list[
     """Return the topics whose measurements are mean currents of dives: one value a dive, which a profile is not.
 
     Args:
-        observations: ``Result.observations``.
-        bins: ``Result.innovations``.
+        observations: ``ResultFile.observations``.
+        bins: ``ResultFile.innovations``.
     """
     sizes = bins.groupby("observation").size().reindex(range(len(observations)), fill_value=0).to_numpy()
     topics = []
@@ -119,7 +119,9 @@ def mean_current_topics(observations: pd.DataFrame, bins: pd.DataFrame) -> list[
     return topics
 
 
-def bins_along_track(result: Result, track: Track, history: EstimateHistory, estimate: FlowEstimate | None, most: int) -> BinsAlongTrack:
+def bins_along_track(
+    result: ResultFile, track: Track, history: EstimateHistory, estimate: FlowEstimate | None, most: int
+) -> BinsAlongTrack:
     """Return the used bins of the profiles of a result along its track.
 
     Args:
@@ -147,7 +149,7 @@ def bins_along_track(result: Result, track: Track, history: EstimateHistory, est
     return BinsAlongTrack(time_ns, distance, depth, estimated, residual, error, kept.size, wanted.size - kept.size)
 
 
-def mean_currents(result: Result, track: Track, history: EstimateHistory) -> MeanCurrents:
+def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) -> MeanCurrents:
     """Return the mean currents of the dives of a result beside the mean through time of its estimate over the positions of each dive."""
     observations, bins = result.observations, result.innovations
     rows = np.flatnonzero(observations["source_topic"].isin(mean_current_topics(observations, bins)) & (observations["dof"] > 0))
@@ -172,7 +174,7 @@ def _time_about(time_ns: NDArray[np.int64]) -> Array:
     if time_ns[0] == time_ns[-1]:
         return np.full(time_ns.size, 1.0 / time_ns.size)
     ends = np.concatenate([time_ns[:1], 0.5 * (time_ns[:-1] + time_ns[1:]), time_ns[-1:]])
-    return np.diff(ends) / (time_ns[-1] - time_ns[0])
+    return np.asarray(np.diff(ends) / (time_ns[-1] - time_ns[0]))
 
 
 def _by_time(time_ns: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
-from replay_kit.results.result import Result
+from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
 
 
@@ -54,7 +54,7 @@ def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
     return changed
 
 
-def summary_of(result: Result, record: RunRecord) -> Mapping[str, Any]:
+def summary_of(result: ResultFile, record: RunRecord) -> Mapping[str, Any]:
     """Return the summary that a result holds, or as much of it as its tables give.
 
     Args:
@@ -82,7 +82,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield from leaves(item, f"{path}.{key}" if path else str(key))
 
 
-def _bins_rejected(result: Result) -> dict[str, int]:
+def _bins_rejected(result: ResultFile) -> dict[str, int]:
     """Return the number of bins not used by reason, in the order of the reasons; a bin can have several."""
     bins = result.innovations
     reasons = bins["reasons"].to_numpy(np.int64)[~np.isin(bins["flags"].to_numpy(np.int64), [Flag.GOOD, Flag.SUSPECT])]
@@ -90,7 +90,7 @@ def _bins_rejected(result: Result) -> dict[str, int]:
     return {name: count for name, count in counts.items() if count}
 
 
-def _last_plan(result: Result) -> dict[str, Any] | None:
+def _last_plan(result: ResultFile) -> dict[str, Any] | None:
     """Return the last plan of a result as far as its summary would have it; None without plans."""
     if not len(result.plans):
         return None
@@ -109,7 +109,7 @@ def _last_plan(result: Result) -> dict[str, Any] | None:
     )
 
 
-def _from_tables(result: Result) -> dict[str, Any]:
+def _from_tables(result: ResultFile) -> dict[str, Any]:
     """Return what the tables of a result give of its summary."""
     table = result.observations
     used = table[table["accepted"].astype(bool)] if len(table) else table
