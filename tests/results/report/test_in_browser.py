@@ -14,7 +14,6 @@ from replay_kit.results.views.steering import Dives, GriddedCurrents, fly_to_way
 from tests.places import DATA, SAMPLES
 from tests.results.report.html_of import figures, unpacked
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'browser')")
 CHROMIUM = shutil.which("chromium")
 pytestmark = [
     pytest.mark.full,
@@ -36,6 +35,8 @@ FLIGHTS = """() => {
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
+    # here, so that a run without the extra does not count it as skipped
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'browser')")
     with sync_api.sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield opened
