@@ -63,7 +63,12 @@ def chains(code: str) -> list[list[list[str]]]:
 
 
 SHELL = [(path, name, code) for path, name, language, code in BLOCKS if language == "sh" and "pip install" not in code]
-CHAINS = [pytest.param(path, chain, id=f"{name}-{k}") for path, name, code in SHELL for k, chain in enumerate(chains(code))]
+CHAINS = [
+    # the paper's study takes long, and its own tests run it on less
+    pytest.param(path, chain, id=f"{name}-{k}", marks=pytest.mark.full if "experiment paper" in code else ())
+    for path, name, code in SHELL
+    for k, chain in enumerate(chains(code))
+]
 SCRIPTS = [pytest.param(code, id=name) for _, name, language, code in BLOCKS if language == "python"]
 SETTINGS = [pytest.param(code, id=name) for _, name, language, code in BLOCKS if language == "toml"]
 

@@ -30,6 +30,7 @@ def test_each_dive_is_predicted_better_from_the_dives_before_than_by_the_ensembl
         assert row.rms_innovation_predicted < row.rms_innovation_prior
 
 
+@pytest.mark.full
 def test_fifty_pings_tell_the_north_atlantic_truth(tmp_path):
     folder = DATA / "natl_nemo"
     truth = read_truth(str(folder / "truth.nc"), RunConfig().forecast)

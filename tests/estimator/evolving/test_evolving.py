@@ -204,6 +204,7 @@ def test_a_flow_without_a_model_of_time_refuses_another_time():
         flow.at(DAY)
 
 
+@pytest.mark.full
 def test_a_million_updates_keep_the_covariance_symmetric_and_positive():
     """The update itself, on few unknowns: what a log of weeks at 1 Hz asks of it."""
     rng = np.random.default_rng(5)

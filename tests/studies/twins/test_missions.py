@@ -95,6 +95,7 @@ def test_a_dive_goes_no_deeper_than_the_truth() -> None:
     assert 100.0 < made.pings.depth.max() <= 150.0
 
 
+@pytest.mark.full
 def test_a_long_mission_turns_and_stays_inside() -> None:
     made = _fly(_uniform, 700)
     assert np.isfinite(build_field(make_truth(_uniform)).velocity(made.pings.east, made.pings.north, made.pings.depth)).all()
