@@ -20,6 +20,7 @@ from tests.places import DATA
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the shared data are not on this machine")
 
 
+@pytest.mark.full
 def test_each_dive_is_predicted_better_from_the_dives_before_than_by_the_ensemble_alone(tmp_path):
     log = tmp_path / "dives.mcap"
     convert(sorted((DATA / "seaglider").glob("p17101*.nc")), log, False, RunConfig().logs)

@@ -142,6 +142,7 @@ def test_other_settings_than_recorded_are_found_at_the_first_digest(run, tmp_pat
     assert verdict.difference.index < read_recorded(path).digests[1].messages
 
 
+@pytest.mark.full
 def test_a_digest_that_lies_or_is_missing_hides_nothing(run, tmp_path):
     index = index_of(run / "out.mcap", "/plan/controls")
 

@@ -57,6 +57,7 @@ def test_uniform_current_is_headed_off() -> None:
     np.testing.assert_allclose(result.velocity_through_water, through_water, atol=1e-3)
 
 
+@pytest.mark.full
 def test_the_paper_s_integration_errs_in_the_first_order_and_what_is_told_is_flown_by_runge_kutta() -> None:
     flow = eddying_flow(4, speed=0.25)
     start, goal = place(flow, -10e3, -5e3, 0.0), place(flow, 6e3, 4e3, 300.0)

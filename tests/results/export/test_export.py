@@ -30,6 +30,7 @@ def contents(tmp_path, innovation, plan):
     return Contents(open_result(tmp_path / "r.mcap"))
 
 
+@pytest.mark.full
 def test_netcdf_holds_every_table_and_is_compliant(contents, tmp_path, complaints):
     rows = export(contents, tmp_path / "x.nc", PLACES)
     assert rows == {"series": 6, "track": 3, "section": 9, "dives": 3, "innovations": 12, "surfacings": 0, "plans": 3}

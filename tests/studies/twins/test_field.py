@@ -32,6 +32,7 @@ def test_grid_points_are_returned_exactly() -> None:
     np.testing.assert_allclose(np.moveaxis(sampled, -1, 0), truth.velocity[0], atol=1e-9)
 
 
+@pytest.mark.full
 def test_equals_the_slow_twin() -> None:
     truth = make_truth()
     places = _inner_places(truth, 25)

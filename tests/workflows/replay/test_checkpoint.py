@@ -119,6 +119,7 @@ def test_a_resumed_run_scores_the_truth_near_all_profiles_used_not_only_those_si
     assert repr(summary.truth) != repr(far.truth)
 
 
+@pytest.mark.full
 def test_copied_inputs_of_several_logs_are_copied_once_however_often_a_run_is_stopped(ocean, tmp_path):
     logs = ("glider.mcap", "survey.mcap")
     run(ocean, tmp_path / "whole.mcap", logs=logs, include_inputs=True)
@@ -157,6 +158,7 @@ def test_a_process_that_is_killed_goes_on(ocean, tmp_path, whole):
     assert out.read_bytes() == whole[0]
 
 
+@pytest.mark.full
 def test_the_caller_s_environment_changes_nothing(ocean, tmp_path, whole):
     other = {
         "PYTHONHASHSEED": "7",
