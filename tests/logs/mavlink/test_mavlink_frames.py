@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from replay_kit.core.message import LogReport
 from replay_kit.logs.mavlink import frames as mavlink_frames
-from replay_kit.logs.mavlink.crc import checksums
+from replay_kit.logs.mavlink.crc import PADDING, checksums
 from replay_kit.logs.shared.record_chain import chain
 from replay_kit.logs.shared.statistics import ReadStatistics
 from tests.logs.log_samples import tlog
@@ -25,12 +25,13 @@ def test_checksums_of_stretches_of_all_lengths(data: bytes, ends: list[tuple[int
     start = np.array([begin for begin, _ in ends], dtype=np.int64)
     end = np.array([min(begin + length, len(data)) for begin, length in ends], dtype=np.int64)
     extra = (7 * np.arange(len(ends)) % 256).astype(np.uint16)
-    crc = checksums(data, start, end, extra)
+    crc = checksums(np.frombuffer(data + bytes(PADDING), dtype=np.uint8), start, end, extra)
     assert crc.tolist() == [slow_crc(data[a:b] + bytes((e,))) for a, b, e in zip(start, end, extra.tolist(), strict=True)]
 
 
 def test_the_checksum_of_the_standard_check() -> None:
-    crc = checksums(b"123456789", np.array([0]), np.array([8]), np.array([ord("9")], dtype=np.uint16))
+    text = np.frombuffer(b"123456789" + bytes(PADDING), dtype=np.uint8)
+    crc = checksums(text, np.array([0]), np.array([8]), np.array([ord("9")], dtype=np.uint16))
     assert crc.tolist() == [0x6F91]
 
 
