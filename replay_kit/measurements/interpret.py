@@ -59,12 +59,23 @@ def initial_state(system: int | None = None) -> MeasurementState:
 
 def observations(messages: Iterable[Message], config: MeasurementConfig | None = None) -> Iterator[Measurement]:
     """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over."""
-    config = config or MeasurementConfig()
-    state = initial_state()
+    for events in events_of(messages, config or MeasurementConfig()):
+        yield from (event for event in events if isinstance(event, Measurement))
+
+
+def events_of(messages: Iterable[Message], config: MeasurementConfig, system: int | None = None) -> Iterator[list[Event]]:
+    """Yield the events that each message of a stream completes, and last those of what still waits at its end.
+
+    Args:
+        messages: In order of time; one is taken when its events are asked for.
+        config: How messages become observations.
+        system: The MAVLink system that counts; None for the first that states a position.
+    """
+    state = initial_state(system)
     for message in messages:
         state, events = interpret(state, message, config)
-        yield from (event for event in events if isinstance(event, Measurement))
-    yield from (event for event in finish(state, config) if isinstance(event, Measurement))
+        yield events
+    yield finish(state, config)
 
 
 def interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:

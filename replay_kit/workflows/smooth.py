@@ -5,7 +5,7 @@ smoothed estimate at the published times, and the residual of a measurement is t
 it. Innovations, NIS and the gate's decisions stay those of the replay, which did not know later measurements.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.smoother import smoothed_states
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs import merge
-from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.measurements import events_of
 from replay_kit.results import ResultWriter
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.workflows.replay.build import Forecasts, build, flow_at, read_forecasts
@@ -106,17 +106,10 @@ def _events(
     kinds = (VehicleState, Observation, *((PathMean,) if estimator.supports_path_means else ()))
     settings, advance = config.logs, reading(readers, progress, "reading the logs")
     merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
-    state, kept, statistics = initial_state(settings.system), [], RunStatistics()
-
-    def batches() -> Iterator[Any]:
-        nonlocal state
-        for message in merged:
-            state, events = interpret(state, message, config.measurements)
-            advance()
-            yield events
-        yield finish(state, config.measurements)
-
-    for events in batches():
+    kept: list[VehicleState | Measurement] = []
+    statistics = RunStatistics()
+    for events in events_of(merged, config.measurements, settings.system):
+        advance()
         kept += [event for event in events if isinstance(event, kinds)]
         statistics = statistics.after_events(event for event in events if not isinstance(event, kinds))
     return kept, statistics.with_late(merged.late)

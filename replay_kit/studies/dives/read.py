@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Measurement, Observation, PathMean, VehicleState
 from replay_kit.logs import merge
-from replay_kit.measurements import Event, finish, initial_state, interpret
+from replay_kit.measurements import Event, events_of
 from replay_kit.workflows.replay.inputs import open_readers
 
 
@@ -86,12 +87,8 @@ def _using(config: RunConfig, *, inverted: bool) -> RunConfig:
 
 
 def _events(messages: Iterable[Message], config: RunConfig) -> Iterator[Event]:
-    """Yield the events that the measurement step finds in messages."""
-    state = initial_state(config.logs.system)
-    for message in messages:
-        state, events = interpret(state, message, config.measurements)
-        yield from events
-    yield from finish(state, config.measurements)
+    """Return the events that the measurement step finds in messages."""
+    return chain.from_iterable(events_of(messages, config.measurements, config.logs.system))
 
 
 def _about(mean: PathMean, fixes: Sequence[VehicleState]) -> tuple[VehicleState, VehicleState] | None:

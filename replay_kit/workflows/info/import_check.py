@@ -7,8 +7,9 @@ undoing it makes the log very much more likely.
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from replay_kit.estimator.static.likelihood import JointPrediction, Likelihood, 
 from replay_kit.estimator.update.screening import screen, usable
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
-from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.measurements import events_of
 from replay_kit.measurements.quality.import_faults import Fault, Sounding, declination_of, depth_faults, direction_faults, scale_faults
 from replay_kit.workflows.replay.inputs import look_ahead, open_readers
 
@@ -114,23 +115,21 @@ def soundings(messages: Iterable[Message], config: MeasurementConfig) -> list[So
     """
     found: list[Sounding] = []
     declinations: dict[tuple[int, str], float] = defaultdict(lambda: math.nan)
-    state, depth = initial_state(), math.nan
+    depth = math.nan
 
-    def take(events: Iterable[object]) -> None:
-        nonlocal depth
-        for event in events:
-            if isinstance(event, VehicleState):
-                depth = event.depth
-            elif isinstance(event, Observation):
-                found.append(Sounding(event, declinations[event.source.input, event.source.topic], depth))
+    def noted() -> Iterator[Message]:
+        """Yield the messages, each after its declination is known."""
+        for message in messages:
+            declination = declination_of(message)
+            if math.isfinite(declination):
+                declinations[message.input, message.topic] = declination
+            yield message
 
-    for message in messages:
-        declination = declination_of(message)
-        if math.isfinite(declination):
-            declinations[message.input, message.topic] = declination
-        state, events = interpret(state, message, config)
-        take(events)
-    take(finish(state, config))
+    for event in chain.from_iterable(events_of(noted(), config)):
+        if isinstance(event, VehicleState):
+            depth = event.depth
+        elif isinstance(event, Observation):
+            found.append(Sounding(event, declinations[event.source.input, event.source.topic], depth))
     return found
 
 
