@@ -8,7 +8,7 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth as smooth_states
 from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
-from replay_kit.results.report.contents import Contents
+from replay_kit.results.views.contents import Contents
 from replay_kit.workflows.library import settings_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.smooth import STATIC, published_times, smooth

@@ -10,7 +10,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.results.export.features import FEATURES, features_of, geojson_text, kml_text
 from replay_kit.results.export.netcdf import write_netcdf
 from replay_kit.results.export.tables import TABLES, At
-from replay_kit.results.report.contents import Contents
+from replay_kit.results.views.contents import Contents
 
 #: Endings of the files.
 ENDINGS = (".nc", ".csv", ".kml", ".geojson")

@@ -6,7 +6,7 @@ from types import MappingProxyType
 import pandas as pd
 
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.results.report.contents import Contents
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import series_at
 
 #: A place: longitude, latitude [degrees] and depth [m].

@@ -11,8 +11,8 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_
 from replay_kit.core.text import time_text
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.style import FOURTH, INK, LAND, SECOND, colorbar, colormap
-from replay_kit.results.report.contents import Contents
 from replay_kit.results.report.sections.map_frame import coastline
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import typical_depth
 from replay_kit.results.views.slices import CurrentSlices, slices_of
 from replay_kit.results.views.surfacings import outlines_of

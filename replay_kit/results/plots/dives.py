@@ -9,8 +9,8 @@ from replay_kit.results.plots.current_map import At
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.section import date_axis
 from replay_kit.results.plots.style import FIRST, INK, SECOND, SOFT
-from replay_kit.results.report.contents import Contents
 from replay_kit.results.views.along_track import MeanCurrents
+from replay_kit.results.views.contents import Contents
 
 _COMPONENTS = ("eastward", "northward")
 

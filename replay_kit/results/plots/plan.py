@@ -11,7 +11,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.results.plots.current_map import At, degrees, draw_speed, draw_surfacings, frame, legend, slices_at
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.style import FIRST, FOURTH, INK
-from replay_kit.results.report.contents import Contents
+from replay_kit.results.views.contents import Contents
 
 _HALO: Any = {"color": "white", "linewidth": 2.4}
 

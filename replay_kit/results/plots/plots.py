@@ -15,8 +15,8 @@ from replay_kit.results.plots.section import section_panels
 from replay_kit.results.plots.series import series_panels
 from replay_kit.results.plots.style import WIDTHS
 from replay_kit.results.plots.trust import trust_panels
-from replay_kit.results.report.contents import Contents
 from replay_kit.results.result import ResultFile
+from replay_kit.results.views.contents import Contents
 
 #: Each figure by its name.
 KINDS: Mapping[str, Callable[[Contents, At | None], Panels]] = MappingProxyType(

@@ -11,8 +11,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.results.plots.current_map import At
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.style import LAND, colorbar, colormap
-from replay_kit.results.report.contents import Contents
 from replay_kit.results.report.sections.sections_along_track import gridded
+from replay_kit.results.views.contents import Contents
 
 _ROWS = ("measured", "estimated", "measured minus estimated", "standard error")
 _COMPONENTS = ("eastward", "northward")

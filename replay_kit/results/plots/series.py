@@ -10,7 +10,7 @@ from replay_kit.results.plots.current_map import At
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.section import date_axis
 from replay_kit.results.plots.style import FIRST, SOFT
-from replay_kit.results.report.contents import Contents
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import Series, series_at, typical_depth
 
 

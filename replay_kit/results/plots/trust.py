@@ -12,8 +12,8 @@ from replay_kit.results.plots.current_map import At
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.section import date_axis
 from replay_kit.results.plots.style import FIRST, FOURTH, INK, SECOND, SOFT, THIRD
-from replay_kit.results.report.contents import Contents
 from replay_kit.results.views.along_track import mean_current_topics
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.trust import Calibration, calibration, error_through_time
 

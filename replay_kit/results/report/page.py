@@ -9,7 +9,6 @@ from importlib.resources import files
 from typing import Any
 
 from replay_kit.core.version import __version__
-from replay_kit.results.report.contents import Contents
 from replay_kit.results.report.section import Control, Figure, Section
 from replay_kit.results.report.sections.again import again_section
 from replay_kit.results.report.sections.current_map import map_section
@@ -18,6 +17,7 @@ from replay_kit.results.report.sections.plan import plan_section
 from replay_kit.results.report.sections.sections_along_track import along_track_section
 from replay_kit.results.report.sections.trust import trust_section
 from replay_kit.results.result import ResultFile
+from replay_kit.results.views.contents import Contents
 
 #: The sections from top to bottom; each is a pure function of the opened result.
 SECTIONS: tuple[Callable[[Contents], Section], ...] = (

@@ -14,7 +14,7 @@ from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import open_result
 from replay_kit.results.export import export
 from replay_kit.results.export.features import features_of
-from replay_kit.results.report.contents import Contents
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import series_at
 from tests.results.cases import moved, write
 from tests.results.test_cf import complaints

@@ -15,7 +15,7 @@ from replay_kit.results.plots import ENDINGS, KINDS, drawn
 from replay_kit.results.plots.current_map import _degrees_text, _nice
 from replay_kit.results.plots.section import date_axis
 from replay_kit.results.plots.style import colormap, saved
-from replay_kit.results.report.contents import Contents
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import series_at, typical_depth
 from replay_kit.results.views.slices import CurrentSlices
 from tests.results.cases import moved, write

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.report.colors import scale
-from replay_kit.results.report.contents import Contents
 from replay_kit.results.report.section import Control, Figure, Section, column, pack, times
 from replay_kit.results.views.along_track import BinsAlongTrack
+from replay_kit.results.views.contents import Contents
 
 #: Most columns and rows of the section, and profiles that a column averages where there are enough.
 _COLUMNS, _ROWS, _PROFILES_A_COLUMN = 160, 40, 3

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.results.report.contents import Contents
 from replay_kit.results.report.section import number
+from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.trust import calibration
 
 #: Notes of a run that only state what was chosen.

@@ -1,4 +1,4 @@
-"""An opened result with the values that the sections of a report share, each taken out of it when first asked for."""
+"""An opened result with the values that reports, figures and exports share, each taken out of it when first asked for."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
