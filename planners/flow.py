@@ -21,6 +21,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import HorizontalKernel
+from replay_kit.core.grid import Projection
 
 
 def field_function(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
@@ -67,9 +68,10 @@ def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
     return np.array([((flow.time_ns or 0) - first) / 1e9 for flow in flows]), np.hstack([flow.latent for flow in flows])
 
 
-def graph_key(flow: FlowEstimate) -> tuple[bytes, bytes, HorizontalKernel, DepthFunctions]:
-    """Return what makes two estimates share one graph: nodes, levels, kernel and depth functions, but not the latent velocities."""
-    return np.ascontiguousarray(flow.nodes).tobytes(), np.ascontiguousarray(flow.levels).tobytes(), flow.kernel, flow.depth_functions
+def graph_key(flow: FlowEstimate) -> tuple[bytes, bytes, HorizontalKernel, DepthFunctions, Projection]:
+    """Return what makes two estimates share one graph: nodes, levels, kernel, depth functions and frame, but not the latent velocities."""
+    nodes, levels = np.ascontiguousarray(flow.nodes).tobytes(), np.ascontiguousarray(flow.levels).tobytes()
+    return nodes, levels, flow.kernel, flow.depth_functions, flow.grid.projection
 
 
 def _field(flow: FlowEstimate, levels: Array, functions: DepthFunctions, times: Array | None, axes: tuple[str, ...]) -> ca.Function:

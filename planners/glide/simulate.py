@@ -6,7 +6,7 @@ from planners.route.region import locate, region_of
 from planners.track import fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import grid_bearing_of_true_north
+from replay_kit.core.geodesy import true_north_halfway
 from replay_kit.core.plan import Plan
 
 # A head current stronger than planned delays the closest approach; half as long again catches it, and a glide that has not come close
@@ -36,7 +36,7 @@ def fly(flow: FlowEstimate, plan: Plan) -> tuple[Array, Array, float]:
     duration = _LONGER * plan.duration
     if plan.status == "failed" or duration == 0.0:
         return np.zeros(1), start[None, :], float(np.linalg.norm(start - goal))
-    turn = float(grid_bearing_of_true_north(flow.grid.projection, plan.start.longitude, plan.start.latitude))
+    turn = float(true_north_halfway(flow.grid.projection, start[None, :2], goal[None, :2])[0])
     velocity = np.array(velocity_through_water(np, np.deg2rad(plan.heading_deg) + turn, np.deg2rad(plan.glide_angle_deg), plan.speed))
     n_steps = _FINER * plan.track_time.size + flow.levels.size
     fractions = fractions_of_duration(start[2], start[2] + velocity[2] * duration, flow.levels, n_steps)

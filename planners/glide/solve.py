@@ -14,7 +14,7 @@ from planners.glide.settings import GlideSettings
 from planners.glide.transcription import Glide, GlideTask
 from planners.route.region import locate, region_of
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import grid_bearing_of_true_north
+from replay_kit.core.geodesy import true_north_halfway
 from replay_kit.core.plan import Place, Plan, PlanStatus
 
 _DEFAULT = GlideSettings()
@@ -55,7 +55,7 @@ def plan(
     """
     region = region_of(flow.grid)
     task = GlideTask(flow, region, locate(region, start, "start"), locate(region, goal, "goal"), settings)
-    turn = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
+    turn = float(true_north_halfway(flow.grid.projection, task.start[None, :2], task.goal[None, :2])[0])
     # No glide beats one that passes the goal, so an earlier plan that still leads there needs no search.
     seeds = _flown(task, _remaining(warm, start_time_ns, turn))
     solved = _solve_all(task, seeds)

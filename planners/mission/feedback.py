@@ -10,11 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planners.mission.flight import Currents, Flight, Legs, rate_over_ground
+from planners.mission.flight import Currents, Flight, Legs, leg_frame, rate_over_ground
 from planners.mission.leg import DRIFT_STEPS, fly_midpoints, fly_steps
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import true_north_halfway
+from replay_kit.core.grid import Projection
 
 # Glide angles among which the aim is sought, and how often the leg is flown in the estimate to aim it.
 _ANGLES, _AIMS = 60, 2
@@ -42,7 +44,7 @@ class CorrectedFlight:
 
     Attributes:
         flight: Where it leads; its times are shape (K, n).
-        headings: shape (K, L), clockwise from local north, as flown [rad].
+        headings: shape (K, L), clockwise from true north, as flown [rad].
         angles: shape (K, L), glide angles as flown [rad].
     """
 
@@ -68,14 +70,16 @@ class _Leg:
 
     @property
     def velocity_through_water(self) -> tuple[Array, Array]:
-        """Horizontal velocity (K, 2) and vertical speed (K,) [m/s]."""
+        """Horizontal velocity towards true east and north (K, 2) and vertical speed (K,) [m/s]."""
         along, down = self.vehicle.speeds(np, self.angles)
         return along[:, None] * np.column_stack([np.sin(self.headings), np.cos(self.headings)]), down
 
-    def mean_current(self, displacement: Array, time: Array) -> Array:
-        """Return the mean current (K, 2) [m/s] by dead reckoning from a displacement (K, 2) [m] over ground in a time (K, 1) [s]."""
-        through, down = self.velocity_through_water
-        return np.asarray((displacement - through * (self.height / down)[:, None]) / time)
+    def mean_current(self, projection: Projection, begin: Array, end: Array, time: Array) -> Array:
+        """Return the mean local current (K, 2) [m/s] by dead reckoning between two places (K, 2) [m] in a time (K, 1) [s]."""
+        along, down = self.vehicle.speeds(np, self.angles)
+        local = self.headings + true_north_halfway(projection, begin, end)
+        through = along[:, None] * np.column_stack([np.sin(local), np.cos(local)])
+        return np.asarray((end - begin - through * (self.height / down)[:, None]) / time)
 
     def fly(
         self, currents: Currents, begin: tuple[Array, Array], method: Callable[..., list[tuple[Array, Array]]]
@@ -83,12 +87,13 @@ class _Leg:
         """Return (places (K, 2) [m], times since its beginning (K, 1) [s]) after each step from a place and time, by a method."""
         at, began = begin[0], float(np.mean(begin[1]))
         (through, down), heights = self.velocity_through_water, np.abs(np.diff(self.depths))
-        rate = rate_over_ground(currents, through, began, np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]))
+        frame = leg_frame(currents, at, through, self.height / down)
+        rate = rate_over_ground(currents, frame, began, np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]))
         durations = [(height / down)[:, None] for height in heights]
         flown = method(rate, at, np.zeros((len(at), 1)), self.depths, durations, heights.size)
         if self.drift > 0.0:
             surface = np.zeros(DRIFT_STEPS + 1)
-            drifting = rate_over_ground(currents, np.zeros(2), began, surface)
+            drifting = rate_over_ground(currents, leg_frame(currents, flown[-1][0], np.zeros(2), self.drift), began, surface)
             flown += method(drifting, *flown[-1], surface, [self.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)
         return flown
 
@@ -104,7 +109,7 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
         legs: As planned; the depths and drifts are flown, heading and angle of the first leg too.
         pilot: Who corrects.
     """
-    count, targets = len(currents.latent), predicted.place[0, predicted.ends]
+    count, targets, projection = len(currents.latent), predicted.place[0, predicted.ends], currents.flow.grid.projection
     path, depths = [(np.tile(predicted.place[0, 0], (count, 1)), np.zeros((count, 1)))], [float(legs.depths[0][0])]
     numbers, ends, current_error = [0], [], np.zeros((count, 2))
     headings, angles = (np.tile(planned, (count, 1)) for planned in (legs.headings, legs.angles))
@@ -113,14 +118,15 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
         expected = np.zeros((count, 2))
         for _ in range(_AIMS if k > 0 else 1):
             end, time = leg.fly(estimate, (begin, began), fly_midpoints)[-1]
-            expected = leg.mean_current(end - begin, time)
+            expected = leg.mean_current(projection, begin, end, time)
             if k > 0:
                 current = expected + pilot.persistence * current_error
                 heading, angle = aim(vehicle, targets[k] - begin, current, leg.height, leg.drift)
-                leg = replace(leg, headings=heading, angles=angle)
+                turn = true_north_halfway(projection, begin, np.broadcast_to(targets[k], begin.shape))
+                leg = replace(leg, headings=heading - turn, angles=angle)
         headings[:, k], angles[:, k] = leg.headings, leg.angles
         flown = leg.fly(currents, (begin, began), fly_steps)
-        current_error = leg.mean_current(flown[-1][0] - begin, flown[-1][1]) - expected
+        current_error = leg.mean_current(projection, begin, *flown[-1]) - expected
         path += [(at, began + time) for at, time in flown]
         depths += [*steps[1:], *[0.0] * (len(flown) - steps.size + 1)]
         numbers += [k] * len(flown)
@@ -130,7 +136,7 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
 
 
 def aim(vehicle: Glider, displacement: Array, current: Array, height: float, drift: float) -> tuple[Array, Array]:
-    """Return the heading and the glide angle [rad], each of shape (K,), that lead to a target in a mean current.
+    """Return the heading from local north and the glide angle [rad], each of shape (K,), that lead to a target in a mean current.
 
     The steepest angle that leads there is the quickest. When none does, the glider heads there at the angle with the least miss distance.
 

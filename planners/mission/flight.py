@@ -7,14 +7,12 @@ from functools import cached_property
 import numpy as np
 
 from planners.flow import graph_key, latent_over_time
-from planners.mission.leg import DRIFT_STEPS, fly_steps
+from planners.mission.leg import DRIFT_STEPS, fly_steps, frame_function
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
-from replay_kit.core.grid import Projection
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +94,7 @@ class Legs:
     """The commands of a mission, leg after leg.
 
     Attributes:
-        headings: shape (L,), clockwise from local north [rad].
+        headings: shape (L,), clockwise from true north, as a compass holds them [rad].
         angles: shape (L,), glide angles [rad].
         depths: Of the steps of each leg [m].
         drifts: shape (L,) [s], at the surface after each leg.
@@ -141,14 +139,15 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
     path, depths, number, ends = [(place, time)], [float(legs.depths[0][0])], [0], []
     for k, steps in enumerate(legs.depths):
         along, down = (float(speed) for speed in vehicle.speeds(np, legs.angles[k]))
-        through = along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])])
-
-        rate = rate_over_ground(currents, through, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])]))
-        path += fly_steps(rate, *path[-1], steps, np.abs(np.diff(steps)) / down, steps.size - 1)
+        through, durations = along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])]), np.abs(np.diff(steps)) / down
+        frame = leg_frame(currents, path[-1][0], through, float(np.sum(durations)))
+        rate = rate_over_ground(currents, frame, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])]))
+        path += fly_steps(rate, *path[-1], steps, durations, steps.size - 1)
         depths += list(steps[1:])
         if legs.drifts[k] > 0.0:
             durations, surface = np.full(DRIFT_STEPS, legs.drifts[k] / DRIFT_STEPS), np.zeros(DRIFT_STEPS + 1)
-            path += fly_steps(rate_over_ground(currents, np.zeros(2), start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
+            frame = leg_frame(currents, path[-1][0], np.zeros(2), legs.drifts[k])
+            path += fly_steps(rate_over_ground(currents, frame, start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
             depths += [0.0] * DRIFT_STEPS
         number += [k] * (len(path) - len(number))
         ends.append(len(path) - 1)
@@ -156,33 +155,58 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
     return Flight(np.array([now for _, now in path]), np.array(depths), places, np.array(number), np.array(ends))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LegFrame:
+    """The local frame along a leg of K flights, made linear: a flight at x in a current u moves by rate + turn (x - begin) + stretch u.
+
+    Attributes:
+        begin: shape (K, 2) [m].
+        rate: shape (K, 2) [m/s].
+        turn: shape (K, 2, 2) [1/s].
+        stretch: shape (K, 2, 2).
+    """
+
+    begin: Array
+    rate: Array
+    turn: Array
+    stretch: Array
+
+
+def leg_frame(currents: Currents, begin: Array, through: Array, duration: float | Array) -> LegFrame:
+    """Return the frame along a leg.
+
+    Args:
+        currents: K flows.
+        begin: shape (K, 2), where it begins [m].
+        through: shape (2,) or (K, 2), the velocity through water towards true east and north [m/s].
+        duration: Under water, one or shape (K,) [s].
+    """
+    count = len(begin)
+    given = begin.T, np.broadcast_to(through, (count, 2)).T, np.broadcast_to(duration, (1, count))
+    rate, turn, stretch = (np.asarray(value) for value in frame_function(currents.flow.grid.projection)(*given))
+    return LegFrame(begin, rate.T, *(values.reshape(2, count, 2).transpose(1, 0, 2) for values in (turn, stretch)))
+
+
 def rate_over_ground(
-    currents: Currents, through: Array, start_time: float, depths: Array
+    currents: Currents, frame: LegFrame, start_time: float, depths: Array
 ) -> Callable[[Array, float, float | Array], Array]:
-    """Return the velocity over ground as a function of places, depth and time, for depths that are known beforehand."""
+    """Return the rate of local places as a function of places, depth and time, for depths that are known beforehand.
+
+    Args:
+        currents: K flows.
+        frame: Along the leg.
+        start_time: On the clock of the currents' times [s].
+        depths: At which it will be asked for [m].
+    """
     weights = dict(zip(depths.tolist(), currents.weights(depths), strict=True))
 
     def over_ground(at: Array, depth: float, now: float | Array) -> Array:
         # flights that are corrected each on its own differ by less than the current changes over
-        return np.asarray(through + currents.velocity(at, weights[float(depth)], start_time + float(np.mean(now))))
+        water = currents.velocity(at, weights[float(depth)], start_time + float(np.mean(now)))
+        turned = frame.turn @ (at - frame.begin)[..., None] + frame.stretch @ water[..., None]
+        return np.asarray(frame.rate + turned[..., 0])
 
     return over_ground
-
-
-def compass_turn(projection: Projection, begins: Array, ends: Array) -> Array:
-    """Return the angles [rad], shape (L,), by which true north is turned from local north on legs, clockwise.
-
-    A compass holds a heading of true north, whose angle to the local frame changes along a leg. With the angle halfway the straight leg of
-    the local frame ends where the one held by a compass does, to the second order in its length.
-
-    Args:
-        projection: The local frame.
-        begins: shape (L, 2) [m], where the legs begin.
-        ends: shape (L, 2) [m], where they end.
-    """
-    if len(begins) == 0:
-        return np.zeros(0)
-    return grid_bearing_of_true_north(projection, *to_geographic(projection, *(0.5 * (begins + ends)).T))
 
 
 def refine_steps(depths: Array, factor: int) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtri
 
-from planners.mission.flight import Legs, compass_turn, currents_of_samples, fly_legs, refine_steps
+from planners.mission.flight import Legs, currents_of_samples, fly_legs, refine_steps
 from planners.mission.leg import leg_depths, step_stops, steps_needed
 from planners.mission.task import REFINED
 from planners.mission.values import MissionPlan
@@ -63,7 +63,7 @@ def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan)
 
 
 def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINED) -> Legs:
-    """Return the commands of a mission in the local frame of a flow.
+    """Return the commands of a mission.
 
     Args:
         plan: The mission.
@@ -76,14 +76,11 @@ def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINE
     if len(plan.headings_deg) == 0:
         raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
     levels = step_stops(flow.levels, np.array([goal.depth for goal in plan.goals]))
-    places = np.vstack([[plan.start.longitude, plan.start.latitude], plan.surfacings])
-    local = np.column_stack(to_local(flow.grid.projection, *places.T))
-    turn = compass_turn(flow.grid.projection, local[:-1], local[1:])
     depths = tuple(
         refine_steps(leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), refinement) for leg in plan.yo_depths
     )
     drifts = np.append(np.full(len(plan.yo_depths) - 1, plan.settings.surface_time), 0.0)
-    return Legs(np.deg2rad(plan.headings_deg) + turn, np.deg2rad(plan.glide_angles_deg), depths, drifts)
+    return Legs(np.deg2rad(plan.headings_deg), np.deg2rad(plan.glide_angles_deg), depths, drifts)
 
 
 def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:

@@ -18,6 +18,7 @@ from planners.route.region import locate
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import true_north_halfway
 
 # The objective of a mooring is the mean squared distance [km^2]; time decides among equals, and its end does not count.
 _MOORING = Weights(time=1e-5, closest=0.0)
@@ -139,4 +140,5 @@ def _mooring_guess(task: MissionTask, current: Array, angles: Array, hops: bool)
         headings.append(float(np.arctan2(east, north)))
         at = at + drift + reach * np.array([np.sin(headings[-1]), np.cos(headings[-1])])
         places.append(at)
-    return MissionGuess(np.array(places), np.array(headings), angles)
+    turn = true_north_halfway(task.region.grid.projection, np.array([task.start[:2], *places[:-1]]), np.array(places))
+    return MissionGuess(np.array(places), np.array(headings) - turn, angles)

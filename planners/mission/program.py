@@ -125,7 +125,7 @@ class MissionGuess:
 
     Attributes:
         places: shape (L, 2) [m], at the ends of the legs.
-        headings: shape (L,), clockwise from local north [rad].
+        headings: shape (L,), clockwise from true north [rad].
         angles: shape (L,), glide angles [rad].
     """
 

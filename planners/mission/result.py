@@ -3,7 +3,7 @@
 import numpy as np
 
 from planners.mission.attempt import Attempt, GoalSteps, best_of, energy_of, goals_met, is_feasible
-from planners.mission.flight import Flight, Legs, compass_turn
+from planners.mission.flight import Flight, Legs
 from planners.mission.program import MissionGuess
 from planners.mission.task import MissionTask
 from planners.mission.values import MissionPlan, MissionStatus
@@ -33,8 +33,6 @@ def _plan_of(
 ) -> MissionPlan:
     flight, request, projection = best.flight, task.request, task.region.grid.projection
     track = np.column_stack([flight.place[0], flight.depth])
-    begins = np.concatenate([[0], flight.ends])[: flight.ends.size]
-    turn = compass_turn(projection, track[begins, :2], track[flight.ends, :2])
     return MissionPlan(
         status=status,
         start=request.start,
@@ -42,7 +40,7 @@ def _plan_of(
         start_time_ns=request.start_time_ns,
         vehicle=task.vehicle,
         settings=task.settings,
-        headings_deg=np.mod(np.rad2deg(best.legs.headings - turn), 360.0),
+        headings_deg=np.mod(np.rad2deg(best.legs.headings), 360.0),
         glide_angles_deg=np.rad2deg(best.legs.angles),
         pitches_deg=np.rad2deg(task.vehicle.pitch(best.legs.angles)),
         yo_depths=best.yo_depths,

@@ -28,7 +28,6 @@ from itertools import pairwise
 import numpy as np
 
 from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible
-from planners.mission.flight import compass_turn
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
 from planners.mission.task import MissionTask, find_route, initial_guess, is_out_of_reach, route_graph_of, turns_of
@@ -179,6 +178,5 @@ def _rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
     durations = warm.surfacing_times[np.array(goal_legs) + begun - 1] - begins
     goals = GoalSteps(goal_legs, task.goal_steps(goal_legs, left, (warm.goal_times[-len(goal_legs) :] - begins) / durations))
     places = np.column_stack(to_local(task.region.grid.projection, *warm.surfacings[begun:].T))
-    turn = compass_turn(task.region.grid.projection, np.vstack([task.start[:2], places[:-1]]), places)
-    headings = np.deg2rad(warm.headings_deg[begun:]) + turn
-    return [solve_legs(task, MissionGuess(places, headings, np.deg2rad(warm.glide_angles_deg[begun:])), goals, None)]
+    guess = MissionGuess(places, np.deg2rad(warm.headings_deg[begun:]), np.deg2rad(warm.glide_angles_deg[begun:]))
+    return [solve_legs(task, guess, goals, None)]

@@ -24,6 +24,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import true_north_halfway
 
 # Dense steps for each of the optimiser's.
 REFINED = 2
@@ -284,4 +285,5 @@ def initial_guess(task: MissionTask, route: Route, graph: RouteGraph, ends: Arra
     through = np.diff(places, axis=0) / np.maximum(durations, 1.0)[:, None] - graph.current_at(0.5 * (places[1:] + places[:-1]))
     turns = (None,) * durations.size if task.turns is None else task.turns
     angles = [task.angle_of(float(duration), turn) for duration, turn in zip(durations, turns, strict=True)]
-    return MissionGuess(places[1:], np.arctan2(through[:, 0], through[:, 1]), np.array(angles))
+    turn = true_north_halfway(task.region.grid.projection, places[:-1], places[1:])
+    return MissionGuess(places[1:], np.arctan2(through[:, 0], through[:, 1]) - turn, np.array(angles))

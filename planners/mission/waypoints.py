@@ -23,7 +23,7 @@ from planners.route.hazards import NoGo, Ring, first_crossing
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.geodesy import to_geographic, to_local, true_north_halfway
 
 # Legs flown at most for each one planned, and beside.
 _LEGS_EACH, _LEGS_MORE = 2, 3
@@ -186,17 +186,20 @@ def kept_surfacings(plan: MissionPlan, places: Array, tolerance: float, rings: S
 
 def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, ...], radius: float) -> _Followed:
     """Return the flight of a glider that heads for the ends of the legs kept, until the last is reached within a radius [m]."""
-    settings, ends = plan.settings, np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
+    settings, projection = plan.settings, task.region.grid.projection
+    ends = np.column_stack(to_local(projection, *plan.surfacings.T))
     waypoints, drift, levels = ends[np.array(kept) - 1], plan.settings.surface_time, task.flow.levels
     angles = np.array([np.mean(legs.angles[begin:end]) for begin, end in pairwise([0, *kept])])
     turns = np.array(turns_of(plan.yo_depths))
     deep = np.array([np.min(turns[begin:end]) for begin, end in pairwise([0, *kept])])
-    first = ends[0] - task.start[:2], float(plan.surfacing_times[0]), float(legs.headings[0]), float(legs.angles[0])
+    turn = true_north_halfway(projection, task.start[None, :2], ends[:1])[0]
+    first = ends[0] - task.start[:2], float(plan.surfacing_times[0]), float(legs.headings[0] + turn), float(legs.angles[0])
     current = _dead_reckoned_current(plan, *first)
     times, path, target, violation = np.full(len(waypoints), np.nan), [(task.start[:2], 0.0)], 0, None
     for number in range(_LEGS_EACH * len(legs.headings) + _LEGS_MORE):
         (at, now), angle, depth = path[-1], float(angles[target]), float(deep[target])
-        heading, share = heading_for(replace(plan, settings=replace(settings, depth=depth)), waypoints[target] - at, angle, current)
+        local, share = heading_for(replace(plan, settings=replace(settings, depth=depth)), waypoints[target] - at, angle, current)
+        heading = local - float(true_north_halfway(projection, at[None], at[None])[0])
         begin = plan.yo_depths[0][0] if number == 0 else 0.0
         yo_depths = (begin, *(max(share * depth, begin), 0.0) * settings.yos)
         depths = refine_steps(leg_depths(yo_depths, levels, steps_needed(yo_depths, levels, settings.steps)), REFINED)
@@ -214,7 +217,8 @@ def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, .
             target += 1
         if last:
             break
-        current = _dead_reckoned_current(plan, path[-1][0] - at, path[-1][1] - now, heading, angle)
+        local = heading + float(true_north_halfway(projection, at[None], path[-1][0][None])[0])
+        current = _dead_reckoned_current(plan, path[-1][0] - at, path[-1][1] - now, local, angle)
     return _Followed(radius, kept, angles, deep, times, path, violation)
 
 
@@ -225,7 +229,7 @@ def _dead_reckoned_current(plan: MissionPlan, displacement: Array, duration: flo
 
 
 def heading_for(plan: MissionPlan, displacement: Array, angle: float, current: Array) -> tuple[float, float]:
-    """Return the heading [rad] to a waypoint and the share of a full dive's depth that is needed to reach it.
+    """Return the heading from local north [rad] to a waypoint and the share of a full dive's depth that is needed to reach it.
 
     Args:
         plan: The glider, and the depth of its dives.

@@ -5,6 +5,8 @@ are not true east and north: the angle between them is the meridian convergence,
 """
 
 from functools import lru_cache
+from math import atan, cos, radians, sin, tan
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +41,21 @@ def grid_bearing_of_true_north(projection: Projection, longitude: ArrayLike, lat
     return -np.deg2rad(np.asarray(factors.meridian_convergence, dtype=np.float64))
 
 
+def true_north_halfway(projection: Projection, begins: Array, ends: Array) -> Array:
+    """Return the angles [rad], shape (L,), by which true north is turned from local north halfway between places, clockwise.
+
+    With this angle a straight line of the local frame ends where one that a compass holds does, to the second order in its length.
+
+    Args:
+        projection: The local frame.
+        begins: shape (L, 2) [m].
+        ends: shape (L, 2) [m].
+    """
+    if len(begins) == 0:
+        return np.zeros(0)
+    return grid_bearing_of_true_north(projection, *to_geographic(projection, *(0.5 * (begins + ends)).T))
+
+
 def rotate_to_local(
     projection: Projection, longitude: ArrayLike, latitude: ArrayLike, east: ArrayLike, north: ArrayLike
 ) -> tuple[Array, Array]:
@@ -65,6 +82,59 @@ def _rotate(clockwise: Array, east: ArrayLike, north: ArrayLike) -> tuple[Array,
     cos, sin = np.cos(clockwise), np.sin(clockwise)
     east, north = np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
     return cos * east + sin * north, cos * north - sin * east
+
+
+def rate_in_frame(
+    projection: Projection, east: Any, north: Any, through_water: tuple[Any, Any], current: tuple[Any, Any]
+) -> tuple[Any, Any]:
+    """Return how fast the local coordinates (east, north) of a vehicle change [m/s], for NumPy arrays and CasADi expressions.
+
+    True north is turned against local north, and the projection stretches lengths across its radius: by 4e-4 at 300 km. Azimuths are those
+    on the auxiliary sphere of the ellipsoid, whose arc to the place is taken with the radius halfway: 4e-7 of the rate within 300 km at 60
+    degrees of latitude, 2e-6 near the pole.
+
+    Args:
+        projection: The local frame.
+        east: Where the vehicle is, local [m].
+        north: The same.
+        through_water: Its velocity towards true east and true north [m/s].
+        current: The water's, along the local axes as ``rotate_to_local`` returns it [m/s].
+
+    References:
+        Karney (2013), Algorithms for geodesics, doi:10.1007/s00190-012-0578-z; Snyder (1987), USGS Professional Paper 1395, p. 195.
+    """
+    square = _ELLIPSOID.a**2 * (1.0 - _ELLIPSOID.es) / (1.0 - _ELLIPSOID.es * sin(radians(projection.latitude)) ** 2) ** 2
+    # c / sin(c) - 1 of the arc c to the place, over its squared radius
+    growth = (1.0 + 7.0 / 60.0 * (east * east + north * north) / square) / (6.0 * square)
+
+    def stretched(u: Any, v: Any) -> tuple[Any, Any]:
+        across = growth * (u * north - v * east)
+        return u + across * north, v - across * east
+
+    sine, cosine = _azimuth_of_true_north(projection, east, north)
+    # the meridian as the projection draws it: what vectors of the local frame were turned by
+    sine_drawn, cosine_drawn = stretched(sine, cosine)
+    length = (sine_drawn * sine_drawn + cosine_drawn * cosine_drawn) ** 0.5
+    true_east = through_water[0] + (cosine_drawn * current[0] - sine_drawn * current[1]) / length
+    true_north = through_water[1] + (cosine_drawn * current[1] + sine_drawn * current[0]) / length
+    return stretched(cosine * true_east + sine * true_north, cosine * true_north - sine * true_east)
+
+
+def _azimuth_of_true_north(projection: Projection, east: Any, north: Any) -> tuple[Any, Any]:
+    """Return sine and cosine of the angle, clockwise from local north, of true north at local places [m]: its azimuth less the radius's."""
+    reduced = atan((1.0 - _ELLIPSOID.f) * tan(radians(projection.latitude)))
+    sine, cosine = sin(reduced), cos(reduced)
+    halfway = sine + 0.5 * cosine * north / _ELLIPSOID.a
+    radius = _ELLIPSOID.a * (1.0 - _ELLIPSOID.es * (1.0 - halfway * halfway)) ** 0.5
+    x, y = east / radius, north / radius
+    square = x * x + y * y
+    # sin(c) / c and (1 - cos(c)) / c^2 of the arc c, exact to 1e-9 within 1500 km
+    first = 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0))
+    second = 0.5 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)))
+    lean = y * cosine * second + sine * first
+    east_part, north_part = -x * lean, cosine - y * lean
+    length = (east_part * east_part + north_part * north_part) ** 0.5
+    return east_part / length, north_part / length
 
 
 def distance(longitude: ArrayLike, latitude: ArrayLike, other_longitude: ArrayLike, other_latitude: ArrayLike) -> Array:

@@ -26,10 +26,12 @@ _SCATTER = 0.3
 def fly_plan(flow: FlowEstimate, mission: planners.MissionPlan, depth: float) -> Array:
     """Return the path of a plan's headings and glide angles in a current, shape (n, 3) [m], local east, north, depth."""
     projection = flow.grid.projection
-    begins = np.vstack([[mission.start.longitude, mission.start.latitude], mission.surfacings[:-1]])
-    headings = np.deg2rad(mission.headings_deg) + grid_bearing_of_true_north(projection, *begins.T)
-    start = np.column_stack(to_local(projection, *begins[:1].T))
-    return fly_dives(flow, start, headings[None], np.deg2rad(mission.glide_angles_deg)[None], depth)[:, 0]
+    places = np.vstack([[mission.start.longitude, mission.start.latitude], mission.surfacings])
+    local = np.column_stack(to_local(projection, *places.T))
+    # a compass holds headings of true north, which turns along a leg
+    halfway = to_geographic(projection, *(0.5 * (local[1:] + local[:-1])).T)
+    headings = np.deg2rad(mission.headings_deg) + grid_bearing_of_true_north(projection, *halfway)
+    return fly_dives(flow, local[:1], headings[None], np.deg2rad(mission.glide_angles_deg)[None], depth)[:, 0]
 
 
 def draw_missions(withheld: Withheld, flow: FlowEstimate, count: int, depth: float, legs: int, seed: int) -> tuple[Pair, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local
+from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.observation import Measurement
 from replay_kit.core.plan import Place
 from replay_kit.measurements import observations
@@ -28,7 +28,7 @@ class Leg:
     """What a glider is commanded at one surfacing.
 
     Attributes:
-        heading_deg: Through water, clockwise from true north where the leg begins.
+        heading_deg: Through water, clockwise from true north, held by a compass.
         along: Horizontal speed through water [m/s].
         down: Vertical speed in dives and climbs [m/s].
         depths: At which it begins, turns and ends [m].
@@ -105,9 +105,10 @@ def fly_leg(field: Field, place: Array, start_ns: int, leg: Leg) -> Track:
     Raises:
         ForecastError: The current carried the glider out of the truth's water.
     """
-    longitude, latitude = to_geographic(field.grid.projection, *place)
-    heading = np.deg2rad(leg.heading_deg) + float(grid_bearing_of_true_north(field.grid.projection, longitude, latitude))
-    through_water = leg.along * np.array([np.sin(heading), np.cos(heading)])
+    through_water = leg.along * np.array([np.sin(np.deg2rad(leg.heading_deg)), np.cos(np.deg2rad(leg.heading_deg))])
+    # a compass holds a heading of true north, which turns along the leg
+    halfway = place + 0.5 * through_water * float(np.sum(np.abs(np.diff(leg.depths)))) / leg.down
+    through_water = np.array(rotate_to_local(field.grid.projection, *to_geographic(field.grid.projection, *halfway), *through_water))
     depth, seconds = [leg.depths[0]], [0.0]
     for begin, end in pairwise(leg.depths):
         duration = abs(end - begin) / leg.down

@@ -1,37 +1,83 @@
-"""Headings of true north, held by a compass: a straight leg of the local frame ends where one flown on the ellipsoid does."""
+"""Headings of true north, held by a compass: a leg ends where one flown on the ellipsoid does, through a current that is known there."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pyproj import Geod
 
-from planners.mission.flight import compass_turn
-from replay_kit.core.geodesy import to_geographic, to_local
+from planners.mission.flight import Legs, currents_of, fly_legs
+from planners.mission.leg import leg_depths
+from planners.vehicle import Glider
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import (
+    grid_bearing_of_true_north,
+    rate_in_frame,
+    rotate_to_geographic,
+    to_geographic,
+    to_local,
+    true_north_halfway,
+)
 from replay_kit.core.grid import Projection
+from tests.planners.flow_samples import eddying_flow
 
 ELLIPSOID = Geod(ellps="WGS84")
 
 
-def held_by_compass(longitude: float, latitude: float, heading: float, length: float) -> tuple[float, float]:
-    """Return where a heading [degrees] held over a length [m] leads, in steps of 100 m on the ellipsoid."""
-    for _ in range(round(length / 100.0)):
-        longitude, latitude, _ = ELLIPSOID.fwd(longitude, latitude, heading, 100.0)
+def moved(flow: FlowEstimate, frame: Projection, east: float, north: float) -> FlowEstimate:
+    """Return a flow moved by a distance [m] within another frame."""
+    grid = replace(flow.grid, projection=frame, east=flow.grid.east + east, north=flow.grid.north + north)
+    longitude, latitude = to_geographic(frame, grid.east, grid.north)
+    return replace(flow, grid=replace(grid, longitude=longitude, latitude=latitude))
+
+
+def stepped(longitude: float, latitude: float, velocity: np.ndarray, seconds: float) -> tuple[float, float]:
+    """Return where a velocity towards true east and north [m/s] leads on the ellipsoid."""
+    azimuth = np.rad2deg(np.arctan2(*velocity))
+    longitude, latitude, _ = ELLIPSOID.fwd(longitude, latitude, azimuth, seconds * float(np.hypot(*velocity)))
     return longitude, latitude
 
 
+def water_at(flow: FlowEstimate, at: tuple[float, float], depth: float) -> np.ndarray:
+    """Return the current towards true east and north at a place [degrees]."""
+    frame = flow.grid.projection
+    return np.array(rotate_to_geographic(frame, *at, *flow.velocity(*(float(value) for value in to_local(frame, *at)), depth)))
+
+
+@pytest.mark.parametrize("latitude", [0.0, 35.0, -45.0, 60.0, 80.0])
+def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude: float):
+    frame, rng = Projection(10.0, latitude), np.random.default_rng(3)
+    for east, north in rng.uniform(-300e3, 300e3, (20, 2)):
+        at = tuple(float(value) for value in to_geographic(frame, east, north))
+        through, current = rng.normal(0.0, 0.5, (2, 2))
+        water = np.array(rotate_to_geographic(frame, *at, *current))
+        there = np.array(to_local(frame, *stepped(*at, through + water, 1.0)))
+        rate = np.array(rate_in_frame(frame, east, north, tuple(through), tuple(current)))
+        np.testing.assert_allclose(rate, there - [east, north], atol=5e-6)
+
+
 @pytest.mark.parametrize("heading", [0.0, 60.0, 200.0, 315.0])
-def test_a_compass_held_leg_at_the_region_s_edge_points_where_it_should(heading: float):
+def test_a_leg_at_the_region_s_edge_ends_within_a_metre_of_one_held_by_a_compass(heading: float):
     # 300 km from the centre, at 60 degrees north, where true north turns by half a degree within 20 km
-    frame, length = Projection(10.0, 60.0), 20e3
-    east, north = 250e3, 165e3
-    longitude, latitude = (float(value) for value in to_geographic(frame, east, north))
-    begin = np.array([[east, north]])
-    end = np.array([to_local(frame, *held_by_compass(longitude, latitude, heading, length))]).reshape(1, 2)
-    local = np.deg2rad(heading) + compass_turn(frame, begin, end)[0]
-    flown = begin[0] + length * np.array([np.sin(local), np.cos(local)])
-    across = np.array([np.cos(local), -np.sin(local)])
-    # the projection stretches lengths across its radius by up to 4e-4, 8 m of 20 km, and turns a heading by half of that
-    assert abs(float((end[0] - flown) @ across)) < 5.0
-    at_begin = np.deg2rad(heading) + compass_turn(frame, begin, begin)[0]
-    simple = begin[0] + length * np.array([np.sin(at_begin), np.cos(at_begin)])
-    if abs(np.sin(np.deg2rad(heading))) > 0.5:
-        assert abs(float((end[0] - simple) @ across)) > 20.0
+    flow, frame, vehicle = moved(eddying_flow(1), Projection(10.0, 60.0), 250e3, 165e3), Projection(10.0, 60.0), Glider()
+    depths = leg_depths((0.0, *(400.0, 0.0) * 2), flow.levels, 40)
+    legs = Legs(np.array([np.deg2rad(heading)]), np.array([np.deg2rad(5.0)]), (depths,), np.zeros(1))
+    start = np.array([250e3, 165e3])
+    flight = fly_legs(currents_of(flow), vehicle, start, legs)
+    along, at = float(vehicle.speeds(np, legs.angles[0])[0]), tuple(float(value) for value in to_geographic(frame, *start))
+    through = along * np.array([np.sin(legs.headings[0]), np.cos(legs.headings[0])])
+    for first, last in zip(np.arange(flight.time.size - 1), np.arange(1, flight.time.size), strict=True):
+        steps, duration = 16, flight.time[last] - flight.time[first]
+        for share in (np.arange(steps) + 0.5) / steps:
+            depth = flight.depth[first] + share * (flight.depth[last] - flight.depth[first])
+            halfway = stepped(*at, through + water_at(flow, at, depth), 0.5 * duration / steps)
+            at = stepped(*at, through + water_at(flow, halfway, depth), duration / steps)
+    assert flight.time[-1] * along > 15e3
+    np.testing.assert_allclose(flight.place[0, -1], to_local(frame, *at), atol=1.0)
+
+
+def test_the_turn_of_a_leg_is_that_of_true_north_halfway():
+    frame = Projection(10.0, 60.0)
+    begins, ends = np.array([[200e3, 10e3], [-50e3, 80e3]]), np.array([[220e3, 20e3], [-50e3, 60e3]])
+    halfway = to_geographic(frame, np.array([210e3, -50e3]), np.array([15e3, 70e3]))
+    np.testing.assert_allclose(true_north_halfway(frame, begins, ends), grid_bearing_of_true_north(frame, *halfway), rtol=1e-12)
