@@ -14,7 +14,7 @@ from planners.route.table import tabulate
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import grid_bearing_of_true_north
+from replay_kit.core.geodesy import true_north_halfway
 from replay_kit.core.plan import Place, Plan
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
 from tests.reference.planner import exhaustive_closest_approach
@@ -38,7 +38,8 @@ def test_still_water_is_crossed_in_a_straight_line(goal: tuple[float, float, flo
     start = place(flow, -2e3, 1e3, begin)
     result = plan(flow, start, place(flow, *goal))
     way = np.array(goal) - [-2e3, 1e3, begin]
-    north = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
+    # a compass holds the heading: true north halfway
+    north = float(true_north_halfway(flow.grid.projection, np.array([[-2e3, 1e3]]), np.array([goal[:2]]))[0])
     assert result.status == "reached"
     assert result.closest_approach < 0.1
     assert result.duration == pytest.approx(np.linalg.norm(way) / 0.3, rel=1e-4)
