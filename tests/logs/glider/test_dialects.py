@@ -89,7 +89,7 @@ def test_what_was_assumed_is_noted(tmp_path: Path) -> None:
     assert "m_lat: degrees and minutes (ddmm.mmm) converted to degrees" in notes["slocum"]
     assert "m_heading: converted from rad to degrees" in notes["slocum"]
     assert "m_gps_lat: 118 values outside -90..90 degrees taken as missing" in notes["slocum"]
-    assert "mean current: 1 values of exactly (0, 0) taken as missing" in notes["slocum"]
+    assert "mean current: 1 of exactly (0, 0) taken as missing" in notes["slocum"]
 
 
 @pytest.mark.parametrize("form", ["socib", "slocum"])
