@@ -180,8 +180,8 @@ def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[End, End] 
         return mirrored, end
     if ascent_share > 0.5 and (own := _end(candidate, "")) is not None:
         # from the middle to the profile's place is that share of the way, less a half
-        near = own._replace(longitude=float(unwrap_longitude(own.longitude, middle.longitude)))
-        half = [0.5 * (place - mid) / (ascent_share - 0.5) for place, mid in zip(near, middle, strict=True)]
+        place = own._replace(longitude=float(unwrap_longitude(own.longitude, middle.longitude)))
+        half = [0.5 * (at - mid) / (ascent_share - 0.5) for at, mid in zip(place, middle, strict=True)]
         before, after = ([mid + sign * step for mid, step in zip(middle, half, strict=True)] for sign in (-1.0, 1.0))
         return _at_longitude(*before), _at_longitude(*after)
     return None

@@ -81,12 +81,12 @@ def test_what_was_assumed_is_noted(tmp_path: Path) -> None:
     notes = {form: _open(DACS[form][1](tmp_path)).report().notes for form in DACS}
     assert "IOOS GliderDAC: 4 files are one log" in notes["gliderdac"]
     assert "mean current: 2 in 118 values, each counted once" in notes["gliderdac"]
-    assert "WATERCURRENTS_U: converted from cm/s to m/s" in notes["bodc"]
+    assert "WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s" in notes["bodc"]
     assert "DEPTH_Z: bears the standard name of a depth and counts upwards; not used" in notes["bodc"]
     assert "depth: counts upwards (its values are negative), sign reversed" in notes["socib"]
     radians = "heading: no value above 1.50, so taken as radians although its unit is degrees; converted to degrees"
     assert radians in notes["socib"]
-    assert "m_lat: degrees and minutes (ddmm.mmm) converted to degrees" in notes["slocum"]
+    assert "m_lon, m_lat, m_gps_lon, m_gps_lat: degrees and minutes (ddmm.mmm) converted to degrees" in notes["slocum"]
     assert "m_heading: converted from rad to degrees" in notes["slocum"]
     assert "m_gps_lat: 118 values outside -90..90 degrees taken as missing" in notes["slocum"]
     assert "mean current: 1 of exactly (0, 0) taken as missing" in notes["slocum"]
