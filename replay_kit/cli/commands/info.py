@@ -66,7 +66,7 @@ def info(
     print_infos(found, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    following = next_command(found, logs, ensemble) if logs else None
+    following = next_command(found, logs, ensemble, settings.file) if logs else None
     if following is not None:
         console.print(following, soft_wrap=True)
     if suggest is not None:

@@ -17,7 +17,7 @@ from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
-from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggestion
+from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggested_entries
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,11 +124,9 @@ class LogInfo:
     def mappable(self) -> Mapping[str, str]:
         """Topics of unknown types in which something looks usable, and as what."""
         found = {}
-        for key, (schema, payload) in sorted(self.unknown.items()):
-            topic = key.partition("\n")[0]
-            if (entry := suggestion(topic, schema, payload)) is not None:
-                kinds = [line.rpartition("= ")[2].strip('"') for line in entry.splitlines() if line.lstrip("# ").startswith("kind = ")]
-                found[key.replace("\n", ", name ")] = kinds[0]
+        for key, entry in suggested_entries(self.unknown).items():
+            kinds = [line.rpartition("= ")[2].strip('"') for line in entry.splitlines() if line.lstrip("# ").startswith("kind = ")]
+            found[key.replace("\n", ", name ")] = kinds[0]
         return found
 
     @property

@@ -49,7 +49,7 @@ def test_the_mapping_suggested_makes_the_cells_usable(tmp_path):
     done = invoke(arguments)
     (found,) = json.loads(answer.read_text())["logs"]
     assert (found["profiles"], found["bins"], found["missing"]) == (10, 10, "")
-    assert done.stdout.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble FORECAST.nc -o RESULT.mcap")
+    assert done.stdout.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble FORECAST.nc --config {mapping} -o RESULT.mcap")
 
 
 def test_a_netcdf_file_of_no_known_dialect(tmp_path):
