@@ -186,7 +186,7 @@ def _grouped(values: Mapping[str, NDArray[Any]], skipped: tuple[tuple[str, str, 
     has = np.isfinite(profile["east"] + profile["north"])
     deepest = np.where(has, profile["depth"], -np.inf).max(axis=1)
     deep = {"deepest": np.where(has.any(axis=1), deepest, np.nan)}
-    return Columns({**_sorted(samples), **deep}, gps, dac, profile, skipped)
+    return Columns({**_sorted(samples), **deep, "dive": np.arange(1.0, has.shape[0] + 1.0)}, gps, dac, profile, skipped)
 
 
 def _same_length(table: Table, key: str) -> dict[str, NDArray[Any]]:

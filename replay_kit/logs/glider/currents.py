@@ -4,7 +4,7 @@ Files repeat a mean current at each sample of its dive, state it once for each p
 three become one form: a time within the dive, from which the fix before and the fix after are found.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -113,7 +113,15 @@ def mean_currents(columns: Columns, fixes: Fixes, ascent_share: float, notes: li
         notes.append(f"mean current: {replaced} earlier reports of the same dive replaced by the last one")
     _note_ends(made.values(), fixes, notes)
     reason = "mean current without fixes before and after it, or samples of its dive"
-    return Found(tuple(made[key] for key in sorted(made)), ((reason, lost),) if lost else ())
+    return Found(_numbered([made[key] for key in sorted(made)], columns.samples), ((reason, lost),) if lost else ())
+
+
+def _numbered(means: Sequence[DiveMean], samples: Table) -> tuple[DiveMean, ...]:
+    """Return the mean currents in order of time, those of a file that neither numbers dives nor comes to the surface by their order."""
+    depth = samples.get("depth", np.empty(0))
+    if any(mean.dive is not None for mean in means) or (depth <= _SURFACE).any():
+        return tuple(means)
+    return tuple(replace(mean, dive=number) for number, mean in enumerate(means, 1))
 
 
 def _repeated(table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[str]) -> list[_Candidate]:

@@ -58,6 +58,8 @@ def test_mean_currents_and_their_ends_come_back(tmp_path: Path, form: str) -> No
             pytest.approx(tuple(after[1:] - step), abs=1e-7),
         ]
         assert payload["duration"] == pytest.approx(made.DIVE - 2 * inside)
+        # where samples come to the surface, their depths number the dives
+        assert payload.get("dive") == (dive + 1 if form in ("spray", "slocum-glide", *INSIDE) else None)
         deepest = {"spray": 100.0 if dive == 0 else 90.0}.get(form, 100.0)
         assert payload["max_depth"] == pytest.approx(deepest, abs=1e-9)
     fixes = _topic(messages, "/vehicle/fix")

@@ -16,7 +16,7 @@ from tests.logs.glider import glider_samples as made
 def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path: Path) -> None:
     log = open_log(made.spray(tmp_path / "a.nc"))
     profiles = [event for event in observations(log.messages(), MeasurementConfig()) if isinstance(event, Observation)]
-    assert len(profiles) == 2
+    assert [profile.dive for profile in profiles] == [1, 2]
     for dive, profile in enumerate(profiles):
         east, north = made.current(made.DEPTHS, dive)
         if dive == 1:
