@@ -67,6 +67,7 @@ class LogReport:
         without_stamp: Messages ordered by their log time although the clock is ``header``, because they carry no stamp.
         unchecked: What no checksum covers, so that damage to it cannot be detected: kind to count.
         notes: What a user should know about its clocks, and what was assumed of its units, signs and names.
+        mission: Name of the mission that it is of; empty when it does not state it.
     """
 
     path: str
@@ -77,6 +78,7 @@ class LogReport:
     without_stamp: int = 0
     unchecked: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    mission: str = ""
 
 
 class LogReader(AbstractContextManager["LogReader"], Protocol):

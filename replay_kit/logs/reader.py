@@ -4,7 +4,7 @@ import os
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar
@@ -33,11 +33,14 @@ class LogFile(AbstractContextManager["LogFile"]):
         path: The log.
         format: As in ``LogReport.format``.
         input: Position of the log among the run's inputs.
+        files: The files of the log.
+        mission: Name of the mission that it is of; empty when it does not state it.
         statistics: What the pass begun last has found.
         has_own_frames: Whether a copy of ``raw_messages`` holds the log in another form than its own, so that a copy needs ``frames`` too.
     """
 
     format: str
+    mission = ""
     has_own_frames: ClassVar[bool] = False
 
     def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
@@ -51,6 +54,7 @@ class LogFile(AbstractContextManager["LogFile"]):
                 Without effect on other formats.
         """
         self.path = str(path)
+        self.files: tuple[Path, ...] = (path,)
         self.input = input
         self.statistics = ReadStatistics()
         self._config = config or LogConfig()
@@ -100,7 +104,7 @@ class LogFile(AbstractContextManager["LogFile"]):
 
     def report(self) -> LogReport:
         """Return what was found so far."""
-        return self.statistics.report(self.path, self.format)
+        return replace(self.statistics.report(self.path, self.format), mission=self.mission)
 
     def share_read(self) -> float:
         """Return the share of the file that the pass begun last has read; 1 when it is read whole before its first message."""

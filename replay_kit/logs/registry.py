@@ -146,16 +146,19 @@ def open_log(path: str | Path, input: int = 0, config: LogConfig | None = None, 
     )
 
 
-def open_logs(paths: Sequence[Path], config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> list[LogFile]:
+def open_logs(
+    paths: Sequence[Path], config: LogConfig | None = None, wanted: frozenset[str] | None = None, several_missions: bool = False
+) -> list[LogFile]:
     """Return the readers of a mission's logs: a folder stands for the logs in it, and a glider's files of single profiles are one log.
 
     Args:
         paths: Files and folders: a ROS 2 bag, or a folder of a glider's files.
         config: How logs are read; the defaults when None.
         wanted: As of ``open_log``.
+        several_missions: Whether a folder may hold the files of several missions.
 
     Raises:
-        LogError: As of ``open_log``; or a folder holds no log.
+        LogError: As of ``open_log``; or a folder holds no log, or gliders' files of several missions.
     """
     files = [file for path in paths for file in logs_in(Path(path))]
     places = [place for place, file in enumerate(files) if _is_glider(_first_bytes(file))]
@@ -167,7 +170,13 @@ def open_logs(paths: Sequence[Path], config: LogConfig | None = None, wanted: fr
             members = [places[k] for k in group]
             groups |= {place: [] for place in members} | {members[0]: [files[place] for place in members]}
     parts = [group for group in groups.values() if group]
-    return [_opened(group, number, config, wanted) for number, group in enumerate(parts)]
+    logs = [_opened(group, number, config, wanted) for number, group in enumerate(parts)]
+    if len(places) > 1 and not several_missions:
+        from replay_kit.logs.glider.missions import require_one_mission
+
+        for folder in filter(Path.is_dir, map(Path, paths)):
+            require_one_mission(folder, logs)
+    return logs
 
 
 def _opened(group: Sequence[Path], number: int, config: LogConfig | None, wanted: frozenset[str] | None) -> LogFile:

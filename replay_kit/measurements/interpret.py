@@ -6,9 +6,9 @@ A ping waits until a position at or after its own time is known, then takes the 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeGuard
 
-from replay_kit.config.mapping import TopicMap
+from replay_kit.config.mapping import ProfileMap, TopicMap, VelocityMap
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
@@ -16,6 +16,7 @@ from replay_kit.core.observation import Measurement, Source
 from replay_kit.measurements.current.mean import MeanCurrent
 from replay_kit.measurements.events import MALFORMED, NOT_A_KIND, Event, Skipped, malformed
 from replay_kit.measurements.messages import mavlink_vehicle
+from replay_kit.measurements.messages.joined import Component, component
 from replay_kit.measurements.messages.kinds import Statement, statement
 from replay_kit.measurements.messages.mapped import mapped
 from replay_kit.measurements.messages.mavlink_ping import SCHEMA, PingFrame
@@ -24,6 +25,7 @@ from replay_kit.measurements.messages.position import Depth, Pose, Position, Pre
 from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.ping.attitude import Orientation
 from replay_kit.measurements.steps import pings, positions
+from replay_kit.measurements.steps.components import alone, take_component
 from replay_kit.measurements.steps.position_matching import place, split
 from replay_kit.measurements.steps.state import MeasurementState, Step
 
@@ -37,6 +39,7 @@ _STEPS: Mapping[type, Callable[[MeasurementState, Any, Source, MeasurementConfig
     {
         StatedPing: pings.take_stated_ping,
         PingFrame: pings.take_ping_frame,
+        Component: take_component,
         Dvl: pings.take_dvl,
         Position: positions.record_position,
         mavlink_vehicle.NavigationPosition: positions.record_navigation,
@@ -97,7 +100,7 @@ def interpret(state: MeasurementState, message: Message, config: MeasurementConf
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
     waiting = [event for ping in state.waiting for event in place(ping, state.fix, None, state.track, config)]
-    return [*pings.incomplete(state.frames), *waiting]
+    return [*pings.incomplete(state.frames), *alone(state), *waiting]
 
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> Step:
@@ -123,7 +126,7 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
         return state, [Skipped(message.topic, f"of MAVLink system {system}, where {state.system} counts; system in [logs] chooses")]
     if entry is None and (repeated := pings.duplicate_reason(message.payload, config)):
         return state, [Skipped(message.topic, repeated)]
-    stated: Statement | None = statement(message) if entry is None else mapped(message.payload, entry)
+    stated: Statement | Component | None = statement(message) if entry is None else _by_mapping(message, entry)
     if stated is None or isinstance(stated, str):
         return state, [Skipped(message.topic, stated or NOT_A_KIND)]
     if system is not None and state.system is None and type(stated) in _STATES_POSITION:
@@ -138,4 +141,13 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
 
 
 def _covers(entry: TopicMap, message: Message) -> bool:
-    return entry.topic == message.topic and (entry.name is None or entry.name == message.payload.get("name"))
+    names = (entry.east, entry.north) if _joins(entry) else (entry.name,)
+    return entry.topic == message.topic and (names == (None,) or message.payload.get("name") in names)
+
+
+def _joins(entry: TopicMap) -> TypeGuard[ProfileMap | VelocityMap]:
+    return isinstance(entry, ProfileMap | VelocityMap) and entry.join_within is not None
+
+
+def _by_mapping(message: Message, entry: TopicMap) -> Statement | Component:
+    return component(message, entry) if _joins(entry) else mapped(message.payload, entry)

@@ -72,8 +72,25 @@ def test_profiles_of_two_missions_are_two_logs(tmp_path: Path) -> None:
     first, second = glider_samples.seaexplorer(raw)
     other = raw / "SEA063.23.gli.sub.1"
     other.write_text(first.read_text())
-    assert [Path(log.path).name for log in open_logs([raw])] == [first.name, other.name]
+    both = open_logs([raw], several_missions=True)
+    assert [(Path(log.path).name, log.mission) for log in both] == [(first.name, "sea063.22"), (other.name, "sea063.23")]
+    assert both[0].files == (first, second)
+    assert both[1].report().mission == "sea063.23"
     assert len(open_logs([first, second])) == 1
+    # each is named by the one who gives both
+    assert len(open_logs([first, second, other])) == 2
+
+
+def test_a_folder_with_two_missions_is_refused_with_how_to_choose_one(tmp_path: Path) -> None:
+    first, _ = glider_samples.seaexplorer(tmp_path / "raw")
+    (tmp_path / "raw" / "SEA063.23.gli.sub.1").write_text(first.read_text())
+    (tmp_path / "raw" / "notes.mcap").write_bytes(json_mcap(range(3)))
+    with pytest.raises(LogError) as told:
+        open_logs([tmp_path / "raw"])
+    assert str(told.value) == (
+        f"{tmp_path}/raw: expected the logs of one mission, the folder holds 2: sea063.22 (SEA063.22.gli.sub.*), "
+        f"sea063.23 (SEA063.23.gli.sub.1); give the files of one of them, such as {tmp_path}/raw/SEA063.22.gli.sub.*"
+    )
 
 
 def open_plugin(path: Path, input: int, config: object, wanted: object) -> McapReader | None:
@@ -92,6 +109,8 @@ def test_another_package_may_read_a_form_of_its_own(tmp_path: Path, monkeypatch:
 
 @pytest.mark.skipif(not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there")
 def test_a_folder_of_real_dives_is_one_log_a_dive() -> None:
-    logs = open_logs([DATA / "seaglider"])
+    logs = open_logs([DATA / "seaglider"], several_missions=True)
     assert len(logs) == 11
-    assert {log.format for log in logs} == {"seaglider"}
+    assert {(log.format, log.mission) for log in logs} == {("seaglider", "SG171 mission 37"), ("seaglider", "SG249 mission 2")}
+    with pytest.raises(LogError, match=r"holds 2: SG171 mission 37 \(p171010\*\), SG249 mission 2 \(p249001\*\)"):
+        open_logs([DATA / "seaglider"])

@@ -50,7 +50,8 @@ def info(
     from replay_kit.measurements import suggestions
     from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
     from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
-    from replay_kit.workflows.info.inspect import info_json, inspect_logs, next_command, print_info
+    from replay_kit.workflows.info.inspect import inspect_logs
+    from replay_kit.workflows.info.listing import info_json, next_command, print_infos
 
     with progress() as advance:
         found = inspect_logs(logs, config, advance)
@@ -62,11 +63,10 @@ def info(
     console = console_beside(json_file, suggest)
     if forecast is not None:
         print_ensemble(forecast, console)
-    for log in found:
-        print_info(log, console, outputs.verbose)
+    print_infos(found, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    following = next_command(found, logs, ensemble) if logs else None
+    following = next_command(found, logs, ensemble, settings.file) if logs else None
     if following is not None:
         console.print(following, soft_wrap=True)
     if suggest is not None:

@@ -33,7 +33,7 @@ def absolute_profiles(columns: Columns, means: Sequence[DiveMean], notes: list[s
             continue
         middle_ns = int(samples["dac_time"][k]) if "dac_time" in samples else 0
         time_ns = middle_ns if middle_ns in placed else int(samples["time"][k])
-        payload = earth_ping(time_ns, k, None, velocity, (float(steps[0]) if even else 1.0, float(depth[0])))
+        payload = earth_ping(time_ns, k, int(samples["dive"][k]), velocity, (float(steps[0]) if even else 1.0, float(depth[0])))
         payload |= FROM_SURFACE | {
             "computed_from": ["/dac"],
             **({} if even else {"cell_distances": depth.tolist()}),

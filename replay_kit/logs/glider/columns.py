@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.glider import units
-from replay_kit.logs.glider.dialects import QUANTITIES, TIMES, Dialect
+from replay_kit.logs.glider.dialects import QUANTITIES, TIMES, Dialect, Names
 from replay_kit.logs.glider.netcdf import NetcdfFile
 
 #: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
@@ -55,9 +55,16 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
         notes: What was assumed is added here.
 
     Raises:
-        LogError: A time has a unit that is not understood.
+        LogError: The file holds no times, or a time has a unit that is not understood.
     """
     chosen = dialect.chosen(file.variables)
+    if not {"time", "gps_time"} & set(chosen):
+        names = " or ".join(dialect.names["time"].split())
+        raise LogError(
+            f"{file.path}: {dialect.title}: expected a variable {names} with the times of the samples, got variables "
+            f"{', '.join(file.names)}; write the file again with its times"
+        )
+    forced = _units_by_values(file, dialect, chosen)
     notes.append("read as " + ", ".join(f"{_words(key)}: {name}" for key, name in chosen.items()))
     values: dict[str, NDArray[Any]] = {}
     for key, name in chosen.items():
@@ -74,7 +81,8 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
             if not known.all():
                 notes.append(f"{name}: {int((~known).sum())} values without a time, left out")
         elif key in QUANTITIES:
-            values[key] = units.in_si(name, stored, QUANTITIES[key], notes, dialect.units.get(key, ""))
+            values[key] = units.in_si(name, stored, QUANTITIES[key], notes, forced.get(key, ""))
+    _spread_by_profile(file, chosen, values, notes)
     notes += _missing(chosen, values)
     if "declination" in values and np.isfinite(values["declination"]).any():
         notes.append(f"{chosen['declination']}: declination {np.nanmedian(values['declination']):g} degrees")
@@ -85,9 +93,27 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
     skipped = _without_bad(file, dialect, chosen, values, notes)
     _with_sign(file, chosen, values, notes)
     for key in ("heading", "pitch", "roll"):
-        if key in values and dialect.units.get(key) != "rad":
+        if key in values:
             values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
     return _grouped(values, skipped)
+
+
+def _units_by_values(file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str]) -> Names:
+    """Return the dialect's units, with degrees for positions that are not in degrees and minutes as the dialect has them."""
+    places = {key: file.array(chosen[key]) for key, unit in dialect.units.items() if unit == "nmea" and key in chosen}
+    decimal = bool(places) and not units.in_minutes(places)
+    return {key: "degrees" if decimal and key in places else unit for key, unit in dialect.units.items()}
+
+
+def _spread_by_profile(file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]) -> None:
+    """Repeat what a ragged array states once for each profile at each sample of the profile."""
+    counts = next((stored for stored in file.variables.values() if stored.text("sample_dimension")), None)
+    if counts is None:
+        return
+    sizes = np.nan_to_num(counts.unpacked()).astype(np.int64).ravel()
+    each = [key for key, found in values.items() if found.size == sizes.size and file.variables[chosen[key]].dims == counts.dims]
+    values |= {key: np.repeat(values[key].ravel(), np.maximum(sizes, 0)) for key in each}
+    notes.append(f"{sizes.size} profiles of {int(sizes.sum())} samples: what is stated once for each holds at all of its samples")
 
 
 def _words(key: str) -> str:
@@ -160,7 +186,7 @@ def _grouped(values: Mapping[str, NDArray[Any]], skipped: tuple[tuple[str, str, 
     has = np.isfinite(profile["east"] + profile["north"])
     deepest = np.where(has, profile["depth"], -np.inf).max(axis=1)
     deep = {"deepest": np.where(has.any(axis=1), deepest, np.nan)}
-    return Columns({**_sorted(samples), **deep}, gps, dac, profile, skipped)
+    return Columns({**_sorted(samples), **deep, "dive": np.arange(1.0, has.shape[0] + 1.0)}, gps, dac, profile, skipped)
 
 
 def _same_length(table: Table, key: str) -> dict[str, NDArray[Any]]:

@@ -4,13 +4,14 @@ Files repeat a mean current at each sample of its dive, state it once for each p
 three become one form: a time within the dive, from which the fix before and the fix after are found.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.logs.glider.columns import Columns, Table
 from replay_kit.logs.glider.fixes import Fixes
 
@@ -91,7 +92,9 @@ def mean_currents(columns: Columns, fixes: Fixes, ascent_share: float, notes: li
     finite = np.isfinite(east) & np.isfinite(north)
     zero = finite & (east == 0.0) & (north == 0.0)
     if zero.any():
-        notes.append(f"mean current: {int(zero.sum())} values of exactly (0, 0) taken as missing")
+        own = table.get("dac_time", np.zeros(zero.size, np.int64))
+        begins = zero & np.r_[True, ~zero[:-1] | (own[1:] != own[:-1])]
+        notes.append(f"mean current: {int(begins.sum())} of exactly (0, 0) taken as missing")
     candidates = (
         _repeated(table, np.flatnonzero(finite & ~zero), fixes, notes)
         if table is columns.samples
@@ -110,29 +113,43 @@ def mean_currents(columns: Columns, fixes: Fixes, ascent_share: float, notes: li
         notes.append(f"mean current: {replaced} earlier reports of the same dive replaced by the last one")
     _note_ends(made.values(), fixes, notes)
     reason = "mean current without fixes before and after it, or samples of its dive"
-    return Found(tuple(made[key] for key in sorted(made)), ((reason, lost),) if lost else ())
+    return Found(_numbered([made[key] for key in sorted(made)], columns.samples), ((reason, lost),) if lost else ())
+
+
+def _numbered(means: Sequence[DiveMean], samples: Table) -> tuple[DiveMean, ...]:
+    """Return the mean currents in order of time, those of a file that neither numbers dives nor comes to the surface by their order."""
+    depth = samples.get("depth", np.empty(0))
+    if any(mean.dive is not None for mean in means) or (depth <= _SURFACE).any():
+        return tuple(means)
+    return tuple(replace(mean, dive=number) for number, mean in enumerate(means, 1))
 
 
 def _repeated(table: Table, rows: NDArray[np.intp], fixes: Fixes, notes: list[str]) -> list[_Candidate]:
     """Return the mean currents that samples repeat, each once: by their own time, else by the fixes between which they stand."""
     if not rows.size:
         return []
+    values = np.column_stack([table["dac_east"], table["dac_north"]])
+    # a value that a dive repeats may stand at the fixes at its ends, too, where it could be of either dive
+    at_fix = np.isin(table["time"][rows], fixes.time_ns)
+    under_way = {tuple(pair) for pair in values[rows[~at_fix]].tolist()}
+    rows = rows[[not fix or tuple(pair) not in under_way for fix, pair in zip(at_fix.tolist(), values[rows].tolist(), strict=True)]]
     own = table["dac_time"][rows] if "dac_time" in table else np.zeros(rows.size, np.int64)
     segment = np.where(own > 0, own, np.searchsorted(fixes.time_ns, table["time"][rows]))
-    pair = np.column_stack([segment.astype(np.float64), table["dac_east"][rows], table["dac_north"][rows]])
+    pair = np.column_stack([segment.astype(np.float64), values[rows]])
     begins = np.flatnonzero(np.r_[True, (np.diff(pair, axis=0) != 0.0).any(axis=1)])
     groups = np.split(rows, begins[1:])
     unique: dict[tuple[float, ...], NDArray[np.intp]] = {}
     for group, begin in zip(groups, begins, strict=True):
         key = tuple(pair[begin].tolist()) if own[begin] > 0 or fixes.time_ns.size else (float(begin),)
         unique[key] = np.concatenate([unique[key], group]) if key in unique else group
-    if rows.size > len(unique):
+    if rows.size > len(unique) > 1:
         notes.append(f"mean current: {len(unique)} in {rows.size} values, each counted once")
     return [_Candidate(int(group[0]), table, group) for group in unique.values()]
 
 
 def _with_ends(candidate: _Candidate, samples: Table, fixes: Fixes, ascent_share: float) -> DiveMean | None:
     ends = _stated_ends(candidate, ascent_share) or _fixes_about(candidate, samples, fixes) or _outer_samples(candidate)
+    ends = ends or _samples_at_surface(candidate, samples)
     if ends is None or not 0 < ends[1].time_ns - ends[0].time_ns <= _LONGEST_NS:
         return None
     start, end = ends
@@ -166,13 +183,21 @@ def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[End, End] 
     if middle is None:
         return None
     if start is None and end is not None:
-        return End(*(2 * mid - last for mid, last in zip(middle, end, strict=True))), end  # type: ignore[arg-type]
+        near = float(unwrap_longitude(end.longitude, middle.longitude))
+        mirrored = _at_longitude(2 * middle.time_ns - end.time_ns, 2 * middle.longitude - near, 2 * middle.latitude - end.latitude)
+        return mirrored, end
     if ascent_share > 0.5 and (own := _end(candidate, "")) is not None:
         # from the middle to the profile's place is that share of the way, less a half
-        half = [0.5 * (place - mid) / (ascent_share - 0.5) for place, mid in zip(own, middle, strict=True)]
+        place = own._replace(longitude=float(unwrap_longitude(own.longitude, middle.longitude)))
+        half = [0.5 * (at - mid) / (ascent_share - 0.5) for at, mid in zip(place, middle, strict=True)]
         before, after = ([mid + sign * step for mid, step in zip(middle, half, strict=True)] for sign in (-1.0, 1.0))
-        return End(round(before[0]), before[1], before[2]), End(round(after[0]), after[1], after[2])
+        return _at_longitude(*before), _at_longitude(*after)
     return None
+
+
+def _at_longitude(time_ns: float, longitude: float, latitude: float) -> End:
+    """Return an end whose longitude may have gone beyond the antimeridian."""
+    return End(round(time_ns), longitude - 360.0 * (longitude > 360.0) + 360.0 * (longitude < -180.0), latitude)
 
 
 def _end(candidate: _Candidate, part: str) -> End | None:
@@ -218,6 +243,22 @@ def _outer_samples(candidate: _Candidate) -> tuple[End, End] | None:
     first, last = (replace(candidate, row=int(candidate.rows[k])) for k in (0, -1))
     ends = _end(first, ""), _end(last, "")
     return None if ends[0] is None or ends[1] is None or ends[0].time_ns == ends[1].time_ns else (ends[0], ends[1])
+
+
+def _samples_at_surface(candidate: _Candidate, samples: Table) -> tuple[End, End] | None:
+    """Return the samples at the surface before and after the dive of a mean current that is stated once, where there are no fixes."""
+    inside = _time_within(candidate, samples)
+    if inside <= 0 or not {"longitude", "latitude", "depth"} <= set(samples):
+        return None
+    time_ns = samples["time"]
+    shallow = np.flatnonzero((samples["depth"] <= _SURFACE) & np.isfinite(samples["longitude"] + samples["latitude"]))
+    after = int(np.searchsorted(time_ns[shallow], inside))
+    if not 0 < after < shallow.size:
+        return None
+    before, end = (
+        End(int(time_ns[k]), float(samples["longitude"][k]), float(samples["latitude"][k])) for k in shallow[after - 1 : after + 1]
+    )
+    return before, end
 
 
 def _note_ends(means: Iterable[DiveMean], fixes: Fixes, notes: list[str]) -> None:

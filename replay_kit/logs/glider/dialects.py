@@ -28,6 +28,9 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 TIMES = ("time", "gps_time", "start_time", "end_time", "dac_time")
 FLAGS = ("gps_flag", "start_flag", "end_flag", "dac_flag")
 
+# how many samples each profile of a ragged array has; which mission a file is of
+_ALWAYS = ("rowsize", "row_size", "trajectory", "mission_name")
+
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
@@ -76,7 +79,8 @@ class Dialect:
         """Return which of a file's variables are read: those of quantities, their flags, and those of the ADCP reader."""
         chosen = set(self.chosen(names).values())
         flags = {name + suffix for name in chosen for suffix in ("_QC", "_qc")}
-        return [name for name in names if name in chosen or name in flags or (self.beside and name.lower().startswith(self.beside))]
+        beside = (*self.beside, *_ALWAYS)
+        return [name for name in names if name in chosen or name in flags or name.lower().startswith(beside)]
 
 
 _SEAGLIDER = Dialect(
@@ -84,10 +88,10 @@ _SEAGLIDER = Dialect(
     "Seaglider basestation",
     "log_gps_time log_gps_lat log_gps_lon",
     {
-        "time": "ctd_time",
+        "time": "ctd_time time",
         "longitude": "longitude",
         "latitude": "latitude",
-        "depth": "ctd_depth",
+        "depth": "ctd_depth depth",
         "declination": "magnetic_variation",
         "gps_time": "log_gps_time",
         "gps_longitude": "log_gps_lon",
@@ -142,7 +146,7 @@ _UV = {"dac_east": "u", "dac_north": "v", "dac_time": "time_uv", "dac_longitude"
 _GLIDERDAC = Dialect(
     "gliderdac",
     "IOOS GliderDAC",
-    "time lat lon profile_id profile_time",
+    "time lat lon profile_id profile_time|time_uv",
     {"time": "time", "longitude": "lon", "latitude": "lat", "depth": "depth", "pressure": "pressure", **_UV},
 )
 _ERDDAP = Dialect(
@@ -162,7 +166,7 @@ _ERDDAP = Dialect(
 _PYGLIDER = Dialect(
     "pyglider",
     "pyglider time series (L0)",
-    "time latitude longitude profile_index",
+    "time latitude longitude profile_index|profile_num|dive_num",
     {
         "time": "time",
         "longitude": "longitude",
@@ -173,6 +177,7 @@ _PYGLIDER = Dialect(
         "pitch": "pitch",
         "roll": "roll",
         "declination": "declination",
+        "dive": "dive_num",
         "dead_reckoning": "dead_reckoning",
         "nav_state": "nav_state",
         "dac_east": "water_velocity_eastward u",
@@ -185,7 +190,7 @@ _SOCIB = Dialect(
 _SPRAY = Dialect(
     "spray",
     "Spray, binned (CUGN)",
-    "time_uv lat_uv lon_uv u_depth_mean v_depth_mean depth",
+    "time lat lon depth u|u_depth_mean u_depth_mean|mission_name|mission_profile|trajectory_index",
     {
         "time": "time",
         "longitude": "lon",

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from replay_kit.logs.glider.dialects import Dialect, dialect_of
+from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
 from replay_kit.logs.glider.seaexplorer import is_seaexplorer, open_seaexplorer
 
@@ -52,24 +53,24 @@ def grouped(paths: Sequence[Path]) -> list[list[int]]:
     Raises:
         LogError: A file cannot be read.
     """
-    groups: dict[tuple[str, str], list[int]] = {}
+    groups: dict[tuple[str, ...], list[int]] = {}
     for place, path in enumerate(paths):
-        name, mission = _mission(path)
-        groups.setdefault((name, mission if name in _PARTS else str(place)), []).append(place)
+        mission = _mission(path)
+        groups.setdefault(mission if mission[0] in _PARTS else (str(place),), []).append(place)
     return list(groups.values())
 
 
-def _mission(path: Path) -> tuple[str, str]:
-    """Return the name of a file's dialect, and of its mission where the file states it, or a SeaExplorer's file name."""
+def _mission(path: Path) -> tuple[str, ...]:
+    """Return the name of a file's dialect, and those of its missions."""
     found: list[Dialect | None] = []
 
     def choose(names: Collection[str], attributes: Mapping[str, Any]) -> Collection[str]:
         found.append(dialect_of(names, attributes))
-        return [name for name in names if name.lower() == "trajectory"]
+        return [name for name in names if name.lower() in ("trajectory", "mission_name")]
 
     with open(path, "rb") as file:
         if is_seaexplorer(file.read(_HEAD)):
-            return "seaexplorer", ".".join(path.name.lower().split(".")[:2])
+            return "seaexplorer", *mission_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
     content = open_netcdf(path, choose)
-    texts = [stored.values.tobytes().strip(b"\0 ").decode("utf-8", "replace") for stored in content.variables.values()]
-    return found[0].name if found[0] is not None else "", "".join(texts)
+    name = found[0].name if found[0] is not None else ""
+    return name, *mission_of(content, name)

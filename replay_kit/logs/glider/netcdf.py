@@ -15,7 +15,7 @@ from replay_kit.core.errors import LogError
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
-    *("standard_name", "positive", "flag_values", "flag_meanings", "long_name", "comment"),
+    *("standard_name", "positive", "flag_values", "flag_meanings", "long_name", "comment", "sample_dimension"),
 )
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"  # what NetCDF names a dataset that holds a dimension's length alone
 _UNREADABLE = (OSError, ValueError, KeyError, TypeError, RuntimeError, IndexError)
@@ -48,18 +48,42 @@ class Stored:
         value = self.attributes.get(attribute, "")
         return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
+    @property
+    def packing(self) -> tuple[float, float]:
+        """Scale and offset of the values; 1 and 0 when the file states none."""
+        factor, offset = (float(np.ravel(self.attributes.get(name, default))[0]) for name, default in _PACKING)
+        return factor, offset
+
+    def texts(self) -> list[str]:
+        """Return the texts of an array of characters or of texts, without the blanks and zeros that fill them up; none of other arrays."""
+        if self.values.dtype.kind != "S" or not self.values.size:
+            return []
+        values = np.ascontiguousarray(self.values)
+        joined = values.view(f"S{values.shape[-1]}") if values.ndim and values.dtype.itemsize == 1 else values
+        return [text.decode("utf-8", "replace").strip("\0 ") for text in joined.ravel().tolist()]
+
     def unpacked(self) -> Array:
         """Return the values, NaN where they are the fill value, with scale and offset applied."""
+        if self.values.dtype.kind == "S":
+            return np.array([as_number(text) for text in self.texts()])
         values = np.array(self.values, dtype=np.float64)
         for name in ("_FillValue", "missing_value"):
             fill = self.attributes.get(name)
             if fill is not None and np.size(fill) and not isinstance(fill, str | bytes):
                 values[values == float(np.ravel(fill)[0])] = np.nan
-        factor, offset = (float(np.ravel(self.attributes.get(name, default))[0]) for name, default in _PACKING)
+        factor, offset = self.packing
         return values if (factor, offset) == (1.0, 0.0) else values * factor + offset
 
 
 _PACKING = (("scale_factor", 1.0), ("add_offset", 0.0))
+
+
+def as_number(text: str) -> float:
+    """Return a text as a number; NaN when it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +121,7 @@ def open_netcdf(path: Path, choose: Choose) -> NetcdfFile:
 
     Args:
         path: The file.
-        choose: Says which variables are read; texts of variable length are not.
+        choose: Says which variables are read; texts of variable length are read as bytes.
 
     Raises:
         LogError: The file cannot be read as NetCDF.
@@ -119,12 +143,18 @@ def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
         chosen = {name: held[name] for name in choose(held, attributes) if name in held}
         variables = {
             name: Stored(
-                np.asarray(item[...]), {key: _plain(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs}, _dims(group, name, item)
+                _stored(item), {key: _plain(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs}, _dims(group, name, item)
             )
             for name, item in chosen.items()
-            if item.dtype.kind in "iufbS" and not str(_plain(item.attrs.get("NAME", ""))).startswith(_NO_VARIABLE)
+            if (item.dtype.kind in "iufbS" or h5py.check_string_dtype(item.dtype))
+            and not str(_plain(item.attrs.get("NAME", ""))).startswith(_NO_VARIABLE)
         }
     return NetcdfFile(path, attributes, variables, tuple(held))
+
+
+def _stored(item: h5py.Dataset) -> NDArray[Any]:
+    """Return a variable's values, texts of variable length as bytes."""
+    return np.asarray(item[...] if item.dtype.kind != "O" else np.char.encode(np.asarray(item.asstr(errors="replace")[...], str), "utf-8"))
 
 
 def _dims(file: Any, name: str, item: Any) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """A glider's files of any known dialect as messages of the kinds that other logs hold."""
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -18,9 +17,11 @@ from replay_kit.logs.glider.currents import DiveMean, End, mean_currents
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.logs.glider.files import GliderFile
 from replay_kit.logs.glider.fixes import Fixes, fixes_of
+from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.netcdf import NetcdfFile
 from replay_kit.logs.glider.seaglider import INVERTED, seaglider_pings
 from replay_kit.logs.reader import Entry, LogFile
+from replay_kit.logs.shared.notes import by_variable, gather
 from replay_kit.logs.shared.payloads import FIX, location_fix, number, stamp
 from replay_kit.logs.shared.statistics import ReadStatistics
 
@@ -63,12 +64,14 @@ class GliderReader(LogFile):
         self._files_read, self._dialect = files, files[0].dialect
         self.format = self._dialect.name
         notes: list[str] = [f"{self._dialect.title}: {len(files)} files are one log"] if len(files) > 1 else []
+        self.files = tuple(part.content.path for part in files)
+        self.mission = _one_mission(files, notes)
         self._columns = joined([read_columns(part.content, self._dialect, notes) for part in files])
         self._fixes, self._lost_fixes = fixes_of(self._columns, notes)
         self._means = mean_currents(self._columns, self._fixes, self._dialect.ascent_share, notes)
         self._adcp = [entry for part in files for entry in _pings(part.content, self._dialect, notes)]
         self._adcp += absolute_profiles(self._columns, self._means.means, notes)
-        self._notes = (*_counted(notes), *_heading_note(self._columns, self._dialect))
+        self._notes = (*by_variable(_counted(notes)), *_heading_note(self._columns, self._dialect))
         self.statistics.notes = self._notes
 
     def messages(self) -> Iterator[Message]:
@@ -162,10 +165,19 @@ def _end(end: End) -> dict[str, Any]:
     return {"time": stamp(end.time_ns), "lon": end.longitude, "lat": end.latitude}
 
 
+def _one_mission(files: Sequence[GliderFile], notes: list[str]) -> str:
+    """Return the mission that all files are of; empty when they state none, or several, which is noted."""
+    names = list(dict.fromkeys(name for part in files for name in mission_of(part.content, part.dialect.name)))
+    if len(names) > 1:
+        shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+        notes.append(f"{len(names)} missions in one log ({shown}): their dives are merged as if one glider had made them")
+    return names[0] if len(names) == 1 else ""
+
+
 def _counted(notes: Sequence[str]) -> Iterator[str]:
     """Yield each note once; those that several files give say how many."""
-    for note, count in Counter(notes).items():
-        yield note if count == 1 else f"{note} (in {count} files)"
+    for note, found in gather(notes).items():
+        yield note if len(found) == 1 else f"{note} (in {len(found)} files)"
 
 
 def _heading_note(columns: Columns, dialect: Dialect) -> Iterator[str]:

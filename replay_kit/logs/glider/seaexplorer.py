@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.glider.netcdf import Choose, NetcdfFile, Stored
+from replay_kit.logs.glider.netcdf import Choose, NetcdfFile, Stored, as_number
 
 _GZIP = b"\x1f\x8b"
 _FIRST = ("timestamp", "pld_realtimeclock")
@@ -77,11 +77,4 @@ def _numbers(fields: list[str]) -> NDArray[np.float64]:
     try:
         return np.array([field or "nan" for field in fields], np.float64)
     except ValueError:
-        return np.array([_number(field) for field in fields])
-
-
-def _number(field: str) -> float:
-    try:
-        return float(field)
-    except ValueError:
-        return float("nan")
+        return np.array([as_number(field) for field in fields])

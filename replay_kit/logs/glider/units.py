@@ -78,11 +78,14 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
         stored: The variable.
         quantity: What it is.
         notes: What was assumed is added here.
-        unit: Unit to take instead of the stated one; ``nmea`` is degrees and minutes, ddmm.mmm. Empty for the stated one.
+        unit: Unit to take where the file states none that is known; ``nmea``, degrees and minutes (ddmm.mmm), whatever it states. Empty
+            for the stated one.
     """
     values = stored.unpacked()
-    stated = unit or stored.units
-    key = re.sub(r"\s+|\*\*", "", stated.lower())
+    stated = stored.units
+    key = _unit_key(stated)
+    if unit and (unit == "nmea" or key not in quantity.factors):
+        stated = key = unit
     if key == "nmea":
         notes.append(f"{name}: degrees and minutes (ddmm.mmm) converted to degrees")
         # marks of no fix, such as 69696969, are more degrees than there are
@@ -97,6 +100,23 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
     if odd.any():
         notes.append(f"{name}: {int(odd.sum())} values outside {quantity.low:g}..{quantity.high:g} {quantity.unit} taken as missing")
     return np.where(odd | ~np.isfinite(values), np.nan, values)
+
+
+def _unit_key(unit: str) -> str:
+    return re.sub(r"\s+|\*\*", "", unit.lower())
+
+
+def in_minutes(places: Mapping[str, Array]) -> bool:
+    """Return whether positions are degrees and minutes (ddmm.mmm), because there are more than there are degrees.
+
+    Args:
+        places: Latitudes and longitudes by names that end in these words, as stored. A latitude near the equator does not tell them
+            apart, its longitude does.
+    """
+    # marks of no fix, such as 69696969, are more than either
+    return any(
+        bool(((np.abs(v) > (90.0 if key.endswith("latitude") else 360.0)) & (np.abs(v) < 36_000.0)).any()) for key, v in places.items()
+    )
 
 
 def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str]) -> Array:
@@ -121,8 +141,13 @@ def time_ns(name: str, stored: Stored, file: NetcdfFile, notes: list[str]) -> tu
     Raises:
         LogError: No value is a time of a mission in the unit that the file states.
     """
+    if stored.values.dtype.kind == "S":
+        notes.append(f"{name}: times are texts, taken as UTC")
+        stored = Stored(np.array([_seconds_of(text) for text in stored.texts()]), {"units": "seconds since 1970-01-01"}, stored.dims[:1])
     units, match = stored.units, _SINCE.fullmatch(stored.units)
-    values = stored.values.astype(np.float64) if stored.values.dtype.kind == "f" else stored.values
+    # of whole numbers, nanoseconds since 1970 have more digits than a float holds
+    whole = stored.values.dtype.kind in "iu" and stored.packing == (1.0, 0.0)
+    values = stored.values if whole else stored.unpacked()
     finite = np.isfinite(stored.unpacked())
     stated = finite.copy()
     factor, epoch_ms = 1000.0, 0
@@ -149,6 +174,15 @@ def time_ns(name: str, stored: Stored, file: NetcdfFile, notes: list[str]) -> tu
             f"times from {np.nanmin(stored.unpacked()):g} on; process the dive again, or correct the units"
         )
     return np.where(known, found, 0), known
+
+
+def _seconds_of(text: str) -> float:
+    """Return seconds since 1970 of a time in ISO 8601, in UTC unless it states an offset; NaN for other texts."""
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        return float("nan")
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
 def _epoch_ms(match: re.Match[str]) -> int | None:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from replay_kit.measurements.mapping.leaves import Leaf, leaves
+from replay_kit.measurements.mapping.suggest_joined import Samples, component_pairs, joined_entry
 from replay_kit.measurements.mapping.suggest_profile import line, profile_lines, velocity_lines
 
 _LATITUDE = re.compile(r"(.*_)?lat(itude)?(_?(deg|rad|e7|int|wgs84))?")
@@ -61,7 +62,8 @@ def _by_name(leaf: Leaf, label: str, name: str) -> Leaf:
     """Return a number under the name that its message carries, and an array of a topic of currents under that of a velocity."""
     if leaf.path == "value":
         return replace(leaf, name=name)
-    of_current = _CURRENT.search(label) is not None
+    # an array of floats that is no ping of ours has no other use than a profile, whatever its name
+    of_current = _CURRENT.search(label) is not None or label.partition(" ")[0].endswith("/DEBUG_FLOAT_ARRAY")
     if leaf.path == "data" and of_current:
         return replace(leaf, name="velocity")
     return replace(leaf, name={"x": "east", "y": "north"}[leaf.path]) if leaf.path in ("x", "y") and of_current else leaf
@@ -76,14 +78,31 @@ def _carries_names(topic: str) -> bool:
     return topic.rpartition("/")[2] in NAMED
 
 
-def suggestions(samples: Mapping[str, tuple[str, Mapping[str, Any]]]) -> str:
+def suggested_entries(samples: Samples) -> dict[str, str]:
+    """Return the TOML of each entry that can be guessed, by the key of its messages; joined ones have the keys of both.
+
+    Args:
+        samples: As of ``suggestions``.
+    """
+    carried = {key: _carries_names(key.partition("\n")[0]) for key in samples}
+    found = {}
+    joined = set()
+    for east, north in component_pairs(samples, carried):
+        joined |= {east, north}
+        found[f"{east} and {north.partition(chr(10))[2]}"] = joined_entry(east, north, samples)
+    for key, (schema, payload) in samples.items():
+        entry = None if key in joined else suggestion(key.partition("\n")[0], schema, payload)
+        found |= {} if entry is None else {key: entry}
+    return dict(sorted(found.items()))
+
+
+def suggestions(samples: Samples) -> str:
     """Return a TOML file of entries for topics that no known kind covers.
 
     Args:
         samples: Key, as of ``sample_key``, to its schema's name and one of its messages.
     """
-    made = (suggestion(key.partition("\n")[0], schema, payload) for key, (schema, payload) in sorted(samples.items()))
-    entries = [text for text in made if text is not None]
+    entries = list(suggested_entries(samples).values())
     head = (
         "# A first mapping, guessed by names and values from one message of each topic that no known kind covers.\n"
         "# Check every line, above all reference, frame and units, before you use it: replay-kit replay --config THIS.toml\n"

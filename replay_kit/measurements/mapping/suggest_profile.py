@@ -39,8 +39,8 @@ def profile_lines(found: Sequence[Leaf]) -> list[str]:
         line("reference", "unknown", NO_REFERENCE),
         line("frame", "enu", "NOT KNOWN from the message: enu, ned, ship, instrument or beam"),
         *lines,
-        *_speed(values),
-        *_geometry(found, n_cells),
+        *speed_lines(values),
+        *geometry_lines(found, n_cells),
     ]
 
 
@@ -75,7 +75,8 @@ def _flat(found: Sequence[Leaf]) -> tuple[list[str], int, tuple[float, ...]] | N
     return None
 
 
-def _speed(values: Sequence[float]) -> list[str]:
+def speed_lines(values: Sequence[float]) -> list[str]:
+    """Return the lines of the unit of velocities, and of numbers that stand for none."""
     missing = sorted({value for value in values if value in _MISSING})
     known = [value for value in values if math.isfinite(value) and value not in _MISSING]
     whole = bool(known) and all(value == int(value) for value in known) and any(value != 0.0 for value in known)
@@ -85,7 +86,8 @@ def _speed(values: Sequence[float]) -> list[str]:
     return [*lines, line("missing", missing, "these stand for no velocity")] if missing else lines
 
 
-def _geometry(found: Sequence[Leaf], n_cells: int) -> list[str]:
+def geometry_lines(found: Sequence[Leaf], n_cells: int) -> list[str]:
+    """Return the lines of where the cells of a profile are, by the numbers beside it."""
     for key, pattern in (("depths", _DEPTHS), ("distances", _DISTANCES)):
         listed = next((leaf for leaf in found if leaf.shape == (n_cells,) and pattern.fullmatch(leaf.name)), None)
         if listed is not None:
@@ -117,6 +119,6 @@ def velocity_lines(scalars: Sequence[Leaf]) -> list[str]:
                 line("reference", "unknown", NO_REFERENCE),
                 line("east", east.path, why),
                 line("north", north.path, why.replace("x: east", "y: north")),
-                *_speed(east.values + north.values),
+                *speed_lines(east.values + north.values),
             ]
     return []

@@ -43,14 +43,14 @@ def duplicate_reason(payload: Mapping[str, Any], config: MeasurementConfig) -> s
     return _INVERTED if payload.get("computed_from") else ""
 
 
-def take_stated_ping(state: MeasurementState, stated: StatedPing, source: Source, config: MeasurementConfig) -> Step:
-    """Return the state after a message with a profile, and the events."""
+def take_stated_ping(state: MeasurementState, stated: StatedPing, source: Source, config: MeasurementConfig, n_messages: int = 1) -> Step:
+    """Return the state after the messages, mostly one, that carry a profile, and the events."""
     if stated.place is None:
-        return _take_payload(state, stated.payload, source, 1, config)
+        return _take_payload(state, stated.payload, source, n_messages, config)
     # where a mooring measured tells nothing of the vehicle: its ping is taken as if nothing else were known, and in no dive
     place = VehicleState(source.time_ns, stated.place.longitude, stated.place.latitude, stated.place.depth, False, source)
     alone = MeasurementState(fix=place, depth=place.depth)
-    _, events = _take_payload(alone, {**stated.payload, "dive": 0}, source, 1, config)
+    _, events = _take_payload(alone, {**stated.payload, "dive": 0}, source, n_messages, config)
     return state, events
 
 

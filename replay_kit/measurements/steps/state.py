@@ -7,6 +7,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import VehicleState
 from replay_kit.measurements.current.mean import Dives, record_depth
 from replay_kit.measurements.events import Event
+from replay_kit.measurements.messages.joined import Component
 from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame
 from replay_kit.measurements.messages.position import Pose
 from replay_kit.measurements.ping.adcp_ping import PlatformVelocity
@@ -29,6 +30,7 @@ class MeasurementState:
         waiting: Pings that wait for a position, in the order of their times.
         orientation: Last one of a message that is no ping, after its time [ns, UTC].
         frames: Frames by name of MAVLink pings that are not complete yet.
+        components: By topic and the names of both, the component of a velocity that waits for the other.
         gps_fix_ns: Time of the last three-dimensional fix of each MAVLink system's GPS [ns, UTC]; None while it had none.
         dives: The way since the last fixes, for mean currents.
         bottom: Last velocity over the ground by a DVL, after its time [ns, UTC].
@@ -44,6 +46,7 @@ class MeasurementState:
     waiting: tuple[WaitingPing, ...] = ()
     orientation: tuple[int, Orientation] | None = None
     frames: Mapping[Key, Mapping[str, PingFrame]] = field(default_factory=dict)
+    components: Mapping[tuple[str, str, str], Component] = field(default_factory=dict)
     gps_fix_ns: Mapping[str, int | None] = field(default_factory=dict)
     dives: Dives = field(default_factory=Dives)
     bottom: tuple[int, PlatformVelocity] | None = None

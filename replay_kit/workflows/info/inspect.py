@@ -1,6 +1,5 @@
 """What is in a log, and what it can be used for."""
 
-import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
@@ -19,9 +17,7 @@ from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
-from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggestion
-from replay_kit.results.losses import loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
-from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
+from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggested_entries
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +99,7 @@ class LogInfo:
         dives: Number of dives begun.
         not_used: Topic to reason to count.
         unknown: Topic to the schema's name and the last payload, for topics that no known kind and no mapping covers.
+        files: The files of the log.
     """
 
     report: LogReport
@@ -111,6 +108,7 @@ class LogInfo:
     dives: int
     not_used: Mapping[str, Mapping[str, int]]
     unknown: Mapping[str, tuple[str, Mapping[str, Any]]]
+    files: tuple[Path, ...] = ()
 
     @property
     def missing(self) -> str:
@@ -126,11 +124,9 @@ class LogInfo:
     def mappable(self) -> Mapping[str, str]:
         """Topics of unknown types in which something looks usable, and as what."""
         found = {}
-        for key, (schema, payload) in sorted(self.unknown.items()):
-            topic = key.partition("\n")[0]
-            if (entry := suggestion(topic, schema, payload)) is not None:
-                kinds = [line.rpartition("= ")[2].strip('"') for line in entry.splitlines() if line.lstrip("# ").startswith("kind = ")]
-                found[key.replace("\n", ", name ")] = kinds[0]
+        for key, entry in suggested_entries(self.unknown).items():
+            kinds = [line.rpartition("= ")[2].strip('"') for line in entry.splitlines() if line.lstrip("# ").startswith("kind = ")]
+            found[key.replace("\n", ", name ")] = kinds[0]
         return found
 
     @property
@@ -156,7 +152,7 @@ def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = 
     Raises:
         LogError: A log cannot be opened.
     """
-    found, logs = [], open_logs(paths, config.logs)
+    found, logs = [], open_logs(paths, config.logs, several_missions=True)
     for k, log in enumerate(logs):
         # one log is no share of the work
         progress(k, len(logs) if len(logs) > 1 else 0, f"reading: {log.path}")
@@ -197,7 +193,7 @@ def _inspect(log: LogFile, config: RunConfig) -> LogInfo:
         count(finish(state, config.measurements))
         report = log.report()
     topics |= {name: replace(topics.get(name, TopicInfo()), messages=number) for name, number in report.read.items()}
-    return LogInfo(report, dict(sorted(topics.items())), content, state.dive, by_topic(not_used), unknown)
+    return LogInfo(report, dict(sorted(topics.items())), content, state.dive, by_topic(not_used), unknown, log.files)
 
 
 def by_topic(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:
@@ -206,87 +202,3 @@ def by_topic(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]
     for (topic, reason), count in counts.items():
         found.setdefault(topic, {})[reason] = count
     return found
-
-
-def info_json(info: LogInfo) -> dict[str, Any]:
-    """Return a log's description for JSON."""
-    content = info.content
-    return {
-        "file": info.report.path,
-        "format": info.report.format,
-        "use": info.use,
-        "missing": info.missing,
-        "mappable": dict(info.mappable),
-        "profiles": content.profiles,
-        "bins": content.bins,
-        "mean_currents": content.mean_currents,
-        "positions": content.positions,
-        "dives": info.dives,
-        "box": content.box,
-        "depths": content.depths,
-        "topics": [
-            {"topic": name, "schema": topic.schema, "messages": topic.messages, "first": iso(topic.first_ns), "last": iso(topic.last_ns)}
-            for name, topic in info.topics.items()
-        ],
-        "not_used": {topic: coded(reasons) for topic, reasons in info.not_used.items()},
-        "undecodable": undecodable_json(info.report.undecodable),
-        "notes": info.report.notes,
-        "losses": [loss_json(loss) for loss in info.report.losses],
-        "unchecked": dict(info.report.unchecked),
-    }
-
-
-def _span(topics: Mapping[str, TopicInfo]) -> str:
-    """Return the time span of a log's topics in words; empty when no message has a time."""
-    spans = [(topic.first_ns, topic.last_ns) for topic in topics.values() if topic.first_ns is not None and topic.last_ns is not None]
-    return f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}" if spans else ""
-
-
-def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
-    """Print what a log holds; topics that differ in a number alone share a row unless whole tables are asked for."""
-    report, content, topics = log.report, log.content, log.topics
-    times = short_times([topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()])
-    cells = zip(topics.items(), times[: len(topics)], times[len(topics) :], strict=True)
-    rows = ((name, topic.schema, str(topic.messages), first, last) for (name, topic), first, last in cells)
-    columns = ("topic", "schema", "messages", "first", "last")
-    print_table(console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose))
-    console.print(
-        f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
-    )
-    if content.box is not None:
-        console.print(f"Positions: {content.box[0]:.4f}..{content.box[2]:.4f} E, {content.box[1]:.4f}..{content.box[3]:.4f} N")
-    if content.mean_currents:
-        console.print(f"Mean currents between fixes: {content.mean_currents}")
-    if content.depths is not None:
-        console.print(f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m")
-    known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
-    print_lines(console, not_used_lines(known, verbose))
-    print_lines(console, undecodable_lines(report.undecodable))
-    if report.unchecked:
-        print_lines(console, [f"Without a checksum, so that damage cannot be detected: {unchecked_words(report)}"])
-    print_lines(console, (f"Note: {note}" for note in report.notes))
-    print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))
-    if log.missing:
-        print_lines(console, [f"Missing for a replay: {log.missing}"])
-    mappable = log.mappable
-    print_lines(console, (f"Unknown type: {topic} looks like a {kind}" for topic, kind in mappable.items()))
-    others = len(log.unknown) - len(mappable)
-    if others:
-        print_lines(console, [f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"])
-
-
-def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = ()) -> str:
-    """Return what to type next, in words.
-
-    Args:
-        logs: The logs of a mission.
-        paths: As they were given.
-        ensemble: The files of its forecast; empty without.
-    """
-    given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
-    contents = [log.content for log in logs]
-    if any(content.bins or content.mean_currents for content in contents):
-        return f"Next: replay-kit replay {given} --ensemble {forecast} -o RESULT.mcap"
-    if any(log.mappable for log in logs):
-        return f"Next: replay-kit info {given} --suggest map.toml, correct map.toml, then replay-kit info {given} --config map.toml"
-    return f"Next: replay-kit info {given} ANOTHER_LOG, with the log of this mission that has what is missing"

@@ -8,6 +8,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport
 from replay_kit.core.observation import PathMean
+from replay_kit.logs.shared.notes import gather, short
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow
 from replay_kit.workflows.replay.estimation import Step
@@ -188,11 +189,13 @@ class RunStatistics:
 
 def _notes_of(reports: Sequence[LogReport]) -> list[str]:
     """Return the readers' notes with their logs; one that several logs have is given once, with their number."""
-    logs: dict[str, list[str]] = defaultdict(list)
-    for report in reports:
-        for note in report.notes:
-            logs[note].append(report.path)
-    return [f"{paths[0] if len(paths) == 1 else f'{len(paths)} logs'}: {note}" for note, paths in logs.items()]
+    paths = {note: report.path for report in reports for note in report.notes}
+    gathered = gather(note for report in reports for note in report.notes)
+    notes = [f"{paths[found[0]] if len(found) == 1 else f'{len(found)} logs'}: {short(note)}" for note, found in gathered.items()]
+    missions = dict.fromkeys(report.mission for report in reports if report.mission)
+    if len(missions) > 1:
+        notes.insert(0, f"the logs are of {len(missions)} missions, merged as if one vehicle had made them: {', '.join(missions)}")
+    return notes
 
 
 def _describe(rows: Sequence[TopicRow]) -> str:

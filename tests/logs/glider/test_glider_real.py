@@ -100,7 +100,7 @@ def test_mean_currents_of_sp028_begin_at_the_mirror_of_their_end() -> None:
 
 
 def test_mean_currents_that_are_none_are_said_to_be_missing() -> None:
-    assert "mean current: 8 values of exactly (0, 0) taken as missing" in _read("gdac_Murphy_rt.nc")[0].notes
+    assert "mean current: 1 of exactly (0, 0) taken as missing" in _read("gdac_Murphy_rt.nc")[0].notes
     report, _ = _read("p2710001.nc")
     assert report.undecodable == {"/dac": (1, "mean current flagged bad (depth_avg_curr_qc)")}
     assert "depth_avg_curr_qc: 1 x 4 (QC_BAD), not used" in report.notes

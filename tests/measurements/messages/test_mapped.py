@@ -7,15 +7,14 @@ import pytest
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.config.run import MeasurementConfig, RunConfig, load_config
-from replay_kit.core.errors import ConfigError, MeasurementError
+from replay_kit.config.run import MeasurementConfig, RunConfig
+from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.measurements import Skipped, Used, initial_state, interpret
 from replay_kit.measurements.messages.mapped import look_up, mapped
 from replay_kit.measurements.messages.position import Depth, Position, Pressure
 from replay_kit.workflows.replay.inputs import open_readers
-from replay_kit.workflows.replay.provenance import run_settings_toml
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.samples import fix, only, run
@@ -195,60 +194,6 @@ def test_a_mapping_goes_before_a_known_kind():
     config = MeasurementConfig.model_validate({"map": [{**POSITION, "topic": "/gps"}]})
     events = run([Message(0, "/gps", "sensor_msgs/NavSatFix", {"lon": 1.0, "lat": 2.0, "status": -1}, 0, 0)], config)
     assert (len(only(VehicleState, events)), len(only(Used, events))) == (1, 1)
-
-
-TOML = """
-[[measurements.map]]
-topic = "/nav"
-kind = "position"
-longitude = "x.0"
-latitude = "x.1"
-angle_unit = "rad"
-
-[[measurements.map]]
-topic = "/\\u2248 \\"adcp\\""
-kind = "profile"
-reference = "earth"
-frame = "ned"
-velocity = "cells.*.v"
-missing = [-32768.0]
-cell_size = "size"
-first_cell = 2.5
-"""
-
-
-def test_mappings_in_toml(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(TOML)
-    config = load_config(path)
-    assert [kind.kind for kind in config.measurements.map] == ["position", "profile"]
-    assert config.measurements.map[1].topic == '/\u2248 "adcp"'
-    path.write_text(run_settings_toml(config), encoding="utf-8")
-    assert load_config(path) == config
-
-
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        ({**POSITION, "lattitude": "y"}, r"unknown key '.*lattitude'; known here: .*latitude"),
-        ({"topic": "/p", "kind": "depth", "depth": "d", "unit": "m"}, r"unknown key '.*unit'; known here: .*depth_unit"),
-        ({"topic": "/p", "kind": "depth"}, "depth"),
-        ({**POSITION, "kind": "place"}, "'position', 'depth', 'profile'"),
-        ({**POSITION, "latitude": "a..b"}, "latitude"),
-        ({**POSITION, "latitude": ""}, "latitude"),
-        ({**POSITION, "angle_unit": "grad"}, "'deg', 'rad'"),
-        (PROFILE, "give velocity, or east and north"),
-        ({**PROFILE, "velocity": "v", "east": "e", "north": "n"}, "give velocity, or east and north"),
-        ({**PROFILE, "east": "e", "north": "n", "frame": "beam"}, "not in a frame 'beam'"),
-        ({**PROFILE, "velocity": "v", "latitude": "y"}, "longitude and latitude, or neither"),
-        ({**PROFILE, "velocity": "v", "distances": "d"}, "give one of depths"),
-        ({**PROFILE, "velocity": "v", "depths": "d", "cell_size": None, "first_cell": None, "depth": "z"}, "leave out depth"),
-        ({key: value for key, value in PROFILE.items() if key != "reference"} | {"velocity": "v"}, "reference"),
-    ],
-)
-def test_a_wrong_mapping_is_an_error(fields, words):
-    with pytest.raises(ConfigError, match=words):
-        load_config(None, {"measurements": {"map": [fields]}})
 
 
 @pytest.mark.parametrize("fields", [{}, {"depth_unit": "dbar"}, {"depth_unit": "Pa", "depth_absolute": True}])

@@ -8,7 +8,8 @@ import pytest
 from rich.console import Console
 
 from replay_kit.config.run import load_config
-from replay_kit.workflows.info.inspect import inspect_log, print_info
+from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.info.listing import print_info
 from tests.command import invoke
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping

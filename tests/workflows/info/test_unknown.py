@@ -49,7 +49,7 @@ def test_the_mapping_suggested_makes_the_cells_usable(tmp_path):
     done = invoke(arguments)
     (found,) = json.loads(answer.read_text())["logs"]
     assert (found["profiles"], found["bins"], found["missing"]) == (10, 10, "")
-    assert done.stdout.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble FORECAST.nc -o RESULT.mcap")
+    assert done.stdout.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble FORECAST.nc --config {mapping} -o RESULT.mcap")
 
 
 def test_a_netcdf_file_of_no_known_dialect(tmp_path):
@@ -81,6 +81,26 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
     assert invoke(["synthesize", "--ensemble", str(forecast), "--truth", str(tmp_path / "t.nc"), "--members", "3"]).exit_code == 0
     said = invoke(["info", str(log), "--ensemble", str(forecast)]).stdout
     assert said.rstrip().endswith(f"Next: replay-kit replay {log} --ensemble {forecast} -o RESULT.mcap")
+
+
+def test_notes_of_several_logs_are_printed_once_and_whole_lists_on_request(tmp_path):
+    logs = [str(made.bodc(tmp_path / name)) for name in ("a.nc", "b.nc")]
+    said = invoke(["info", *logs]).stdout
+    assert said.count("counts upwards; not used") == 1
+    assert "Note, of 2 of the 2 logs: DEPTH_Z: bears" in said
+    assert invoke(["info", *logs, "-v"]).stdout.count("Note: DEPTH_Z: bears") == 2
+    assert said.rstrip().endswith("-o RESULT.mcap")
+
+
+def test_info_of_a_folder_with_two_missions_ends_with_how_to_choose_one(tmp_path):
+    folder = tmp_path / "a b"
+    first, _ = made.seaexplorer(folder)
+    (folder / "SEA063.23.gli.sub.1").write_text(first.read_text())
+    done = invoke(["info", str(folder)])
+    assert done.exit_code == 0
+    assert "Mission: sea063.22\n" in done.stdout
+    step = f"Next: replay-kit info '{folder}'/SEA063.22.gli.sub.*, the files of one of 2 missions; "
+    assert done.stdout.rstrip().endswith(f"{step}the others are '{folder}'/SEA063.23.gli.sub.1")
 
 
 @pytest.mark.parametrize(("write", "ending"), [(made.bodc, "--ensemble FORECAST.nc -o RESULT.mcap"), (made.spray, "-o RESULT.mcap")])

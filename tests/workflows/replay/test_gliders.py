@@ -131,3 +131,11 @@ def test_a_note_that_several_logs_have_is_given_once():
 
     notes = RunStatistics().notes([report("a.nc", "feet", "miles"), report("b.nc", "feet")])
     assert notes == ["2 logs: feet", "a.nc: miles"]
+    notes = RunStatistics().notes([report("a.nc", "1 fixes"), report("b.nc", "3 fixes", "read as time: t, depth: z")])
+    assert notes == ["2 logs: 1 to 3 fixes", "b.nc: 2 variables were read by their names, which replay-kit info lists"]
+
+
+def test_logs_of_several_missions_are_told(tmp_path):
+    of = [LogReport(f"{name}.nc", "seaglider", {}, {}, (), mission=name) for name in ("sg1", "sg2", "sg2")]
+    assert RunStatistics().notes(of) == ["the logs are of 2 missions, merged as if one vehicle had made them: sg1, sg2"]
+    assert RunStatistics().notes(of[1:]) == []

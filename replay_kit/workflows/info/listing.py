@@ -1,0 +1,124 @@
+"""What is in logs, for a person and as JSON, and what to type next."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from replay_kit.logs.glider.missions import pattern
+from replay_kit.logs.shared.notes import gather
+from replay_kit.measurements import NOT_A_KIND
+from replay_kit.results.losses import loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
+from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
+from replay_kit.workflows.info.inspect import LogInfo, TopicInfo
+
+
+def info_json(info: LogInfo) -> dict[str, Any]:
+    """Return a log's description for JSON."""
+    content = info.content
+    return {
+        "file": info.report.path,
+        "format": info.report.format,
+        "mission": info.report.mission,
+        "use": info.use,
+        "missing": info.missing,
+        "mappable": dict(info.mappable),
+        "profiles": content.profiles,
+        "bins": content.bins,
+        "mean_currents": content.mean_currents,
+        "positions": content.positions,
+        "dives": info.dives,
+        "box": content.box,
+        "depths": content.depths,
+        "topics": [
+            {"topic": name, "schema": topic.schema, "messages": topic.messages, "first": iso(topic.first_ns), "last": iso(topic.last_ns)}
+            for name, topic in info.topics.items()
+        ],
+        "not_used": {topic: coded(reasons) for topic, reasons in info.not_used.items()},
+        "undecodable": undecodable_json(info.report.undecodable),
+        "notes": info.report.notes,
+        "losses": [loss_json(loss) for loss in info.report.losses],
+        "unchecked": dict(info.report.unchecked),
+    }
+
+
+def _span(topics: Mapping[str, TopicInfo]) -> str:
+    """Return the time span of a log's topics in words; empty when no message has a time."""
+    spans = [(topic.first_ns, topic.last_ns) for topic in topics.values() if topic.first_ns is not None and topic.last_ns is not None]
+    return f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}" if spans else ""
+
+
+def print_infos(logs: Sequence[LogInfo], console: Console, verbose: bool = False) -> None:
+    """Print what logs hold, and the notes that several of them have once after the last, unless whole lists are asked for."""
+    notes = gather(note for log in logs for note in log.report.notes)
+    shared = {} if verbose else {note: found for note, found in notes.items() if len(found) > 1 and len(logs) > 1}
+    said = set(chain.from_iterable(shared.values()))
+    for log in logs:
+        alone = tuple(note for note in log.report.notes if note not in said)
+        print_info(replace(log, report=replace(log.report, notes=alone)), console, verbose)
+    print_lines(console, (f"Note, of {len(found)} of the {len(logs)} logs: {note}" for note, found in shared.items()))
+
+
+def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
+    """Print what a log holds; topics that differ in a number alone share a row unless whole tables are asked for."""
+    report, content, topics = log.report, log.content, log.topics
+    times = short_times([topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()])
+    cells = zip(topics.items(), times[: len(topics)], times[len(topics) :], strict=True)
+    rows = ((name, topic.schema, str(topic.messages), first, last) for (name, topic), first, last in cells)
+    columns = ("topic", "schema", "messages", "first", "last")
+    print_table(console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose))
+    if report.mission:
+        console.print(f"Mission: {report.mission}")
+    console.print(
+        f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
+    )
+    if content.box is not None:
+        console.print(f"Positions: {content.box[0]:.4f}..{content.box[2]:.4f} E, {content.box[1]:.4f}..{content.box[3]:.4f} N")
+    if content.mean_currents:
+        console.print(f"Mean currents between fixes: {content.mean_currents}")
+    if content.depths is not None:
+        console.print(f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m")
+    known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
+    print_lines(console, not_used_lines(known, verbose))
+    print_lines(console, undecodable_lines(report.undecodable))
+    if report.unchecked:
+        print_lines(console, [f"Without a checksum, so that damage cannot be detected: {unchecked_words(report)}"])
+    print_lines(console, (f"Note: {note}" for note in report.notes))
+    print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))
+    if log.missing:
+        print_lines(console, [f"Missing for a replay: {log.missing}"])
+    mappable = log.mappable
+    print_lines(console, (f"Unknown type: {topic} looks like a {kind}" for topic, kind in mappable.items()))
+    others = len(log.unknown) - len(mappable) - sum(" and " in topic.rpartition(", name ")[2] for topic in mappable)
+    if others:
+        print_lines(console, [f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"])
+
+
+def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), config: Path | None = None) -> str:
+    """Return what to type next, in words.
+
+    Args:
+        logs: The logs of a mission.
+        paths: As they were given.
+        ensemble: The files of its forecast; empty without.
+        config: The configuration that was used; None without.
+    """
+    missions: dict[str, list[Path]] = {}
+    for log in logs:
+        if log.report.mission:
+            missions.setdefault(log.report.mission, []).extend(log.files)
+    if len(missions) > 1:
+        first, *others = (f"{shlex.quote(str(files[0].parent))}/{pattern(files)}" for files in missions.values())
+        return f"Next: replay-kit info {first}, the files of one of {len(missions)} missions; the others are {', '.join(others)}"
+    given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
+    contents = [log.content for log in logs]
+    if any(content.bins or content.mean_currents for content in contents):
+        settings = "" if config is None else f"--config {shlex.quote(str(config))} "
+        return f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"
+    if any(log.mappable for log in logs):
+        return f"Next: replay-kit info {given} --suggest map.toml, correct map.toml, then replay-kit info {given} --config map.toml"
+    return f"Next: replay-kit info {given} ANOTHER_LOG, with the log of this mission that has what is missing"
