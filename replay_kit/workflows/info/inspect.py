@@ -2,8 +2,9 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from rich.console import Console
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator.update.screening import usable
@@ -22,28 +23,8 @@ from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, 
 from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggestion
 from replay_kit.results.losses import loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
 from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
-
-
-@dataclass(frozen=True, slots=True)
-class TopicInfo:
-    """One topic of a log.
-
-    Attributes:
-        schema: Schema or message name.
-        messages: Number of messages in the log, decoded or not.
-        first_ns: Earliest time of a decoded message [ns, UTC]; None when none was.
-        last_ns: Latest time of one.
-    """
-
-    schema: str = ""
-    messages: int = 0
-    first_ns: int | None = None
-    last_ns: int | None = None
-
-    def extended(self, message: Message) -> "TopicInfo":
-        """Return the topic with the time of one more decoded message."""
-        first_ns, last_ns = (message.time_ns if time_ns is None else time_ns for time_ns in (self.first_ns, self.last_ns))
-        return TopicInfo(message.schema, self.messages, min(first_ns, message.time_ns), max(last_ns, message.time_ns))
+from replay_kit.workflows.info.order import Order, TopicInfo
+from replay_kit.workflows.info.reading import count_alike, late_and_gaps, read_log, topic_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +83,8 @@ class LogInfo:
         content: What the messages measure.
         dives: Number of dives begun.
         not_used: Topic to reason to count.
-        unknown: Topic to the schema's name and the last payload, for topics that no known kind and no mapping covers.
+        unknown: Topic to the schema's name and one payload, for topics that no known kind and no mapping covers.
+        sampled: How many messages were read, the first of each topic, where the log's index says the rest; None when all were.
     """
 
     report: LogReport
@@ -111,6 +93,7 @@ class LogInfo:
     dives: int
     not_used: Mapping[str, Mapping[str, int]]
     unknown: Mapping[str, tuple[str, Mapping[str, Any]]]
+    sampled: int | None = None
 
     @property
     def missing(self) -> str:
@@ -145,38 +128,41 @@ class LogInfo:
         return "nothing yet: neither positions nor profiles of the current"
 
 
-def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = silent) -> list[LogInfo]:
-    """Return what each log holds; every message is read.
+def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = silent, full: bool = False) -> list[LogInfo]:
+    """Return what each log holds; of a large log with an index the index and the first messages are read.
 
     Args:
         paths: Files, and folders that stand for the logs in them.
         config: How logs are read and interpreted.
-        progress: Is called with the number of logs read, their number, and the log that is next.
+        progress: Is called with how much of the logs is read, their number, and the log that is being read.
+        full: Whether every log is read whole.
 
     Raises:
         LogError: A log cannot be opened.
     """
     found, logs = [], open_logs(paths, config.logs)
     for k, log in enumerate(logs):
-        # one log is no share of the work
-        progress(k, len(logs) if len(logs) > 1 else 0, f"reading: {log.path}")
-        found.append(_inspect(log, config))
+        found.append(_inspect(log, config, full, partial(_advance, progress, k, len(logs), log)))
     return found
 
 
-def inspect_log(path: Path, config: RunConfig) -> LogInfo:
-    """Return what one log holds; every message is read.
+def _advance(progress: Progress, before: int, logs: int, log: LogFile) -> None:
+    progress(before + log.share_read(), logs, f"reading: {log.path}")
+
+
+def inspect_log(path: Path, config: RunConfig, full: bool = False) -> LogInfo:
+    """Return what one log holds; as ``inspect_logs``.
 
     Raises:
         LogError: The log cannot be opened.
     """
-    return _inspect(open_log(path, 0, config.logs), config)
+    return _inspect(open_log(path, 0, config.logs), config, full)
 
 
-def _inspect(log: LogFile, config: RunConfig) -> LogInfo:
-    state, content = initial_state(config.logs.system), LogContent()
-    topics: dict[str, TopicInfo] = {}
+def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None) -> LogInfo:
+    state, content, order = initial_state(config.logs.system), LogContent(), Order(config.logs.reorder_window)
     not_used: Counter[tuple[str, str]] = Counter()
+    decoded: Counter[str] = Counter()
     unknown: dict[str, tuple[str, Mapping[str, Any]]] = {}
 
     def count(events: Sequence[object]) -> bool:
@@ -189,15 +175,20 @@ def _inspect(log: LogFile, config: RunConfig) -> LogInfo:
         return any(event.reason == NOT_A_KIND for event in skipped)
 
     with log:
-        for message in log.messages():
-            topics[message.topic] = topics.get(message.topic, TopicInfo()).extended(message)
-            state, events = interpret(state, message, config.measurements)
-            if count(events) and (not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)):
-                unknown[sample_key(message.topic, message.payload)] = (message.schema, message.payload)
+        reading = read_log(log, full, config.measurements)
+        for block in reading.blocks:
+            order.add(block)
+            decoded.update(message.topic for message in block.messages)
+            for message in block.messages:
+                state, events = interpret(state, message, config.measurements)
+                if count(events) and (not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)):
+                    unknown[sample_key(message.topic, message.payload)] = (message.schema, message.payload)
+            advance()
         count(finish(state, config.measurements))
-        report = log.report()
-    topics |= {name: replace(topics.get(name, TopicInfo()), messages=number) for name, number in report.read.items()}
-    return LogInfo(report, dict(sorted(topics.items())), content, state.dive, by_topic(not_used), unknown)
+        report, topics = reading.completed(log.report(), order.topics)
+    if reading.overview is None:
+        count_alike(not_used, report, decoded)
+    return LogInfo(report, dict(sorted(topics.items())), content, state.dive, by_topic(not_used), unknown, reading.sampled)
 
 
 def by_topic(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:
@@ -210,24 +201,22 @@ def by_topic(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]
 
 def info_json(info: LogInfo) -> dict[str, Any]:
     """Return a log's description for JSON."""
-    content = info.content
+    content, whole = info.content, info.sampled is None
     return {
         "file": info.report.path,
         "format": info.report.format,
+        "read": {"whole": whole, "messages": sum(info.report.read.values()) if info.sampled is None else info.sampled},
         "use": info.use,
         "missing": info.missing,
         "mappable": dict(info.mappable),
-        "profiles": content.profiles,
-        "bins": content.bins,
-        "mean_currents": content.mean_currents,
-        "positions": content.positions,
-        "dives": info.dives,
-        "box": content.box,
-        "depths": content.depths,
-        "topics": [
-            {"topic": name, "schema": topic.schema, "messages": topic.messages, "first": iso(topic.first_ns), "last": iso(topic.last_ns)}
-            for name, topic in info.topics.items()
-        ],
+        "profiles": content.profiles if whole else None,
+        "bins": content.bins if whole else None,
+        "mean_currents": content.mean_currents if whole else None,
+        "positions": content.positions if whole else None,
+        "dives": info.dives if whole else None,
+        "box": content.box if whole else None,
+        "depths": content.depths if whole else None,
+        "topics": [topic_json(name, topic) for name, topic in info.topics.items()],
         "not_used": {topic: coded(reasons) for topic, reasons in info.not_used.items()},
         "undecodable": undecodable_json(info.report.undecodable),
         "notes": info.report.notes,
@@ -242,23 +231,35 @@ def _span(topics: Mapping[str, TopicInfo]) -> str:
     return f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}" if spans else ""
 
 
+def _content_lines(log: LogInfo) -> Iterator[str]:
+    """Yield what the messages that were read measure."""
+    content = log.content
+    if log.sampled is not None:
+        yield (
+            f"Read: the index, and {log.sampled} messages, the first of each topic. Number, place and depth of profiles and positions, "
+            "what is not used, late messages, gaps and damage: with --full"
+        )
+        yield f"Use, by the messages read: {log.use}"
+        return
+    yield f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
+    if content.box is not None:
+        yield f"Positions: {content.box[0]:.4f}..{content.box[2]:.4f} E, {content.box[1]:.4f}..{content.box[3]:.4f} N"
+    if content.mean_currents:
+        yield f"Mean currents between fixes: {content.mean_currents}"
+    if content.depths is not None:
+        yield f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m"
+
+
 def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     """Print what a log holds; topics that differ in a number alone share a row unless whole tables are asked for."""
-    report, content, topics = log.report, log.content, log.topics
+    report, topics = log.report, log.topics
     times = short_times([topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()])
     cells = zip(topics.items(), times[: len(topics)], times[len(topics) :], strict=True)
     rows = ((name, topic.schema, str(topic.messages), first, last) for (name, topic), first, last in cells)
     columns = ("topic", "schema", "messages", "first", "last")
     print_table(console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose))
-    console.print(
-        f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
-    )
-    if content.box is not None:
-        console.print(f"Positions: {content.box[0]:.4f}..{content.box[2]:.4f} E, {content.box[1]:.4f}..{content.box[3]:.4f} N")
-    if content.mean_currents:
-        console.print(f"Mean currents between fixes: {content.mean_currents}")
-    if content.depths is not None:
-        console.print(f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m")
+    print_lines(console, _content_lines(log))
+    print_lines(console, late_and_gaps(topics))
     known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
     print_lines(console, not_used_lines(known, verbose))
     print_lines(console, undecodable_lines(report.undecodable))
