@@ -16,6 +16,7 @@ from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
+from replay_kit.core.unchanged import check_unchanged, stamps_of
 from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.reader import LogFile
@@ -174,6 +175,7 @@ def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], 
         not_used.update((event.topic, event.reason) for event in skipped)
         return any(event.reason == NOT_A_KIND for event in skipped)
 
+    before = stamps_of([Path(log.path)])
     with log:
         reading = read_log(log, full, config.measurements)
         for block in reading.blocks:
@@ -185,6 +187,7 @@ def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], 
                     unknown[sample_key(message.topic, message.payload)] = (message.schema, message.payload)
             advance()
         count(finish(state, config.measurements))
+        check_unchanged(before)
         report, topics = reading.completed(log.report(), order.topics)
     if reading.overview is None:
         count_alike(not_used, report, decoded)
