@@ -16,6 +16,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.raw import RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
+from replay_kit.logs.shared.blocks import Block, blocks_of
+from replay_kit.logs.shared.overview import Overview
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: A message before it has a position: time [ns], topic, schema, payload.
@@ -80,6 +82,29 @@ class LogFile(AbstractContextManager["LogFile"]):
         Raises:
             LogError: The file cannot be read.
         """
+
+    def overview(self) -> Overview | str:
+        """Return what the log's index says, and the first messages of each topic, for a log that takes long to read.
+
+        Where an index should be and says too little the text says why. It is empty for formats without one, and for a log that is read
+        whole as quickly.
+
+        Raises:
+            LogError: The file cannot be read.
+        """
+        return ""
+
+    def blocks(self, wanted: Callable[[str, str], bool]) -> Iterator[Block]:
+        """Yield the messages in the file's order as blocks; of topics that are not wanted as few are decoded as the format allows.
+
+        Args:
+            wanted: Whether the messages of a topic and schema must be decoded; of others at least the first is.
+
+        Raises:
+            LogError: The file cannot be read.
+        """
+        del wanted
+        yield from blocks_of(self.messages())
 
     def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
         """Yield the messages to copy: as they are in the file, or as JSON when an MCAP cannot hold the format's own form.

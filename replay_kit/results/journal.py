@@ -8,11 +8,13 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import orjson
 
+from replay_kit.core.atomic import stored
 from replay_kit.core.errors import ConfigError, LogError
 
 _MAGIC = b"replay-kit journal 1\n"
@@ -53,17 +55,20 @@ class Journal:
     def append(self, head: dict[str, Any], data: bytes) -> None:
         """Append an entry; it is safe on the disk after ``flushed``."""
         text = orjson.dumps(head)
-        self._file.write(_ENTRY.pack(len(text), len(data), zlib.crc32(data, zlib.crc32(text))) + text + data)
+        with stored(self.path):
+            self._file.write(_ENTRY.pack(len(text), len(data), zlib.crc32(data, zlib.crc32(text))) + text + data)
 
     def flushed(self) -> int:
         """Force everything to the disk and return the file's length [bytes]."""
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with stored(self.path):
+            self._file.flush()
+            os.fsync(self._file.fileno())
         return self._file.tell()
 
     def close(self) -> None:
-        """Close the file; it stays."""
-        self._file.close()
+        """Close the file; it stays. What was not confirmed by ``flushed`` may be missing, as on a full disk."""
+        with suppress(OSError):
+            self._file.close()
 
 
 def read_journal(path: Path, length: int) -> Iterator[tuple[dict[str, Any], bytes]]:

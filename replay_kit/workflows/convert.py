@@ -19,7 +19,9 @@ from replay_kit.core.message import LogReport, Loss
 from replay_kit.core.paths import check_paths
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.raw import RawMessage
+from replay_kit.core.unchanged import check_unchanged, stamps_of
 from replay_kit.logs import merge, open_logs
+from replay_kit.logs.folders import logs_in
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.reader import LogFile, RawLog
@@ -80,20 +82,28 @@ def convert(inputs: Sequence[Path], out: Path, overwrite: bool, config: LogConfi
 
     Raises:
         ConfigError: The output is an input, or exists, or cannot be written; or there is no input.
-        LogError: An input cannot be opened.
+        LogError: An input cannot be opened; or it changed while it was read, and what was written stays as ``OUT.part``.
         ReplayKitError: The output does not read back as written; it stays as ``OUT.part``.
     """
     if not inputs:
         raise ConfigError("convert: expected at least one log, got none")
     check_paths(inputs, [out], overwrite)
+    read = stamps_of(file for path in inputs for file in logs_in(Path(path)))
     with ExitStack() as opened:
         logs = [opened.enter_context(log) for log in open_logs(inputs, config)]
-        return (_to_tlog if out.suffix.lower() == ".tlog" else _to_mcap)(logs, out, config, reading(logs, progress, "converting"))
+        to = _to_tlog if out.suffix.lower() == ".tlog" else _to_mcap
+        return to(logs, out, config, reading(logs, progress, "converting"), lambda: check_unchanged(read))
 
 
-def _to_mcap(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[], None]) -> ConvertSummary:
+def _to_mcap(
+    logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[], None], check_inputs: Callable[[], None]
+) -> ConvertSummary:
+    def check(part: Path, writer: McapLogWriter) -> None:
+        check_inputs()
+        check_written(part, writer.written, writer.attachments)
+
     profiles = {log.profile() for log in logs}
-    with open_mcap_log(out, (profiles.pop() if len(profiles) == 1 else None) or "", _check) as writer:
+    with open_mcap_log(out, (profiles.pop() if len(profiles) == 1 else None) or "", check) as writer:
         copies = [RawLog(log, writer.copy_extra) for log in logs]
         merged = merge(copies, config.reorder_window, config.start_ns, config.end_ns, keep_late=True)
         frames = heapq.merge(*(log.frames() for log in logs if log.has_own_frames), key=_order)
@@ -101,10 +111,6 @@ def _to_mcap(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: 
             writer.copy(message)
             on_message()
     return ConvertSummary(out, writer.written, tuple(log.report() for log in logs))
-
-
-def _check(part: Path, writer: McapLogWriter) -> None:
-    check_written(part, writer.written, writer.attachments)
 
 
 class _Framed(NamedTuple):
@@ -116,14 +122,16 @@ class _Framed(NamedTuple):
     entries: Callable[[], Iterable[tuple[str, bytes]]]
 
 
-def _to_tlog(logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[], None]) -> ConvertSummary:
+def _to_tlog(
+    logs: Sequence[LogFile], out: Path, config: LogConfig, on_message: Callable[[], None], check_inputs: Callable[[], None]
+) -> ConvertSummary:
     """Write the frames that the logs hold as they are, and frames made of fixes and pings that no such frame holds."""
     framed = [next(log.frames(), None) is not None for log in logs]
     made = TlogFrames(beside_vehicle=any(framed))
     streams: list[Iterator[_Framed]] = [map(_kept, log.frames()) for log in logs]
     streams += [_made(log, has, made, config) for log, has in zip(logs, framed, strict=True) if not log.has_own_frames]
     count: Counter[str] = Counter()
-    with atomic_file(out) as file:
+    with atomic_file(out, lambda part: check_inputs()) as file:
         for message in heapq.merge(*streams, key=_order):
             if _in_span(message, config):
                 for name, entry in message.entries():

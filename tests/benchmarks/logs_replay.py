@@ -36,7 +36,7 @@ def memory_row(folder: Path, tiny: bool) -> Row:
     pings = folder / "pings.mcap"
     write_mcap_log(pings, list(open_log(_SAMPLES / "survey.mcap").messages())[:60])
     large = folder / "large.mcap"
-    write_mcap_log(large, _padded(pings, megabytes * 1_000_000))
+    write_mcap_log(large, padded(pings, megabytes * 1_000_000))
     before, ours = (_replayed(path, _SAMPLES / "ensemble.nc", folder, _SMALL) for path in (pings, large))
     grown = ours["peak_mb"] - before["peak_mb"]
     return row(
@@ -52,7 +52,7 @@ def memory_row(folder: Path, tiny: bool) -> Row:
     )
 
 
-def _padded(path: Path, size: int) -> Iterator[Message]:
+def padded(path: Path, size: int) -> Iterator[Message]:
     """Yield a log's messages with others between them, of no use to the estimator, that make up a size [bytes]."""
     messages = list(open_log(path).messages())
     each = size // len(messages)

@@ -1,9 +1,11 @@
-"""``python -m tests.fuzz``: every sample and conformance log damaged in many ways; ``python -m tests.fuzz atheris NAME``: guided."""
+"""``python -m tests.fuzz``: every sample and conformance log damaged in many ways; ``... atheris NAME``: guided; ``... kill``: SIGKILL."""
 
 import argparse
 import resource
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 #: More memory than this means that something was allocated on a damaged file's word.
 _MOST_MB = 300.0
@@ -12,16 +14,20 @@ _MOST_MB = 300.0
 def main(arguments: list[str] | None = None) -> int:
     """Run, print what is wrong, return the number of logs with something wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("kind", nargs="?", choices=["damage", "atheris"], default="damage")
+    parser.add_argument("kind", nargs="?", choices=["damage", "atheris", "kill"], default="damage")
     parser.add_argument("name", nargs="?", help="the parser, for atheris")
     parser.add_argument("--places", type=int, default=64, help="cuts, and flips, of each log")
     parser.add_argument("--seconds", type=int, default=600, help="how long atheris runs")
+    parser.add_argument("--count", type=int, default=200, help="kills of each command")
+    parser.add_argument("--seed", type=int, default=1, help="of the instants of kills")
     options = parser.parse_args(arguments)
     if options.kind == "atheris":
         # imported here, as it must be what first imports the parsers
         from tests.fuzz.guided import run
 
         return run(options.name, options.seconds)
+    if options.kind == "kill":
+        return _kill(options.count, options.seed)
     from tests.fuzz import damage, damage_vehicle
 
     begin, bad, count = time.perf_counter(), 0, 0
@@ -33,6 +39,19 @@ def main(arguments: list[str] | None = None) -> int:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     print(f"{count} logs, {options.places} cuts and flips each, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad} bad")
     return bad + (peak > _MOST_MB)
+
+
+def _kill(count: int, seed: int) -> int:
+    from tests.fuzz.kill import kill_all, make_inputs
+
+    with tempfile.TemporaryDirectory() as folder:
+        make_inputs(Path(folder))
+        found = kill_all(Path(folder), count, seed)
+    for kind, result in found.items():
+        print("".join(f"{words}\n" for words in result.wrong), end="")
+        said = f"{result.kills} kills, {result.resumed} with a checkpoint left, {result.finished} ended before"
+        print(f"{kind}: {said}: {len(result.wrong)} bad")
+    return sum(len(result.wrong) for result in found.values())
 
 
 if __name__ == "__main__":

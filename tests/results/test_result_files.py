@@ -1,6 +1,8 @@
+import io
 import os
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -168,3 +170,27 @@ def test_estimate_of_other_files_is_refused(state: VehicleState, tmp_path: Path)
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(ForecastError, match="not a complete MCAP"):
         read_estimate(path)
+
+
+def test_read_back_finds_a_flip_of_any_byte_and_any_missing_end(run: Run, tmp_path: Path) -> None:
+    path = run(tmp_path / "out.mcap")
+    data = path.read_bytes()
+    reader = make_reader(io.BytesIO(data))
+    topics = Counter(channel.topic for _, channel, _ in reader.iter_messages())
+    attached = len(list(reader.iter_attachments()))
+    assert attached > 0
+    check_written(path, topics, attached)
+    for missing in (1, 8, 9, 60, len(data) // 2):
+        path.write_bytes(data[:-missing])
+        with pytest.raises(ReplayKitError, match=r"does not read back: .*; is the disk full\?"):
+            check_written(path, topics, attached)
+    for place in np.random.default_rng(0).integers(8, len(data), 40).tolist():
+        spoilt = bytearray(data)
+        spoilt[place] ^= 0x10
+        path.write_bytes(spoilt)
+        with pytest.raises(ReplayKitError, match="read back"):
+            check_written(path, topics, attached)
+    path.write_bytes(data)
+    for messages, attachments in ((topics | {"/a": 1}, attached), (topics, attached + 1)):
+        with pytest.raises(ReplayKitError, match=f"but read back {topics.total()} and {attached}, and its summary says {topics.total()}"):
+            check_written(path, messages, attachments)

@@ -34,6 +34,14 @@ def info(
             group=INPUTS,
         ),
     ] = (),
+    full: Annotated[
+        bool,
+        option(
+            "--full",
+            "Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.",
+            group=INPUTS,
+        ),
+    ] = False,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
     settings: Settings,
 ) -> int:
@@ -54,7 +62,7 @@ def info(
     from replay_kit.workflows.info.listing import info_json, next_command, print_infos
 
     with progress() as advance:
-        found = inspect_logs(logs, config, advance)
+        found = inspect_logs(logs, config, advance, full)
         forecast = check = None
         if ensemble:
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")

@@ -7,18 +7,19 @@ An estimate that changes with time is saved as the process model and the unknown
 covariance of its weights follows from theirs, which is smaller, and is not in the file.
 """
 
-import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.atomic import atomic_file
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.version import __version__
+
+#: Of each variable of a file, as xarray takes it.
+Encoding = dict[str, dict[str, object]]
 
 FORMAT = "replay_kit.FlowEstimate"
 # since version 3 the file says how the flow changes with time; since version 2 time is in seconds, with its nanoseconds in an attribute,
@@ -135,31 +136,32 @@ def save(flow: FlowField, path: Path) -> None:
     Raises:
         ConfigError: The file cannot be written.
     """
-    dataset = to_lossless(flow)
-    write_dataset(dataset, Path(path), {str(name): {"_FillValue": None} for name in dataset.variables})
+    dataset, encoding = _exact(flow)
+    write_dataset(dataset, Path(path), encoding)
 
 
 def save_bytes(flow: FlowField) -> bytes:
     """Return the bytes of the file that ``save`` writes; the same flow and libraries give the same bytes."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "estimate.nc"
-        save(flow, path)
-        return path.read_bytes()
+    return _bytes(*_exact(flow))
 
 
-def write_dataset(dataset: xr.Dataset, path: Path, encoding: dict[str, dict[str, object]]) -> None:
-    """Write a dataset under a temporary name in the same folder, then rename, so that no reader ever sees half a file.
+def write_dataset(dataset: xr.Dataset, path: Path, encoding: Encoding) -> None:
+    """Write a dataset as NetCDF; the file appears whole or not at all.
 
     Raises:
-        ConfigError: The file cannot be written.
+        ConfigError: The file cannot be created.
+        ReplayKitError: It cannot be written to its end, as on a full disk.
     """
-    part = path.with_name(path.name + ".part")
-    try:
-        dataset.to_netcdf(part, engine="h5netcdf", encoding=encoding)
-        with part.open("rb") as file:
-            os.fsync(file.fileno())
-        os.replace(part, path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot write: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
+    # made in memory, since the HDF5 library crashes the process when a disk is full
+    data = _bytes(dataset, encoding)
+    with atomic_file(path) as file:
+        file.write(data)
+
+
+def _exact(flow: FlowField) -> tuple[xr.Dataset, Encoding]:
+    dataset = to_lossless(flow)
+    return dataset, {str(name): {"_FillValue": None} for name in dataset.variables}
+
+
+def _bytes(dataset: xr.Dataset, encoding: Encoding) -> bytes:
+    return bytes(dataset.to_netcdf(None, engine="h5netcdf", encoding=encoding))

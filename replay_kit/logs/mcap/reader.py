@@ -3,7 +3,7 @@
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, BinaryIO, TypeVar
 
 from mcap.opcode import Opcode
@@ -17,6 +17,8 @@ from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, MAX_SIZE, RECORD_ERRORS, Record, file_records, parse
 from replay_kit.logs.mcap.scanner import MESSAGE, Make, McapScanner
 from replay_kit.logs.reader import LogFile, OnExtra
+from replay_kit.logs.shared.blocks import Block
+from replay_kit.logs.shared.overview import Overview
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 _MAX_TIME_NS = 2**63 - 1
@@ -38,6 +40,29 @@ class McapReader(LogFile):
         """
         self.statistics = ReadStatistics()
         yield from self._scan(self._decoded)
+
+    def blocks(self, wanted: Callable[[str, str], bool]) -> Iterator[Block]:
+        """Yield a block for each chunk; only wanted topics are decoded, and of others the first message. As ``LogFile.blocks``."""
+        if self._clock == "header":
+            # the stamp is in the payload
+            yield from super().blocks(wanted)
+            return
+        from replay_kit.logs.mcap.survey import SurveyScanner
+
+        self.statistics = ReadStatistics()
+        with self._opened() as file:
+            self._check_magic(file)
+            yield from SurveyScanner(file, self.statistics, self._decoded, f"{self._clock}_ns", wanted, self._topic).messages()
+
+    def overview(self) -> Overview | str:
+        """Return what the index at the end of the file says; as ``LogFile.overview``."""
+        from replay_kit.logs.mcap.overview import overview_of
+
+        if self._clock != "log":
+            return f"the index holds log times alone, and the clock is {self._clock}"
+        self.statistics = ReadStatistics()
+        with self._opened() as file:
+            return overview_of(file, self._decoded, self._topic)
 
     def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
         """Yield the messages as they are in the file, none decoded; the clock ``header`` decodes to find the stamp.
@@ -67,13 +92,15 @@ class McapReader(LogFile):
 
     def _scan(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
         with self._opened() as file:
-            head = file.read(len(MAGIC))
-            if head != MAGIC:
-                raise LogError(
-                    f"{self.path}: expected an MCAP file, whose first bytes are {MAGIC.hex(' ')}; they are {head.hex(' ')}; give a log"
-                )
+            self._check_magic(file)
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
             yield from McapScanner(file, self.statistics, make, self._topic, on_record).messages()
+
+    def _check_magic(self, file: BinaryIO) -> None:
+        if (head := file.read(len(MAGIC))) != MAGIC:
+            raise LogError(
+                f"{self.path}: expected an MCAP file, whose first bytes are {MAGIC.hex(' ')}; they are {head.hex(' ')}; give a log"
+            )
 
     def _decoded(self, channels: Channels, data: bytes, start: int, end: int, position: int) -> Message | None:
         """Return a message decoded; None, and a count, when it cannot be."""

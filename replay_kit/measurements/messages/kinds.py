@@ -92,6 +92,12 @@ def statement(message: Message) -> Statement | None:
     return reader(message.payload) if callable(reader) else reader
 
 
+def may_state(schema: str, topic: str) -> bool:
+    """Return whether messages of a schema and topic may state something; where not, ``statement`` gives the same for each of them."""
+    # without a schema a message may say inside what it is
+    return not schema or schema in _MAVLINK or callable(_reader(schema, topic))
+
+
 @lru_cache(maxsize=4096)
 def _reader(schema: str, topic: str) -> Reader | str | None:
     """Return what reads a topic's messages, or why they cannot be used; None for a kind that is not known."""

@@ -1,8 +1,9 @@
 """What is in a log, and what it can be used for."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,36 +11,17 @@ import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.geodesy import unwrap_longitude
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Observation, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
+from replay_kit.core.unchanged import check_unchanged, stamps_of
 from replay_kit.estimator.update.screening import usable
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
 from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggested_entries
-
-
-@dataclass(frozen=True, slots=True)
-class TopicInfo:
-    """One topic of a log.
-
-    Attributes:
-        schema: Schema or message name.
-        messages: Number of messages in the log, decoded or not.
-        first_ns: Earliest time of a decoded message [ns, UTC]; None when none was.
-        last_ns: Latest time of one.
-    """
-
-    schema: str = ""
-    messages: int = 0
-    first_ns: int | None = None
-    last_ns: int | None = None
-
-    def extended(self, message: Message) -> "TopicInfo":
-        """Return the topic with the time of one more decoded message."""
-        first_ns, last_ns = (message.time_ns if time_ns is None else time_ns for time_ns in (self.first_ns, self.last_ns))
-        return TopicInfo(message.schema, self.messages, min(first_ns, message.time_ns), max(last_ns, message.time_ns))
+from replay_kit.workflows.info.order import Order, TopicInfo
+from replay_kit.workflows.info.reading import count_alike, read_log
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +80,8 @@ class LogInfo:
         content: What the messages measure.
         dives: Number of dives begun.
         not_used: Topic to reason to count.
-        unknown: Topic to the schema's name and the last payload, for topics that no known kind and no mapping covers.
+        unknown: Topic to the schema's name and one payload, for topics that no known kind and no mapping covers.
+        sampled: How many messages were read, the first of each topic, where the log's index says the rest; None when all were.
         files: The files of the log.
     """
 
@@ -108,6 +91,7 @@ class LogInfo:
     dives: int
     not_used: Mapping[str, Mapping[str, int]]
     unknown: Mapping[str, tuple[str, Mapping[str, Any]]]
+    sampled: int | None = None
     files: tuple[Path, ...] = ()
 
     @property
@@ -141,38 +125,41 @@ class LogInfo:
         return "nothing yet: neither positions nor profiles of the current"
 
 
-def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = silent) -> list[LogInfo]:
-    """Return what each log holds; every message is read.
+def inspect_logs(paths: Sequence[Path], config: RunConfig, progress: Progress = silent, full: bool = False) -> list[LogInfo]:
+    """Return what each log holds; of a large log with an index the index and the first messages are read.
 
     Args:
         paths: Files, and folders that stand for the logs in them.
         config: How logs are read and interpreted.
-        progress: Is called with the number of logs read, their number, and the log that is next.
+        progress: Is called with how much of the logs is read, their number, and the log that is being read.
+        full: Whether every log is read whole.
 
     Raises:
         LogError: A log cannot be opened.
     """
     found, logs = [], open_logs(paths, config.logs, several_missions=True)
     for k, log in enumerate(logs):
-        # one log is no share of the work
-        progress(k, len(logs) if len(logs) > 1 else 0, f"reading: {log.path}")
-        found.append(_inspect(log, config))
+        found.append(_inspect(log, config, full, partial(_advance, progress, k, len(logs), log)))
     return found
 
 
-def inspect_log(path: Path, config: RunConfig) -> LogInfo:
-    """Return what one log holds; every message is read.
+def _advance(progress: Progress, before: int, logs: int, log: LogFile) -> None:
+    progress(before + log.share_read(), logs, f"reading: {log.path}")
+
+
+def inspect_log(path: Path, config: RunConfig, full: bool = False) -> LogInfo:
+    """Return what one log holds; as ``inspect_logs``.
 
     Raises:
         LogError: The log cannot be opened.
     """
-    return _inspect(open_log(path, 0, config.logs), config)
+    return _inspect(open_log(path, 0, config.logs), config, full)
 
 
-def _inspect(log: LogFile, config: RunConfig) -> LogInfo:
-    state, content = initial_state(config.logs.system), LogContent()
-    topics: dict[str, TopicInfo] = {}
+def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None) -> LogInfo:
+    state, content, order = initial_state(config.logs.system), LogContent(), Order(config.logs.reorder_window)
     not_used: Counter[tuple[str, str]] = Counter()
+    decoded: Counter[str] = Counter()
     unknown: dict[str, tuple[str, Mapping[str, Any]]] = {}
 
     def count(events: Sequence[object]) -> bool:
@@ -184,16 +171,23 @@ def _inspect(log: LogFile, config: RunConfig) -> LogInfo:
         not_used.update((event.topic, event.reason) for event in skipped)
         return any(event.reason == NOT_A_KIND for event in skipped)
 
+    before = stamps_of(log.files)
     with log:
-        for message in log.messages():
-            topics[message.topic] = topics.get(message.topic, TopicInfo()).extended(message)
-            state, events = interpret(state, message, config.measurements)
-            if count(events) and (not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)):
-                unknown[sample_key(message.topic, message.payload)] = (message.schema, message.payload)
+        reading = read_log(log, full, config.measurements)
+        for block in reading.blocks:
+            order.add(block)
+            decoded.update(message.topic for message in block.messages)
+            for message in block.messages:
+                state, events = interpret(state, message, config.measurements)
+                if count(events) and (not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)):
+                    unknown[sample_key(message.topic, message.payload)] = (message.schema, message.payload)
+            advance()
         count(finish(state, config.measurements))
-        report = log.report()
-    topics |= {name: replace(topics.get(name, TopicInfo()), messages=number) for name, number in report.read.items()}
-    return LogInfo(report, dict(sorted(topics.items())), content, state.dive, by_topic(not_used), unknown, log.files)
+        check_unchanged(before)
+        report, topics = reading.completed(log.report(), order.topics)
+    if reading.overview is None:
+        count_alike(not_used, report, decoded)
+    return LogInfo(report, dict(sorted(topics.items())), content, state.dive, by_topic(not_used), unknown, reading.sampled, log.files)
 
 
 def by_topic(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:

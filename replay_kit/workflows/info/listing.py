@@ -1,7 +1,7 @@
 """What is in logs, for a person and as JSON, and what to type next."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -14,30 +14,30 @@ from replay_kit.logs.shared.notes import gather
 from replay_kit.measurements import NOT_A_KIND
 from replay_kit.results.losses import loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
 from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
-from replay_kit.workflows.info.inspect import LogInfo, TopicInfo
+from replay_kit.workflows.info.inspect import LogInfo
+from replay_kit.workflows.info.order import TopicInfo
+from replay_kit.workflows.info.reading import late_and_gaps, topic_json
 
 
 def info_json(info: LogInfo) -> dict[str, Any]:
     """Return a log's description for JSON."""
-    content = info.content
+    content, whole = info.content, info.sampled is None
     return {
         "file": info.report.path,
         "format": info.report.format,
+        "read": {"whole": whole, "messages": sum(info.report.read.values()) if info.sampled is None else info.sampled},
         "mission": info.report.mission,
         "use": info.use,
         "missing": info.missing,
         "mappable": dict(info.mappable),
-        "profiles": content.profiles,
-        "bins": content.bins,
-        "mean_currents": content.mean_currents,
-        "positions": content.positions,
-        "dives": info.dives,
-        "box": content.box,
-        "depths": content.depths,
-        "topics": [
-            {"topic": name, "schema": topic.schema, "messages": topic.messages, "first": iso(topic.first_ns), "last": iso(topic.last_ns)}
-            for name, topic in info.topics.items()
-        ],
+        "profiles": content.profiles if whole else None,
+        "bins": content.bins if whole else None,
+        "mean_currents": content.mean_currents if whole else None,
+        "positions": content.positions if whole else None,
+        "dives": info.dives if whole else None,
+        "box": content.box if whole else None,
+        "depths": content.depths if whole else None,
+        "topics": [topic_json(name, topic) for name, topic in info.topics.items()],
         "not_used": {topic: coded(reasons) for topic, reasons in info.not_used.items()},
         "undecodable": undecodable_json(info.report.undecodable),
         "notes": info.report.notes,
@@ -50,6 +50,25 @@ def _span(topics: Mapping[str, TopicInfo]) -> str:
     """Return the time span of a log's topics in words; empty when no message has a time."""
     spans = [(topic.first_ns, topic.last_ns) for topic in topics.values() if topic.first_ns is not None and topic.last_ns is not None]
     return f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}" if spans else ""
+
+
+def _content_lines(log: LogInfo) -> Iterator[str]:
+    """Yield what the messages that were read measure."""
+    content = log.content
+    if log.sampled is not None:
+        yield (
+            f"Read: the index, and {log.sampled} messages, the first of each topic. Number, place and depth of profiles and positions, "
+            "what is not used, late messages, gaps and damage: with --full"
+        )
+        yield f"Use, by the messages read: {log.use}"
+        return
+    yield f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
+    if content.box is not None:
+        yield f"Positions: {content.box[0]:.4f}..{content.box[2]:.4f} E, {content.box[1]:.4f}..{content.box[3]:.4f} N"
+    if content.mean_currents:
+        yield f"Mean currents between fixes: {content.mean_currents}"
+    if content.depths is not None:
+        yield f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m"
 
 
 def print_infos(logs: Sequence[LogInfo], console: Console, verbose: bool = False) -> None:
@@ -65,7 +84,7 @@ def print_infos(logs: Sequence[LogInfo], console: Console, verbose: bool = False
 
 def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     """Print what a log holds; topics that differ in a number alone share a row unless whole tables are asked for."""
-    report, content, topics = log.report, log.content, log.topics
+    report, topics = log.report, log.topics
     times = short_times([topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()])
     cells = zip(topics.items(), times[: len(topics)], times[len(topics) :], strict=True)
     rows = ((name, topic.schema, str(topic.messages), first, last) for (name, topic), first, last in cells)
@@ -73,15 +92,8 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     print_table(console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose))
     if report.mission:
         console.print(f"Mission: {report.mission}")
-    console.print(
-        f"Use: {log.use}. {content.profiles} profiles with {content.bins} usable bins, {content.positions} positions, {log.dives} dives"
-    )
-    if content.box is not None:
-        console.print(f"Positions: {content.box[0]:.4f}..{content.box[2]:.4f} E, {content.box[1]:.4f}..{content.box[3]:.4f} N")
-    if content.mean_currents:
-        console.print(f"Mean currents between fixes: {content.mean_currents}")
-    if content.depths is not None:
-        console.print(f"Bins: {content.depths[0]:.0f}..{content.depths[1]:.0f} m")
+    print_lines(console, _content_lines(log))
+    print_lines(console, late_and_gaps(topics))
     known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
     print_lines(console, not_used_lines(known, verbose))
     print_lines(console, undecodable_lines(report.undecodable))

@@ -8,7 +8,6 @@ without assimilate the same blocks. The messages before it are read again and pa
 import hashlib
 import io
 import json
-import os
 import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass
@@ -16,6 +15,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.observation_space import GrowingCholesky
@@ -137,12 +137,8 @@ class CheckpointFile:
         self._next_ns = state.last_ns + self._interval_ns
         body = io.BytesIO()
         _Dumper(body, self._prior).dump(Checkpoint(state, measurement, messages, self._journal.flushed(), session.writer.state))
-        part = self.path.with_name(self.path.name + ".part")
-        with part.open("wb") as file:
+        with atomic_file(self.path) as file:
             file.write(_MAGIC + self._identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, self.path)
 
     def close(self) -> None:
         """Close the journal; without a checkpoint no run can continue from it, and it is deleted."""

@@ -16,8 +16,10 @@ from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress
+from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files, read_truth
 from replay_kit.logs import merge, open_logs
+from replay_kit.logs.folders import logs_in
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
@@ -74,6 +76,16 @@ def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_wr
 def checkpoint_files(path: Path | None) -> tuple[Path, ...]:
     """Return the files of a checkpoint: the checkpoint itself, and the journal beside it."""
     return () if path is None else (path, path.with_name(path.name + ".journal"))
+
+
+def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
+    """Return what tells each file that a replay reads, those in folders of logs too, from a changed one.
+
+    Raises:
+        LogError: A folder holds no log.
+    """
+    logs = [file for path in job.logs for file in logs_in(Path(path))]
+    return stamps_of([*logs, *ensemble_files(job.ensemble), *filter(None, [truth_path(job.truth)])])
 
 
 def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:

@@ -18,6 +18,7 @@ from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.progress import Progress, silent
+from replay_kit.core.unchanged import check_unchanged
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
@@ -33,6 +34,7 @@ from replay_kit.workflows.replay.inputs import (
     check_outputs,
     check_span,
     copy_inputs,
+    input_stamps,
     look_ahead,
     open_readers,
     open_truth,
@@ -63,7 +65,7 @@ def replay(
         on_digest: Called with each digest of the result.
 
     Raises:
-        LogError: A log cannot be opened.
+        LogError: A log cannot be opened; or an input changed while it was read.
         ForecastError: The ensemble or truth cannot be used.
         MeasurementError: The logs hold no usable ping of this region.
         PlanError: The goal is outside the region or on land.
@@ -98,6 +100,7 @@ class _Inputs:
 def _replay(
     job: ReplayJob, config: RunConfig, planner: Planner | None, progress: Progress, on_digest: Callable[[Digest], None] | None
 ) -> tuple[ReplaySummary, FlowEstimate]:
+    read = input_stamps(job)
     session, inputs = _prepare(job, config, planner, progress)
     checkpoints = None
     if job.checkpoint is not None:
@@ -106,17 +109,14 @@ def _replay(
     try:
         checkpoint = _open_result(session, inputs, checkpoints, on_digest)
         _loop(session, inputs, checkpoints, checkpoint, reading(inputs.readers, progress, "replaying"))
+        check_unchanged(read)
         progress(0, 1, "writing the results")
         summary, flow = _conclude(session, inputs)
-    except (ConfigError, MeasurementError, LogError, PlanError):
-        # the input was unusable: there is no result worth keeping
+    except BaseException as error:
         if session.writer is not None:
-            session.writer.discard()
-        raise
-    except BaseException:
-        # anything else, an interrupt first of all, leaves OUT.part with every whole chunk
-        if session.writer is not None:
-            session.writer.abandon()
+            # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk
+            unusable = isinstance(error, ConfigError | MeasurementError | LogError | PlanError)
+            (session.writer.discard if unusable else session.writer.abandon)()
         raise
     finally:
         if checkpoints is not None:
@@ -156,8 +156,7 @@ def _open_result(
     session: Session, inputs: _Inputs, checkpoints: CheckpointFile | None, on_digest: Callable[[Digest], None] | None
 ) -> Checkpoint | None:
     """Open the result, and return the checkpoint from which the session continues; None when it begins."""
-    job = inputs.job
-    if job.out is None:
+    if (job := inputs.job).out is None:
         return None
     checkpoint = journal = None
     if checkpoints is not None:

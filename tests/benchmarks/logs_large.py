@@ -1,0 +1,157 @@
+"""Large logs: what is in them, by the index and in full, and their conversion, against a loop of the stock reader and writer."""
+
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import orjson
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from replay_kit.config.run import LogConfig, load_config
+from replay_kit.logs import open_log
+from replay_kit.logs.mcap import overview
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.workflows import convert as converting
+from replay_kit.workflows.info.inspect import LogInfo, inspect_log
+from tests.benchmarks.estimator import row
+from tests.benchmarks.logs_replay import padded
+from tests.benchmarks.measure import seconds
+from tests.places import SAMPLES
+
+Row = dict[str, Any]
+_START = 1_542_326_400 * 10**9
+_TOPICS = 4
+
+
+def _many(path: Path, count: int) -> Path:
+    """Write many small messages, one in a hundred of them a fix, in the stock writer's chunks of 1 MB."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schemas = [writer.register_schema(name, "jsonschema", b'{"type":"object"}') for name in ("Attitude", "foxglove.LocationFix")]
+        channels = [writer.register_channel(f"/attitude{k}", "json", schemas[0]) for k in range(_TOPICS)]
+        fixes = writer.register_channel("/fix", "json", schemas[1])
+        for n in range(count):
+            time_ns = _START + n * 1_000_000
+            if n % 100 == 0:
+                payload = orjson.dumps({"latitude": -40.1 + 1e-7 * n, "longitude": 152.1, "altitude": -3.0})
+                writer.add_message(fixes, time_ns, payload, time_ns, n)
+            else:
+                writer.add_message(channels[n % _TOPICS], time_ns, b'{"n":%d,"roll":0.1,"pitch":0.2,"yaw":0.3}' % n, time_ns, n)
+        writer.finish()
+    return path
+
+
+def _large(path: Path, size: int) -> Path:
+    """Write pings among small and large messages, in our own chunks of 64 kB."""
+    pings = path.with_name("pings.mcap")
+    write_mcap_log(pings, list(open_log(SAMPLES / "survey.mcap").messages())[:60])
+    write_mcap_log(path, padded(pings, size))
+    return path
+
+
+def _stock_counts(path: Path) -> Counter[str]:
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        return Counter(channel.topic for _, channel, _ in reader.iter_messages(log_time_order=False))
+
+
+def _stock_copy(path: Path, out: Path) -> None:
+    with path.open("rb") as file, out.open("wb") as copy:
+        writer, schemas, channels = Writer(copy), {0: 0}, {}
+        writer.start()
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            if channel.id not in channels:
+                if schema is not None and schema.id not in schemas:
+                    schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+                made = writer.register_channel(channel.topic, channel.message_encoding, schemas[channel.schema_id], channel.metadata)
+                channels[channel.id] = made
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence)
+        writer.finish()
+
+
+def _counts(info: LogInfo) -> dict[str, int]:
+    return {name: topic.messages for name, topic in info.topics.items()}
+
+
+def _info_rows(what: str, path: Path) -> list[Row]:
+    config, size = load_config(None), sum(chunk.uncompressed_size for chunk in _summary(path).chunk_indexes) / 1e6
+    by_index_s, by_index = seconds(lambda: inspect_log(path, config))
+    full_s, full = seconds(lambda: inspect_log(path, config, full=True))
+    stock_s, stock = seconds(lambda: _stock_counts(path))
+    summary_s, _ = seconds(lambda: _summary(path))
+    differ = float(_counts(by_index) != stock)
+    return [
+        row(
+            f"info by the index: {what}",
+            by_index_s,
+            "none",
+            None,
+            None,
+            {"messages_differ": differ + float(by_index.sampled is None)},
+            asked_s=2.0,
+            summary_of_mcap_reader_s=summary_s,
+            peak_mb=None,
+        ),
+        row(
+            f"info --full: {what}",
+            full_s,
+            "mcap reader counts the messages, checksums on",
+            stock_s,
+            1.0,
+            {"messages_differ": float(_counts(full) != stock)},
+            megabytes=size,
+            file_megabytes=path.stat().st_size / 1e6,
+            megabytes_per_s=size / full_s,
+            asked_megabytes_per_s=100.0,
+            file_megabytes_per_s=path.stat().st_size / 1e6 / full_s,
+            peak_mb=None,
+        ),
+    ]
+
+
+def _summary(path: Path) -> Any:
+    with path.open("rb") as file:
+        return make_reader(file).get_summary()
+
+
+def _convert_row(what: str, path: Path) -> Row:
+    """Our own check, in which the copy is read again, is no part of the ratio."""
+    out, copy, check_s = path.with_name("out.mcap"), path.with_name("stock.mcap"), []
+
+    def timed(*arguments: Any) -> None:
+        check_s.append(seconds(lambda: check(*arguments))[0])
+
+    check = converting.check_written
+    with mock.patch.object(converting, "check_written", timed):
+        whole_s, summary = seconds(lambda: converting.convert([path], out, True, LogConfig()))
+    stock_s, _ = seconds(lambda: _stock_copy(path, copy))
+    return row(
+        f"convert: {what}; the copy read again apart",
+        whole_s - check_s[0],
+        "loop of the mcap reader and writer, not synced and not read again",
+        stock_s,
+        1.0 / 1.5,
+        {"messages_differ": float(dict(summary.messages) != _stock_counts(copy))},
+        check_s=check_s[0],
+        peak_mb=None,
+    )
+
+
+def rows(tiny: bool) -> list[Row]:
+    """Five million small messages, and a gigabyte; temporary files go when each ends."""
+    found: list[Row] = []
+    count, size = (2_000, 3_000_000) if tiny else (5_000_000, 1_100_000_000)
+    # a log of nothing would be read whole
+    with mock.patch.object(overview, "FEW_MESSAGES", 1) if tiny else mock.patch.object(overview, "FEW_MESSAGES", overview.FEW_MESSAGES):
+        for what, make in (
+            (f"{count} messages", lambda folder: _many(folder / "many.mcap", count)),
+            (f"{size / 1e9:g} GB", lambda folder: _large(folder / "large.mcap", size)),
+        ):
+            with tempfile.TemporaryDirectory() as folder:
+                path = make(Path(folder))
+                found += [*_info_rows(what, path), _convert_row(what, path)]
+    return found

@@ -1,0 +1,26 @@
+"""A handful of ``python -m tests.fuzz kill``."""
+
+import sys
+
+import pytest
+
+if sys.platform == "win32":
+    pytest.skip("SIGKILL is POSIX", allow_module_level=True)
+
+from tests.fuzz.kill import kill_all, make_inputs
+
+
+def check(folder, count, seed):
+    make_inputs(folder)
+    for kind, found in kill_all(folder, count, seed).items():
+        assert found.wrong == []
+        assert found.kills == count, kind
+
+
+def test_commands_killed_twice_each_give_the_same_bytes(tmp_path):
+    check(tmp_path, 2, 1)
+
+
+@pytest.mark.full
+def test_commands_killed_often_give_the_same_bytes(tmp_path):
+    check(tmp_path, 20, 2)

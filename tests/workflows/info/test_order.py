@@ -1,0 +1,91 @@
+"""Late messages as ``merge`` counts them, and gaps, however the log is cut into blocks."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from replay_kit.core.message import Message
+from replay_kit.logs import merge
+from replay_kit.logs.shared.blocks import block_of, blocks_of
+from replay_kit.workflows.info.order import Order, TopicInfo
+from replay_kit.workflows.info.reading import late_and_gaps
+
+SECOND = 10**9
+
+
+@dataclass
+class Said:
+    """A log that says these messages."""
+
+    said: list[Message]
+
+    def messages(self):
+        return iter(self.said)
+
+
+def messages(times_s, topics="a"):
+    return [Message(round(t * SECOND), topics[k % len(topics)], "S", {}, 0, k) for k, t in enumerate(times_s)]
+
+
+def ordered(said, size, window_s=1.0):
+    order = Order(window_s)
+    for begin in range(0, len(said), size):
+        order.add(block_of(said[begin : begin + size]))
+    return order.topics
+
+
+@pytest.mark.parametrize("size", [1, 3, 64, 1000])
+@pytest.mark.parametrize("jitter_s", [0.0, 0.4, 3.0, 30.0])
+def test_late_messages_are_those_that_a_replay_leaves_out(size, jitter_s):
+    rng = np.random.default_rng(3)
+    said = messages(100.0 + 0.1 * np.arange(400) - jitter_s * (rng.random(400) < 0.2) * rng.random(400), "abc")
+    merged = merge([Said(said)], 1.0)
+    used = Counter(message.topic for message in merged)
+    found = ordered(said, size)
+    assert {topic: info.late for topic, info in found.items() if info.late} == merged.late
+    assert (sum(merged.late.values()) > 0) == (jitter_s > 1.1)
+    for topic, info in found.items():
+        times = [message.time_ns for message in said if message.topic == topic]
+        assert (info.first_ns, info.last_ns) == (min(times), max(times))
+        assert used[topic] + info.late == len(times)
+
+
+def test_a_message_as_old_as_the_window_is_not_late_and_a_nanosecond_more_is():
+    for extra, late in ((0, 0), (1, 1)):
+        times = [0, 10 * SECOND, 20 * SECOND, 10 * SECOND - extra]
+        said = [Message(time, "a", "S", {}, 0, k) for k, time in enumerate(times)]
+        assert ordered(said, 4, 1.0)["a"].late == late
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 100])
+def test_the_longest_gap_is_counted_from_the_newest_message_before_it(size):
+    # the message of 3 s comes after that of 10 s and shortens nothing
+    found = ordered(messages([0.0, 1.0, 10.0, 3.0, 110.0, 112.0]), size, 1000.0)["a"]
+    assert (found.gap_ns, found.gap_from_ns) == (100 * SECOND, 10 * SECOND)
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "messages", "span_s", "stands_out"),
+    [(60.0, 101, 600.0, True), (59.0, 101, 500.0, False), (60.0, 101, 601.0, False), (60.0, 1, 0.0, False)],
+)
+def test_a_gap_stands_out_from_a_minute_and_ten_times_the_mean_on(gap_s, messages, span_s, stands_out):
+    info = TopicInfo("S", messages, 0, round(span_s * SECOND), 0, round(gap_s * SECOND), 0)
+    assert info.has_gap is stands_out
+
+
+def test_what_is_late_and_the_longest_gaps_are_said():
+    gappy = {f"/t{k}": TopicInfo("S", 101, 0, 600 * SECOND, 0, (60 + k) * SECOND, 5 * SECOND) for k in range(7)}
+    lines = list(late_and_gaps({"/a": TopicInfo(late=3), **gappy}))
+    assert lines[0] == "Late, by more than the reorder window, so that a replay leaves them out: 3 x /a"
+    assert lines[1] == "Gap: /t6 has no message for 66 s from 1970-01-01T00:00:05Z"
+    assert lines[5:] == ["Gap: /t2 has no message for 62 s from 1970-01-01T00:00:05Z", "Gaps on 2 more topics; --json has them"]
+
+
+def test_blocks_hold_all_messages_in_order():
+    said = messages(range(5000), "ab")
+    found = list(blocks_of(said))
+    assert [message for block in found for message in block.messages] == said
+    assert [block.kinds[k][0] for block in found for k in block.kind] == [message.topic for message in said]
+    assert np.concatenate([block.time_ns for block in found]).tolist() == [message.time_ns for message in said]

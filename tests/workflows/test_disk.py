@@ -1,0 +1,205 @@
+"""Disks that fill, folders that cannot be written, and inputs that change while they are read: told, and nothing is lost."""
+
+import os
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from replay_kit.config.run import LogConfig, OutputConfig, RunConfig
+from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
+from replay_kit.core.flow.netcdf import write_grid
+from replay_kit.core.unchanged import check_unchanged, stamps_of
+from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.workflows.convert import convert
+from replay_kit.workflows.info.inspect import inspect_logs
+from replay_kit.workflows.replay import inputs
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+from tests.command import invoke
+from tests.studies.twins.truths import make_truth
+from tests.workflows.replay.interrupted import make_ocean
+
+if sys.platform == "win32":
+    pytest.skip("file size limits are POSIX", allow_module_level=True)
+
+from tests.workflows.disk import full_disk
+
+CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
+PRECIOUS = b"an earlier result"
+SETTINGS = "[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[estimator]\nmodes = 4\n"
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
+    make_twin(make_truth(), Twin("vessel", 5, 0.09, 1), folder / "vessel.tlog")
+    (folder / "run.toml").write_text(SETTINGS)
+    return folder
+
+
+def replaying(ocean, *more):
+    return ["replay", str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--config", str(ocean / "run.toml"), *more]
+
+
+def commands(ocean, out):
+    """Arguments, the file that is written, and how much of it fits on the disk [bytes]."""
+    return {
+        "convert": (["convert", str(ocean / "glider.mcap"), "-o", str(out)], out, 20_000),
+        "convert to tlog": (["convert", str(ocean / "vessel.tlog"), "-o", str(out.with_suffix(".tlog"))], out.with_suffix(".tlog"), 2_000),
+        "replay": (replaying(ocean, "-o", str(out)), out, 20_000),
+        "journal": (replaying(ocean, "-o", str(out), "--checkpoint", str(out.with_suffix(".ck"))), out, 3_000),
+        "json": (["info", str(ocean / "glider.mcap"), "--json", str(out.with_suffix(".json"))], out.with_suffix(".json"), 10),
+    }
+
+
+NAMES = ["convert", "convert to tlog", "replay", "journal", "json"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_disk_that_fills_is_told_and_the_earlier_output_stays(ocean, tmp_path, name):
+    arguments, out, size = commands(ocean, tmp_path / "out.mcap")[name]
+    out.write_bytes(PRECIOUS)
+    with full_disk(size):
+        done = invoke([*arguments, "--overwrite"])
+    assert done.exit_code == 1, done.output
+    assert "is the disk full?" in done.stderr
+    assert f"{out}.part" in done.stderr or ".ck" in done.stderr
+    assert out.read_bytes() == PRECIOUS
+
+
+def test_a_grid_that_does_not_fit_leaves_the_earlier_one(ocean, tmp_path):
+    config = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 4})})
+    _, flow = replay(ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc"), config)
+    out = tmp_path / "grid.nc"
+    out.write_bytes(PRECIOUS)
+    with full_disk(3000), pytest.raises(ReplayKitError, match=r"grid\.nc\.part: cannot be written.*is the disk full\?") as raised:
+        write_grid(flow, out)
+    assert raised.value.exit_code == 1
+    assert out.read_bytes() == PRECIOUS
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_grid(flow, tmp_path / "absent" / "grid.nc")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_on_a_disk_with_room_again_gives_the_same_bytes(ocean, tmp_path, name):
+    arguments, out, size = commands(ocean, tmp_path / "out.mcap")[name]
+    with full_disk(size):
+        assert invoke(arguments).exit_code == 1
+    assert not out.exists()
+    assert invoke(arguments).exit_code in (0, 6)
+    again = out.read_bytes()
+    out.unlink()
+    assert invoke(arguments).exit_code in (0, 6)
+    assert out.read_bytes() == again
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="the folder that nobody can write to is Linux's")
+@pytest.mark.parametrize("name", NAMES)
+def test_a_folder_that_cannot_be_written_is_told(ocean, name):
+    arguments, out, _ = commands(ocean, Path("/proc/out.mcap"))[name]
+    done = invoke(arguments)
+    assert done.exit_code == 2
+    assert "/proc/" in done.stderr
+    assert "cannot" in done.stderr
+    assert not out.exists()
+
+
+def grow(path):
+    with path.open("ab") as file:
+        file.write(b"more")
+
+
+def shrink(path):
+    os.truncate(path, path.stat().st_size - 7)
+
+
+def overwrite(path):
+    status = path.stat()
+    path.write_bytes(path.read_bytes())
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns + 1))
+
+
+def exchange(path):
+    other = path.with_name("other")
+    shutil.copy2(path, other)
+    os.replace(other, path)
+
+
+CHANGES = {
+    grow: r"grew from \d+ to \d+ bytes",
+    shrink: r"shrank from \d+ to \d+ bytes",
+    overwrite: "was written to",
+    exchange: "was replaced by another file",
+    Path.unlink: "is gone",
+}
+changes = pytest.mark.parametrize(("change", "words"), CHANGES.items(), ids=["grow", "shrink", "overwrite", "exchange", "unlink"])
+
+
+class Changing:
+    """Progress that changes a file once, when a stage is seen."""
+
+    def __init__(self, stage, change, path):
+        self.stage, self.change, self.path, self.done = stage, change, path, False
+
+    def __call__(self, done, total, what):
+        if not self.done and what.startswith(self.stage):
+            self.done = True
+            self.change(self.path)
+
+
+@changes
+def test_a_change_of_a_file_is_named(tmp_path, change, words):
+    path = tmp_path / "log"
+    path.write_bytes(bytes(100))
+    before = stamps_of([path, tmp_path, tmp_path / "absent"])
+    assert set(before) == {path}
+    check_unchanged(before)
+    change(path)
+    with pytest.raises(LogError, match=words) as raised:
+        check_unchanged(before)
+    assert str(path) in str(raised.value)
+    assert raised.value.exit_code == 3
+
+
+@changes
+@pytest.mark.parametrize("ending", ["mcap", "tlog"])
+def test_convert_tells_of_an_input_that_changes_and_keeps_the_earlier_output(ocean, tmp_path, change, words, ending):
+    log, out = tmp_path / "glider.mcap", tmp_path / f"out.{ending}"
+    shutil.copy2(ocean / log.name, log)
+    out.write_bytes(PRECIOUS)
+    changing = Changing("converting", change, log)
+    with pytest.raises(LogError, match=words):
+        convert([log], out, True, LogConfig(), changing)
+    assert changing.done
+    assert out.read_bytes() == PRECIOUS
+
+
+@changes
+@pytest.mark.parametrize("which", ["glider.mcap", "ensemble.nc"])
+def test_a_replay_tells_of_an_input_that_changes_and_keeps_the_earlier_output(ocean, tmp_path, change, words, which, monkeypatch):
+    monkeypatch.setattr(inputs, "_LOOK", 4)
+    for name in ("glider.mcap", "ensemble.nc"):
+        shutil.copy2(ocean / name, tmp_path / name)
+    out = tmp_path / "out.mcap"
+    out.write_bytes(PRECIOUS)
+    config = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"modes": 4})})
+    changing = Changing("replaying", change, tmp_path / which)
+    job = ReplayJob((tmp_path / "glider.mcap",), tmp_path / "ensemble.nc", out, overwrite=True)
+    with pytest.raises(LogError, match=words):
+        replay(job, config, progress=changing)
+    assert changing.done
+    assert {path.name for path in tmp_path.glob("out*")} == {"out.mcap"}
+    assert out.read_bytes() == PRECIOUS
+    replay(replace(job, logs=(ocean / "glider.mcap",), ensemble=ocean / "ensemble.nc"), config)
+    assert out.read_bytes() != PRECIOUS
+
+
+@changes
+def test_info_tells_of_a_log_that_changes(ocean, tmp_path, change, words):
+    log = tmp_path / "glider.mcap"
+    shutil.copy2(ocean / log.name, log)
+    with pytest.raises(LogError, match=words):
+        inspect_logs([log], CONFIG, Changing("reading", change, log))
