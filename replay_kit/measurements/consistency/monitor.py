@@ -20,7 +20,7 @@ from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, SpeedCoun
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
 _LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
-# Log-likelihood ratios: of a turn relative to the vehicle, of which one map in six is possible; and by which it must be likelier than others.
+# Log-likelihood ratios: of a turn relative to the vehicle; and by which it must be likelier than other causes.
 _TURN_GAIN, _LIKELIER = 7.0, 2.0
 _ANY, _TURNED, _UNIT = ("turn", "mirror", "unit"), ("turn", "mirror"), ("unit",)
 
