@@ -90,6 +90,9 @@ def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
     assert finding.name == "two sources of the current contradict each other"
     assert "both signs wrong" in finding.evidence
     assert summary.exit_code == 6
+    # two mean currents were rejected by the gate before it was known; the six rejected lie outside the water of the ensemble
+    assert (summary.profiles_used, summary.profiles_rejected) == (PINGS, 6)
+    assert not [note for note in summary.notes if "were rejected" in note]
     with pytest.raises(MeasurementError, match="two sources of the current contradict each other"):
         run(ocean, log, CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "stop"}).consistency}))
     ignored = run(ocean, log, CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}))
