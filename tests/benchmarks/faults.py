@@ -9,6 +9,7 @@ checked against the ensembles of all seas, and, of each seed, with another noise
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from statistics import median
 from typing import Any
 
@@ -153,7 +154,7 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
             flight = measured_on(fly(sea, pings, start_ns, rng), sea, _NOISE[seed], rng, seed)
             for moves in (False, True) if vehicle == "glider" else (False,):
                 label = f"{name} {vehicle}{' with motion' * moves} {seed}"
-                yield Log(label, _Logged(flight, moves), speeds, vehicle, (180,) if tiny else (30, 90, 180))
+                yield Log(label, _logged(flight, moves), speeds, vehicle, (180,) if tiny else (30, 90, 180))
                 if tiny and vehicle == "glider":
                     return
     dives = sorted((_DATA / "seaglider").glob("p1710*.nc"))
@@ -163,14 +164,12 @@ def sound_logs(seas: Seas, seed: int, tiny: bool) -> Iterator[Log]:
             yield Log(f"{vehicle} dives", lambda heading: messages, speeds, vehicle, (), config)
 
 
-@dataclass(frozen=True)
-class _Logged:
-    """A flight's messages, by the error of the compass; ``moves`` is whether they state the platform's motion."""
+def _logged(flight: Flight, moves: bool) -> Callable[[float], Sequence[Message]]:
+    """Return a flight's messages by the error of the compass, with the platform's motion if it ``moves``."""
 
-    flight: Flight
-    moves: bool
-
-    def __call__(self, heading: float) -> Iterator[Message]:
-        """Return them."""
+    @cache
+    def messages(heading: float) -> Sequence[Message]:
         bias = float(heading)
-        return self.flight.messages(Faults("platform", _PLATFORM_STD, bias) if self.moves else Faults(heading_bias_deg=bias))
+        return tuple(flight.messages(Faults("platform", _PLATFORM_STD, bias) if moves else Faults(heading_bias_deg=bias)))
+
+    return messages

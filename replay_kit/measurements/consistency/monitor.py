@@ -165,6 +165,8 @@ def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
         found.append(findings.wrong_depths(instrument.depths, ping))
     if instrument.speeds.is_odd and findings.UNIT not in instrument.named:
         found.append(findings.odd_speeds(instrument.speeds, ping))
+    elif instrument.speeds.contradict_ensemble and not instrument.named & {findings.UNIT, findings.ENSEMBLE}:
+        found.append(findings.ensemble_contradicts(findings.speed_ratio(instrument.speeds, ping), ping.time_ns))
     if findings.COMPASS not in instrument.named:
         sources = instrument.sources
         for statistics, what in ((sources.motion, findings.OF_MOTION), (sources.track, findings.OF_TRACK)):

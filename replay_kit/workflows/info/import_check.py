@@ -19,7 +19,7 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
-from replay_kit.core.finding import Finding, finding_json
+from replay_kit.core.finding import Finding, finding_json, finding_line
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Reason, VehicleState
 from replay_kit.core.paths import Paths
@@ -238,7 +238,7 @@ def import_check_json(found: ImportCheck) -> dict[str, Any]:
 def print_import_check(found: ImportCheck, console: Console) -> None:
     """Print what a check found."""
     for finding in found.findings:
-        console.print(f"{'WARNING' if finding.severity == 'warning' else 'CONTRADICTION'}: {finding}", soft_wrap=True)
+        console.print(finding_line(finding), soft_wrap=True)
     if found.profiles and not found.findings:
         console.print(f"Import check: {found.profiles} profiles look sound against the ensemble", soft_wrap=True)
     if found.undetermined:

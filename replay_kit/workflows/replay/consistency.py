@@ -16,7 +16,8 @@ from replay_kit.workflows.replay.estimation import EstimationState, Step, assimi
 from replay_kit.workflows.replay.profile_counts import ProfileCounts
 from replay_kit.workflows.replay.statistics import RunStatistics
 
-_UNDETERMINED = "nothing here can tell whether directions are right; a mean current, GPS drift or bottom track would"
+_UNDETERMINED = "nothing here can tell whether directions are right; {} would"
+_TELLING, _TELLING_OF_MEANS = "a mean current, GPS drift or bottom track", "profiles of the current beside the mean currents"
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
 _SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
@@ -68,7 +69,7 @@ def monitor(
     new = tuple(_as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :])
     for finding in new:
         if finding.severity == "unusable" or (finding.severity == "inconsistent" and config.consistency.on_failure == "stop"):
-            raise MeasurementError(str(finding))
+            raise MeasurementError(str(finding), state.checks.findings + new)
     return replace(state, checks=replace(checks, findings=state.checks.findings + new), means=means), checked, new
 
 
@@ -116,7 +117,8 @@ def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | No
     if config.consistency.on_failure == "ignore":
         return None
     if evidence := odd_ensemble_speeds(ensemble.velocity):
-        raise ForecastError(str(findings.ensemble_unit(evidence, ensemble.source)))
+        wrong = findings.ensemble_unit(evidence, ensemble.source)
+        raise ForecastError(str(wrong), (wrong,))
     return ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
 
 
@@ -155,15 +157,19 @@ def conclusions(state: MonitoringState, statistics: RunStatistics, config: RunCo
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
-    found, counts = state.checks.findings, statistics.profiles
-    if counts.inflations and not found:
-        found = (findings.ensemble_contradicts(f"most profiles exceeded the expected innovation {len(counts.inflations)} times"),)
-    blind = []
+    found, blind = state.checks.findings, []
+    if not found and (evidence := _beyond_the_ensemble(statistics.profiles)):
+        found = (findings.ensemble_contradicts(evidence),)
     if not state.checks.can_tell_directions:
-        blind.append(_UNDETERMINED)
+        blind.append(_UNDETERMINED.format(_TELLING if state.checks.pings else _TELLING_OF_MEANS))
     if state.checks.pings and not state.checks.absolute_pings:
         blind.append(_SHEAR_ALONE)
-    beyond = counts.gated + counts.softened
-    if 2 * beyond > (total := counts.total.profiles + counts.gated):
-        blind.append(f"{beyond} of {total} observations exceeded the gate")
     return found, tuple(blind)
+
+
+def _beyond_the_ensemble(counts: ProfileCounts) -> str:
+    """Return how the measurements contradict the ensemble; empty when they do not."""
+    beyond, total = counts.gated + counts.softened, counts.total.profiles + counts.gated
+    if 2 * beyond > total:
+        return f"{beyond} of {total} observations exceeded the gate"
+    return f"most profiles exceeded the expected innovation {len(counts.inflations)} times" if counts.inflations else ""

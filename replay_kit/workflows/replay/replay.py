@@ -23,7 +23,7 @@ from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
-from replay_kit.results.summary_json import to_record
+from replay_kit.results.summary_json import failure_json, to_record
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
 from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
@@ -108,7 +108,9 @@ def _replay(
         _loop(session, inputs, checkpoints, checkpoint, reading(inputs.readers, progress, "replaying"))
         progress(0, 1, "writing the results")
         summary, flow = _conclude(session, inputs)
-    except (ConfigError, MeasurementError, LogError, PlanError):
+    except (ConfigError, MeasurementError, LogError, PlanError) as error:
+        error.findings = error.findings or session.monitoring.checks.findings
+        error.answer = failure_json(error, session.statistics.summary([reader.report() for reader in inputs.readers]))
         # the input was unusable: there is no result worth keeping
         if session.writer is not None:
             session.writer.discard()
@@ -236,7 +238,7 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
     flow = session.conclude()
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = session.planning, conclusions(session.monitoring, session.statistics, session.config)
-    outside = tuple(note for note in inputs.forecasts.notes if "outside" in note)
+    outside = tuple(note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note)
     summary = replace(
         session.statistics.summary(reports),
         plan=None if planning.result is None else planning.result.plan,

@@ -9,6 +9,7 @@ from replay_kit.core.observation import Flag, Observation, PathMean, Source
 from replay_kit.measurements.consistency.monitor import ConsistencyState, check
 from replay_kit.measurements.consistency.pairs import KNOTS
 from replay_kit.measurements.consistency.sources import NearMean, SourceStatistics, blocks, mean_along, metres_per_degree
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
 
 SOURCE = Source(0, "/adcp", 0, 0)
 MINUTE = 60.0
@@ -128,6 +129,18 @@ def test_a_turned_compass_is_named_after_two_dives(degrees, dives):
     found, state = findings_after(CURRENTS, turned(degrees))
     assert found == [(COMPASS, dives)]
     assert f"turned by {degrees:+.0f} degrees clockwise" in state.findings[0].evidence
+
+
+@pytest.mark.parametrize(
+    ("speed", "names"), [(0.3, []), (1.2, ["log and ensemble contradict each other"]), (1.6, ["unit of the velocities"])]
+)
+def test_a_tidal_stream_contradicts_a_slow_ensemble_and_ends_nothing(speed, names):
+    state, slow = ConsistencyState(), EnsembleSpeeds(np.array([0.0, 100.0]), np.array([0.01, 0.01]))
+    for number in range(40):
+        state, _ = check(state, ping(near(60.0 * number, (speed, 0.0))), slow)
+    assert [finding.name for finding in state.findings] == names
+    assert [finding.severity for finding in state.findings] == [{"u": "unusable", "l": "warning"}[name[0]] for name in names]
+    assert all(f"30 pings are {10 * speed:.3g} times as fast as the ensemble's currents" in finding.evidence for finding in state.findings)
 
 
 def test_a_small_turn_is_no_fault():
