@@ -41,6 +41,7 @@ PINGS = {
     "the sign of depth is wrong: orientation": lambda p: {**p, "orientation": "up"},
 }
 NAMES = {name: name.split(":")[0].split(",")[0] for name in PINGS}
+NAMES["both signs are wrong"] = "turned by +180 degrees clockwise, both signs wrong"
 
 
 def planted(messages, fault):

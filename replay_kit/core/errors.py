@@ -4,11 +4,27 @@ Every message states what was expected, what was found, where, and what to do ab
 command line returns for the error; 3 means that an input is unusable, 2 that an option or the configuration is wrong.
 """
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from replay_kit.core.finding import Finding
+
 
 class ReplayKitError(Exception):
-    """Root of every error that replay-kit raises on purpose."""
+    """Root of every error that replay-kit raises on purpose.
+
+    Attributes:
+        findings: The contradictions in the inputs that led to it.
+        answer: What ``--json`` says of the run that it ended.
+    """
 
     exit_code = 1
+
+    def __init__(self, message: str = "", findings: "Sequence[Finding]" = ()) -> None:
+        super().__init__(message)
+        self.findings = tuple(findings)
+        self.answer: dict[str, Any] = {}
 
 
 class ConfigError(ReplayKitError):

@@ -45,3 +45,8 @@ def finding_json(finding: Finding) -> dict[str, Any]:
         "set": finding.advice,
         "severity": finding.severity,
     }
+
+
+def finding_line(finding: Finding) -> str:
+    """Return a finding as a line of an answer on the terminal."""
+    return f"{'WARNING' if finding.severity == 'warning' else 'CONTRADICTION'}: {finding}"

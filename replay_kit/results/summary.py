@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from rich.console import Console
 
-from replay_kit.core.finding import Finding
+from replay_kit.core.finding import Finding, finding_line
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
@@ -160,7 +160,7 @@ def print_summary(summary: ReplaySummary, console: Console, verbose: bool = Fals
         console: Where to.
         verbose: Whether each topic and each dive has a row of its own.
     """
-    print_lines(console, [f"Verdict: {'; '.join(summary.verdict)}", *(f"CONTRADICTION: {finding}" for finding in summary.findings)])
+    print_lines(console, [f"Verdict: {'; '.join(summary.verdict)}", *map(finding_line, summary.findings)])
     rows = ((row.topic, str(row.read), str(row.used), str(row.skipped)) for row in summary.messages)
     print_table(console, "Messages", ("topic", "read", "used", "skipped"), folded(rows, verbose))
     print_lines(console, not_used_lines({row.topic: row.reasons for row in summary.messages}, verbose))

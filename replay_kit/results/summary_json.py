@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.finding import finding_json
 from replay_kit.results.losses import loss_json
 from replay_kit.results.summary import ReplaySummary
@@ -50,6 +51,19 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
         }
     )
     return summary_json
+
+
+def failure_json(error: ReplayKitError, summary: ReplaySummary | None = None) -> dict[str, Any]:
+    """Return what ``--json`` says of a run that ended with an error: its message, all exit codes that apply, the contradictions found.
+
+    Args:
+        error: What ended it.
+        summary: Of the run until then; None when it had not begun.
+    """
+    found = [finding_json(finding) for finding in error.findings]
+    so_far = {} if summary is None else to_json(replace(summary, findings=error.findings))
+    codes = [error.exit_code, *so_far.get("exit_codes", ())]
+    return so_far | {"status": "failed", "error": str(error), "exit_code": codes[0], "exit_codes": codes, "consistency": found}
 
 
 def to_record(summary: ReplaySummary, inputs: Sequence[Path]) -> dict[str, Any]:

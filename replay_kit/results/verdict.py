@@ -34,10 +34,9 @@ def _usage(used: int, rejected: int, lost_pings: str) -> str:
 
 
 def _consistency(findings: Sequence[Finding]) -> str:
-    if not findings:
-        return "no contradiction found"
-    named = ", ".join(dict.fromkeys(finding.name for finding in findings))
-    return f"{len(findings)} contradiction{'s' * (len(findings) > 1)}: {named}"
+    named = dict.fromkeys(finding.name for finding in findings if finding.severity != "warning")
+    words = f"{len(named)} contradiction{'s' * (len(named) > 1)}: {', '.join(named)}" if named else "no contradiction found"
+    return "; ".join((words, *(f"{finding.name}: {finding.evidence}" for finding in findings if finding.severity == "warning")))
 
 
 def _gain(before: float, after: float, prior: float) -> str:

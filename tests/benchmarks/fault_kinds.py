@@ -125,7 +125,7 @@ def _same(messages: Iterator[Message]) -> Iterator[Message]:
 
 
 _SWAP, _EAST, _NORTH, _BOTH = [[0, 1], [1, 0]], [[-1, 0], [0, 1]], [[1, 0], [0, -1]], [[-1, 0], [0, -1]]
-_TWINS, _DIRECTION = ("vessel", "glider"), (findings.CONTRADICTION, findings.COMPASS)
+_TWINS, _RELATIVE, _DIRECTION = ("vessel", "glider"), ("glider", "seaglider"), (findings.CONTRADICTION, findings.COMPASS)
 FAULTS = (
     Fault("all zero", _values(lambda number, cells: _constant(cells, 0.0)), (findings.DEAD,), _TWINS, 16),
     Fault("constant", _values(lambda number, cells: _constant(cells, 0.123)), (findings.DEAD,), _TWINS, 16),
@@ -133,10 +133,10 @@ FAULTS = (
     Fault("heading off by 30 degrees", _same, _DIRECTION, _TWINS, 18, 30),
     Fault("heading off by 90 degrees", _same, _DIRECTION, _TWINS, 18, 90),
     Fault("heading off by 180 degrees", _same, _DIRECTION, _TWINS, 18, 180),
-    Fault("profiles: east and north exchanged", _velocity(_SWAP), _DIRECTION, ("glider",), 68),
-    Fault("profiles: sign of east", _velocity(_EAST), _DIRECTION, ("glider",), 68),
-    Fault("profiles: sign of north", _velocity(_NORTH), _DIRECTION, ("glider",), 68),
-    Fault("profiles: both signs", _velocity(_BOTH), _DIRECTION, ("glider",), 68),
+    Fault("profiles: east and north exchanged", _velocity(_SWAP), _DIRECTION, _RELATIVE, 68),
+    Fault("profiles: sign of east", _velocity(_EAST), _DIRECTION, _RELATIVE, 68),
+    Fault("profiles: sign of north", _velocity(_NORTH), _DIRECTION, _RELATIVE, 68),
+    Fault("profiles: both signs", _velocity(_BOTH), _DIRECTION, _RELATIVE, 68),
     Fault("mean currents: east and north exchanged", _mean_current(_SWAP), _DIRECTION, ("glider",), 68),
     Fault("mean currents: both signs", _mean_current(_BOTH), _DIRECTION, ("glider",), 68),
     Fault("cm/s", _velocity(100.0 * np.eye(2)), (findings.UNIT,), _TWINS, 30),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
 from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def replay(
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
+    from replay_kit.results.summary_json import failure_json
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay import dry_run as dry
     from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
@@ -103,8 +104,12 @@ def replay(
         dry.print_dry_run(result, console)
         write_json(outputs.json_file, dry.dry_run_json(result))
         return 0
-    with part_named(outputs.out), progress() as advance:
-        summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
+    try:
+        with part_named(outputs.out), progress() as advance:
+            summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
+    except (MeasurementError, ForecastError) as error:
+        write_json(outputs.json_file, error.answer or failure_json(error))
+        raise
     _smooth(outputs, job, config)
     _answer(outputs, summary, console)
     return summary.exit_code

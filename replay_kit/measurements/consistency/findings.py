@@ -63,16 +63,21 @@ def frozen(run: PositionRun) -> Finding:
 
 def odd_speeds(counts: SpeedCounts, ping: Observation) -> Finding:
     """Return the finding of speeds that no current explains."""
-    ratio = counts.ratio
-    words = f"{ratio:.3g} times as fast" if ratio > 1.0 else f"{1.0 / ratio:.3g} times as slow"
     return Finding(
         UNIT,
         ping.time_ns,
-        f"{ping.source.topic}: {counts.pings} pings are {words} as the ensemble's currents",
+        speed_ratio(counts, ping),
         "velocities in cm/s or mm/s that are taken for m/s, or an ensemble in another unit",
         "state measurements.velocity_unit (m/s when the log is right), and check the ensemble's unit",
         "unusable",
     )
+
+
+def speed_ratio(counts: SpeedCounts, ping: Observation) -> str:
+    """Return how much faster or slower the profiles are than the ensemble."""
+    ratio = counts.ratio
+    words = f"{ratio:.3g} times as fast" if ratio > 1.0 else f"{1.0 / ratio:.3g} times as slow"
+    return f"{ping.source.topic}: {counts.pings} pings are {words} as the ensemble's currents"
 
 
 def unit(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
@@ -124,11 +129,11 @@ def ensemble_unit(evidence: str, source: str) -> Finding:
     )
 
 
-def ensemble_contradicts(evidence: str) -> Finding:
+def ensemble_contradicts(evidence: str, time_ns: int = 0) -> Finding:
     """Return the warning that a log and an ensemble do not fit."""
     return Finding(
         ENSEMBLE,
-        0,
+        time_ns,
         evidence,
         "an ensemble of another region or season, or errors of the profiles that are stated too small",
         "nothing follows from it; replay-kit info --ensemble names faults of the log that would explain it",

@@ -18,8 +18,10 @@ from replay_kit.measurements.consistency.raw import RawHistory
 from replay_kit.measurements.consistency.sources import SourceStatistics, near_mean
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, SpeedCounts
 
-# Pairs before which nothing is said: of mean currents, and of the platform's motion.
-_LEAST_MEANS, _LEAST_MOTIONS, _LEAST_UNITS = 3, 4, 1
+# Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
+_LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
+# Log-likelihood ratios: of a turn relative to the vehicle; and by which it must be likelier than other causes.
+_TURN_GAIN, _LIKELIER = 7.0, 2.0
 _ANY, _TURNED, _UNIT = ("turn", "mirror", "unit"), ("turn", "mirror"), ("unit",)
 
 #: What is checked.
@@ -75,11 +77,17 @@ class ConsistencyState:
 
     @property
     def can_tell_directions(self) -> bool:
-        """Whether anything in the log can tell that directions are wrong."""
-        sources = [instrument.sources for instrument in self.instruments.values()]
-        return any(len(each.current.pairs) + len(each.drift.pairs) >= _LEAST_MEANS for each in sources) or any(
-            len(each.motion.pairs) >= _LEAST_MOTIONS or len(each.track.pairs) >= _LEAST_MOTIONS for each in sources
+        """Whether anything in the log tells, or has told, that directions are right or wrong."""
+        return any(
+            instrument.named & {findings.COMPASS, findings.CONTRADICTION} or _tell_directions(instrument.sources)
+            for instrument in self.instruments.values()
         )
+
+
+def _tell_directions(sources: SourceStatistics) -> bool:
+    means = sources.current.tell_directions(_LEAST_MEANS) or sources.drift.tell_directions(_LEAST_MEANS)
+    motions = any(each.tell_directions(_LEAST_MOTIONS) for each in (sources.blocks, sources.motion, sources.track))
+    return means or motions or sources.vehicle.tell_directions(_LEAST_DIVES)
 
 
 def check(
@@ -157,6 +165,8 @@ def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:
         found.append(findings.wrong_depths(instrument.depths, ping))
     if instrument.speeds.is_odd and findings.UNIT not in instrument.named:
         found.append(findings.odd_speeds(instrument.speeds, ping))
+    elif instrument.speeds.contradict_ensemble and not instrument.named & {findings.UNIT, findings.ENSEMBLE}:
+        found.append(findings.ensemble_contradicts(findings.speed_ratio(instrument.speeds, ping), ping.time_ns))
     if findings.COMPASS not in instrument.named:
         sources = instrument.sources
         for statistics, what in ((sources.motion, findings.OF_MOTION), (sources.track, findings.OF_TRACK)):
@@ -172,10 +182,11 @@ def _after_mean(instrument: Instrument, mean: PathMean, topic: str) -> tuple[Ins
     instrument = replace(instrument, sources=sources)
     if not instrument.is_believed:
         return instrument, ()
-    vehicle = sources.vehicle.explanation(_TURNED, _LEAST_MOTIONS)
+    vehicle = sources.vehicle.explanation(_TURNED, _LEAST_DIVES, _TURN_GAIN) or sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
     current = sources.drift if mean.kind == "drift" else sources.current
     contradiction = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(_ANY, _LEAST_MEANS)
-    if vehicle is not None and (contradiction is None or vehicle.gain > contradiction.gain):
+    rival = float(current.gains().max()) if current.pairs else 0.0
+    if vehicle is not None and vehicle.gain > rival + _LIKELIER:
         finding = findings.turned(vehicle, findings.OF_VEHICLE, mean.time_ns, topic)
         return replace(instrument, is_believed=False, named=instrument.named | {finding.name}), (finding,)
     if contradiction is None:

@@ -176,6 +176,15 @@ class PairStatistics:
         scale = np.array([each.scale for each in linear_maps()[0]])
         return np.asarray((self.sums.weight + 1.0) * np.log(self.ratios()) - 2.0 * self.sums.weight * np.log(scale))
 
+    def tell_directions(self, least_pairs: int) -> bool:
+        """Return whether these pairs, which agree, would contradict each other if the first vectors were turned by a right angle.
+
+        Args:
+            least_pairs: Number of pairs before which nothing would be said.
+        """
+        ratio = (self.sums.first + self.sums.second + self.floor) / self._as_logged
+        return len(self.pairs) >= least_pairs and ratio >= _LEAST_RATIO and (self.sums.weight + 1.0) * math.log(ratio) >= LEAST_GAIN
+
     @property
     def _as_logged(self) -> float:
         return max(self.sums.first + self.sums.second - 2.0 * self.sums.turn_cosine, 0.0) + self.floor
@@ -189,12 +198,13 @@ class PairStatistics:
             least = min(least, sums.second - sums.turn_cosine**2 / sums.first)
         return self._as_logged >= _LEAST_RATIO * (max(least, 0.0) + self.floor)
 
-    def explanation(self, kinds: tuple[str, ...], least_pairs: int) -> Explanation | None:
+    def explanation(self, kinds: tuple[str, ...], least_pairs: int, least_gain: float = LEAST_GAIN) -> Explanation | None:
         """Return the best map of some kinds, when it explains the pairs much better than equality; else None.
 
         Args:
             kinds: Of maps, the likelier first.
             least_pairs: Number of pairs before which nothing is said.
+            least_gain: Log-likelihood ratio below which nothing is said.
         """
         if len(self.pairs) < least_pairs or not self._may_be_explained(kinds):
             return None
@@ -205,7 +215,7 @@ class PairStatistics:
         favoured = (misfit < np.sum((first - second) ** 2, axis=1)) @ weight / weight.sum()
         allowed = np.array([each.kind in kinds for each in maps]) & (favoured >= _MAJORITY) & (self.ratios() >= _LEAST_RATIO)
         best = float(np.max(gains, initial=-np.inf, where=allowed))
-        if best < LEAST_GAIN:
+        if best < least_gain:
             return None
         alike = [k for k in np.flatnonzero(allowed) if gains[k] > best - _ALIKE]
         # turns before mirrors in the order of kinds asked for, and slips before any other

@@ -1,9 +1,11 @@
 """Pairs of two sources: profiles against mean currents, drifts and the platform's motion.
 
-* ``current``: the mean of a dive's profiles within 100 m of the instrument, and the dive's mean current.
-* ``drift``: the same of the profiles about a drift at the surface.
-* ``vehicle``: the same profiles relative to the vehicle, in blocks of half an hour, and the mean current relative to it. Most of both is
-  the vehicle's motion through water, which shows a compass that is wrong where the current itself is weak, and also in relative profiles.
+* ``current``: a dive's profiles within 100 m of the instrument, averaged along the dive's path as the mean current was, and that current.
+  A dive of which the profiles cover less than three quarters makes no pair: its mean current is of other water.
+* ``drift``: the mean of the profiles about a drift at the surface, and the drift.
+* ``vehicle``: profiles and mean current relative to the vehicle. Most of both is the vehicle's motion through water, which shows a compass
+  that is wrong where the current itself is weak. A dive is one pair: its mean current has one error, however many profiles it has.
+* ``blocks``: the same of relative profiles, in blocks of half an hour, whose velocity the vehicle's dead reckoning limits.
 * ``motion``: changes of the relative velocity and of minus the platform's velocity from ping to ping: the current changes less than both.
 * ``track``: the platform's velocity as an instrument states it, and as the positions of the pings give it.
 
@@ -26,7 +28,9 @@ _BLOCK, _ABOUT_DRIFT, _LONGEST = 1800.0, 1800.0, 3600.0
 # s; positions closer in time than this have too few digits for a velocity
 _SHORTEST = 60.0
 # m/s, errors expected of a component: of a dive's mean; of a drift, of one block and of a change from ping to ping
-_DIVE_STD, _OTHER_STD = 0.05, 0.1
+_DIVE_STD, _OTHER_STD = 0.035, 0.1
+# m between a point of a dive's path and the nearest ping in time, and the share of the path within that, for which profiles cover a dive
+_COVERED, _LEAST_COVERED = 100.0, 0.75
 Vector = tuple[float, float]
 
 # Pings remembered for the mean currents to come.
@@ -44,6 +48,7 @@ class NearMean:
         time_ns: [ns, UTC].
         longitude: [degrees east].
         latitude: [degrees north].
+        depth: Of the bin nearest to the instrument [m].
         velocity: Mean, true east and north [m/s], as logged.
         platform: The platform's velocity that was added to it [m/s]; None when not stated.
         relative: Whether ``velocity`` is relative to a platform whose velocity is not stated.
@@ -52,6 +57,7 @@ class NearMean:
     time_ns: int
     longitude: float
     latitude: float
+    depth: float
     velocity: tuple[float, float]
     platform: tuple[float, float] | None
     relative: bool
@@ -66,9 +72,8 @@ def near_mean(observation: Observation) -> NearMean | None:
     near = np.abs(depth - depth[0]) <= _NEAR
     east, north = observation.velocity[good][near].mean(axis=0).tolist()
     relative = not math.isfinite(observation.common_std)
-    return NearMean(
-        observation.time_ns, observation.longitude, observation.latitude, (east, north), observation.platform_velocity, relative
-    )
+    place = observation.longitude, observation.latitude, float(depth[0])
+    return NearMean(observation.time_ns, *place, (east, north), observation.platform_velocity, relative)
 
 
 def _pairs(floor_std: float) -> PairStatistics:
@@ -82,7 +87,8 @@ class SourceStatistics:
     Attributes:
         current: Pairs of the profiles and mean currents of dives.
         drift: Pairs of profiles and drifts.
-        vehicle: Pairs of both relative to the vehicle.
+        vehicle: Pairs of both relative to the vehicle, a dive each.
+        blocks: The same of relative profiles, half an hour each.
         motion: Pairs of changes of the relative velocity and of the platform's.
         track: Pairs of the platform's stated velocity and that of its positions.
         pings: Latest pings, oldest first.
@@ -93,7 +99,8 @@ class SourceStatistics:
 
     current: PairStatistics = field(default_factory=lambda: _pairs(_DIVE_STD))
     drift: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
-    vehicle: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
+    vehicle: PairStatistics = field(default_factory=lambda: _pairs(_DIVE_STD))
+    blocks: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
     motion: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
     track: PairStatistics = field(default_factory=lambda: _pairs(_OTHER_STD))
     pings: tuple[NearMean, ...] = ()
@@ -126,27 +133,46 @@ class SourceStatistics:
         about_ns = int(_ABOUT_DRIFT * 1e9) if mean.kind == "drift" else 0
         start_ns, end_ns = int(mean.path_time_ns[0]) - about_ns, int(mean.path_time_ns[-1]) + about_ns
         pings = [ping for ping in self.pings if start_ns <= ping.time_ns <= end_ns]
-        absolute = [ping.velocity for ping in pings if not ping.relative]
-        profiles = _mean(absolute) if absolute else None
+        absolute = [ping for ping in pings if not ping.relative]
         if mean.kind == "drift":
+            profiles = _mean([ping.velocity for ping in absolute]) if absolute else None
             return self if profiles is None else replace(self, drift=self.drift.with_pair(Pair(*profiles, *mean.velocity, 0.5)))
-        current = self.current if profiles is None else self.current.with_pair(Pair(*profiles, *mean.velocity))
-        vehicle = self.vehicle
-        for block in blocks(pings):
-            over_ground = track_velocity(block[0], block[-1])
-            if over_ground is not None:
-                # without a current in the positions these are the way through water
-                platform = _difference(over_ground, (-mean.velocity[0], -mean.velocity[1])) if self.through_water else over_ground
-                relative = [ping.velocity if ping.relative else _difference(ping.velocity, ping.platform or platform) for ping in block]
-                vehicle = vehicle.with_pair(Pair(*_mean(relative), *_difference(mean.velocity, platform), 0.5))
-        return replace(self, current=current, vehicle=vehicle)
+        current, vehicle, half_hours = self.current, self.vehicle, self.blocks
+        if (along := mean_along(absolute, mean)) is not None:
+            current = current.with_pair(Pair(*along, *mean.velocity))
+            if ways := self._ways(absolute, mean):
+                platform, stated = _mean([way for _, way in ways]), _mean([ping.platform or way for block, way in ways for ping in block])
+                vehicle = vehicle.with_pair(Pair(*_difference(along, stated), *_difference(mean.velocity, platform)))
+        for block, way in self._ways([ping for ping in pings if ping.relative], mean):
+            half_hours = half_hours.with_pair(Pair(*_mean([ping.velocity for ping in block]), *_difference(mean.velocity, way), 0.5))
+        return replace(self, current=current, vehicle=vehicle, blocks=half_hours)
+
+    def _ways(self, pings: Sequence[NearMean], mean: PathMean) -> list[tuple[list[NearMean], Vector]]:
+        """Return pings in blocks, each with the vehicle's velocity over ground."""
+        found = [(block, track_velocity(block[0], block[-1])) for block in blocks(pings)]
+        # without a current in the positions these are the way through water
+        current = mean.velocity if self.through_water else (0.0, 0.0)
+        return [(block, (way[0] + current[0], way[1] + current[1])) for block, way in found if way is not None]
+
+
+def mean_along(pings: Sequence[NearMean], mean: PathMean) -> Vector | None:
+    """Return the mean of profiles along the path of a mean current [m/s]; None when they cover too little of it."""
+    if not pings:
+        return None
+    ordered, start_ns = sorted(pings, key=lambda ping: ping.time_ns), int(mean.path_time_ns[0])
+    seconds = [(ping.time_ns - start_ns) * 1e-9 for ping in ordered]
+    columns = zip(*((ping.depth, *ping.velocity) for ping in ordered), strict=True)
+    depth, east, north = (np.interp((mean.path_time_ns - start_ns) * 1e-9, seconds, column) for column in columns)
+    covered = np.where(np.abs(depth - mean.depth) <= _COVERED, mean.weight, 0.0)
+    total = float(covered.sum())
+    return (float(east @ covered) / total, float(north @ covered) / total) if total >= _LEAST_COVERED else None
 
 
 def blocks(pings: Sequence[NearMean]) -> list[list[NearMean]]:
-    """Return pings in blocks of half an hour from the first one; relative ones and absolute ones are not mixed."""
+    """Return pings in blocks of half an hour from the first one."""
     found: list[list[NearMean]] = []
     for ping in pings:
-        if not found or ping.time_ns - found[-1][0].time_ns > _BLOCK * 1e9 or ping.relative != found[-1][0].relative:
+        if not found or ping.time_ns - found[-1][0].time_ns > _BLOCK * 1e9:
             found.append([])
         found[-1].append(ping)
     return found

@@ -11,8 +11,10 @@ from replay_kit.measurements.consistency.sources import REPAIRABLE
 
 # m/s; no region's currents have an RMS speed outside, and no model resolves much faster ones
 _LEAST_RMS, _MOST_RMS, _MOST_SPEED, _PERCENTILE = 0.004, 1.5, 4.0, 99.9
-# Pings after which speeds are judged, and the factor beyond which no current explains them.
+# Pings after which speeds are judged, and the factor beyond which they contradict the ensemble.
 _LEAST_PINGS, _ODD = 30, 8.0
+# m/s; a slower profile lacks even the noise of an instrument
+_LEAST_SPEED = 0.01
 
 
 def odd_ensemble_speeds(velocity: Array) -> str:
@@ -58,12 +60,14 @@ class SpeedCounts:
         pings: Number of pings.
         fast: Number of those more than eight times as fast as the ensemble, less their stated errors.
         slow: Number of those less than an eighth as fast, errors included.
+        impossible: Number of both that are, besides, faster than the RMS of any region's currents, or slower than any instrument's noise.
         log_ratio: Sum of the logarithm of how many times as fast as the ensemble each is.
     """
 
     pings: int = 0
     fast: int = 0
     slow: int = 0
+    impossible: int = 0
     log_ratio: float = 0.0
 
     def after(self, observation: Observation, ensemble: EnsembleSpeeds) -> "SpeedCounts":
@@ -79,10 +83,12 @@ class SpeedCounts:
         error = 2.0 * float(observation.error_std[good].mean()) ** 2
         if not (measured > 0.0 and typical > 0.0):
             return self
+        fast, slow = measured - error > _ODD**2 * typical, measured < typical / _ODD**2
         return SpeedCounts(
             self.pings + 1,
-            self.fast + (measured - error > _ODD**2 * typical),
-            self.slow + (measured < typical / _ODD**2),
+            self.fast + fast,
+            self.slow + slow,
+            self.impossible + (fast and measured > _MOST_RMS**2) + (slow and measured < _LEAST_SPEED**2),
             self.log_ratio + 0.5 * math.log(measured / typical),
         )
 
@@ -93,5 +99,10 @@ class SpeedCounts:
 
     @property
     def is_odd(self) -> bool:
-        """Whether most pings are faster or slower than any current explains."""
+        """Whether most pings are faster or slower than any current explains: the ensemble alone convicts nobody."""
+        return self.contradict_ensemble and 2 * self.impossible > self.pings
+
+    @property
+    def contradict_ensemble(self) -> bool:
+        """Whether most pings are faster or slower than those of the ensemble by far."""
         return self.pings >= _LEAST_PINGS and 2 * max(self.fast, self.slow) > self.pings

@@ -8,15 +8,18 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.finding import Finding
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import PathMean
+from replay_kit.core.observation import Measurement, PathMean, VehicleState
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
-from replay_kit.workflows.replay.estimation import Step
+from replay_kit.workflows.replay.estimation import EstimationState, Step, assimilate
 from replay_kit.workflows.replay.profile_counts import ProfileCounts
 from replay_kit.workflows.replay.statistics import RunStatistics
 
-_UNDETERMINED = "nothing here can tell whether directions are right; a mean current, GPS drift or bottom track would"
+_UNDETERMINED = "nothing here can tell whether directions are right; {} would"
+_TELLING, _TELLING_OF_MEANS = "a mean current, GPS drift or bottom track", "profiles of the current beside the mean currents"
+# Measurements beyond the gate that are remembered.
+_MOST_GATED = 256
 _SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
 # After these a run without any profile still has a result: the estimate without them.
 _WITHOUT_PROFILES = findings.DISTRUSTED | {findings.FROZEN}
@@ -29,10 +32,12 @@ class MonitoringState:
     Attributes:
         checks: Of the checks.
         means: Mean currents so far, from which an estimate without profiles is rebuilt.
+        gated: Latest measurements that the gate rejected, before two sources were known to contradict each other.
     """
 
     checks: ConsistencyState = field(default_factory=ConsistencyState)
     means: tuple[PathMean, ...] = ()
+    gated: tuple[Measurement, ...] = ()
 
     @property
     def explains_no_profile(self) -> bool:
@@ -60,12 +65,41 @@ def monitor(
     checks, checked = check(state.checks, event, speeds, through_water)
     means = (*state.means, event) if isinstance(event, PathMean) else state.means
     if checks.findings is state.checks.findings:
-        return MonitoringState(checks, means), checked, ()
+        return replace(state, checks=checks, means=means), checked, ()
     new = tuple(_as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :])
     for finding in new:
         if finding.severity == "unusable" or (finding.severity == "inconsistent" and config.consistency.on_failure == "stop"):
-            raise MeasurementError(str(finding))
-    return MonitoringState(replace(checks, findings=state.checks.findings + new), means), checked, new
+            raise MeasurementError(str(finding), state.checks.findings + new)
+    return replace(state, checks=replace(checks, findings=state.checks.findings + new), means=means), checked, new
+
+
+def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
+    """Return the state that remembers which measurements of some steps the gate rejected."""
+    done = [(step.event, step.assimilation.innovation) for step in steps if step.assimilation is not None]
+    gated = [event for event, found in done if found.gate_statistic > found.gate and not found.accepted]
+    more = tuple(event for event in gated if not isinstance(event, VehicleState))
+    return replace(state, gated=(state.gated + more)[-_MOST_GATED:]) if more else state
+
+
+def readmitted(
+    estimator: Any, estimation: EstimationState, state: MonitoringState, statistics: RunStatistics
+) -> tuple[EstimationState, MonitoringState, RunStatistics]:
+    """Return estimate, state and statistics with the measurements that the gate had rejected, once two sources contradict each other.
+
+    Args:
+        estimator: Its gate rejects neither.
+        estimation: Before.
+        state: With the measurements.
+        statistics: Of the run.
+    """
+    if not (state.checks.sources_contradict and state.gated):
+        return estimation, state, statistics
+    after, steps = assimilate(estimator, estimation, state.gated)
+    counts, again = statistics.profiles, len(state.gated)
+    before = replace(counts, rejected=counts.rejected - again, gated=counts.gated - again)
+    # they belong to dives before this one
+    estimation = replace(estimation, current=after.current)
+    return estimation, replace(state, gated=()), RunStatistics(statistics.messages, before.after(steps))
 
 
 def _as_stated(finding: Finding, config: RunConfig) -> Finding:
@@ -83,7 +117,8 @@ def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | No
     if config.consistency.on_failure == "ignore":
         return None
     if evidence := odd_ensemble_speeds(ensemble.velocity):
-        raise ForecastError(str(findings.ensemble_unit(evidence, ensemble.source)))
+        wrong = findings.ensemble_unit(evidence, ensemble.source)
+        raise ForecastError(str(wrong), (wrong,))
     return ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
 
 
@@ -122,15 +157,19 @@ def conclusions(state: MonitoringState, statistics: RunStatistics, config: RunCo
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
-    found, counts = state.checks.findings, statistics.profiles
-    if counts.inflations and not found:
-        found = (findings.ensemble_contradicts(f"most profiles exceeded the expected innovation {len(counts.inflations)} times"),)
-    blind = []
+    found, blind = state.checks.findings, []
+    if not found and (evidence := _beyond_the_ensemble(statistics.profiles)):
+        found = (findings.ensemble_contradicts(evidence),)
     if not state.checks.can_tell_directions:
-        blind.append(_UNDETERMINED)
+        blind.append(_UNDETERMINED.format(_TELLING if state.checks.pings else _TELLING_OF_MEANS))
     if state.checks.pings and not state.checks.absolute_pings:
         blind.append(_SHEAR_ALONE)
-    beyond = counts.gated + counts.softened
-    if 2 * beyond > (total := counts.total.profiles + counts.gated):
-        blind.append(f"{beyond} of {total} observations exceeded the gate")
     return found, tuple(blind)
+
+
+def _beyond_the_ensemble(counts: ProfileCounts) -> str:
+    """Return how the measurements contradict the ensemble; empty when they do not."""
+    beyond, total = counts.gated + counts.softened, counts.total.profiles + counts.gated
+    if 2 * beyond > total:
+        return f"{beyond} of {total} observations exceeded the gate"
+    return f"most profiles exceeded the expected innovation {len(counts.inflations)} times" if counts.inflations else ""

@@ -12,7 +12,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ConfigError, LogError, MeasurementError, PlanError
+from replay_kit.core.errors import ConfigError, LogError, MeasurementError, PlanError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
@@ -24,7 +24,7 @@ from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
-from replay_kit.results.summary_json import to_record
+from replay_kit.results.summary_json import failure_json, to_record
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
 from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
@@ -113,10 +113,13 @@ def _replay(
         progress(0, 1, "writing the results")
         summary, flow = _conclude(session, inputs)
     except BaseException as error:
+        # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk
+        unusable = isinstance(error, ConfigError | MeasurementError | LogError | PlanError)
         if session.writer is not None:
-            # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk
-            unusable = isinstance(error, ConfigError | MeasurementError | LogError | PlanError)
             (session.writer.discard if unusable else session.writer.abandon)()
+        if isinstance(error, ReplayKitError) and unusable:
+            error.findings = error.findings or session.monitoring.checks.findings
+            error.answer = failure_json(error, session.statistics.summary([reader.report() for reader in inputs.readers]))
         raise
     finally:
         if checkpoints is not None:
@@ -235,7 +238,7 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
     flow = session.conclude()
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = session.planning, conclusions(session.monitoring, session.statistics, session.config)
-    outside = tuple(note for note in inputs.forecasts.notes if "outside" in note)
+    outside = tuple(note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note)
     summary = replace(
         session.statistics.summary(reports),
         plan=None if planning.result is None else planning.result.plan,

@@ -5,7 +5,7 @@ clock. Their states together are what a checkpoint keeps.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -137,6 +137,10 @@ class Session:
             with self.clock.stage("estimate"):
                 self.estimation, steps = assimilate(self.estimator, EstimationState(prior, prior), kept)
             self.statistics = consistency.rebuilt(self.statistics, steps)
+            self.monitoring = replace(self.monitoring, gated=())
+        self.estimation, self.monitoring, self.statistics = consistency.readmitted(
+            self.estimator, self.estimation, self.monitoring, self.statistics
+        )
         self._write(LogWarning(finding.since_ns, str(finding)) for finding in found)
 
     def assimilate_buffer(self) -> None:
@@ -145,6 +149,7 @@ class Session:
             self.estimation, steps = assimilate(self.estimator, self.estimation, self._buffer)
         self._buffer, self._n_observations = [], 0
         self.statistics = self.statistics.after_steps(steps)
+        self.monitoring = consistency.with_gated(self.monitoring, steps)
         for step in steps:
             before, after = partial(flow_at, self.estimator, step.before), partial(flow_at, self.estimator, step.after)
             self._plan(plans.before_step, step, before)

@@ -127,14 +127,30 @@ def test_the_depths_of_a_run_are_those_known():
 ENSEMBLE = EnsembleSpeeds(np.array([0.0, 100.0]), np.array([0.01, 0.01]))
 
 
-@pytest.mark.parametrize(("factor", "odd"), [(1.0, False), (7.9, False), (8.2, True), (100.0, True), (1 / 7.9, False), (1 / 8.2, True)])
-def test_speeds_beyond_a_factor_of_eight_are_odd_after_thirty_pings(factor, odd):
+@pytest.mark.parametrize(
+    ("factor", "far", "odd"),
+    [
+        (1.0, False, False),
+        (7.9, False, False),
+        (8.2, True, False),
+        (14.9, True, False),
+        (15.1, True, True),
+        (100.0, True, True),
+        (1 / 7.9, False, False),
+        (1 / 8.2, True, False),
+        (1 / 9.9, True, False),
+        (1 / 10.1, True, True),
+    ],
+)
+def test_speeds_beyond_a_factor_of_eight_contradict_the_ensemble_and_are_odd_where_no_ocean_has_them(factor, far, odd):
     counts = SpeedCounts()
     # sqrt(0.01) m/s along each ping
     cells = factor * 0.1 * np.tile([0.6, 0.8], (5, 1))
     for _ in range(30):
+        assert not counts.contradict_ensemble
         assert not counts.is_odd
         counts = counts.after(ping(cells, std=1e-6), ENSEMBLE)
+    assert counts.contradict_ensemble is far
     assert counts.is_odd is odd
     assert counts.ratio == pytest.approx(factor)
 

@@ -8,16 +8,20 @@ import math
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from replay_kit.config.run import load_config
+from replay_kit.core.finding import Finding
 from replay_kit.core.message import Message
 from replay_kit.estimator import build_estimator
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements.quality.import_faults import declination_of, depth_faults, direction_faults, scale_faults
+from replay_kit.measurements.consistency.speeds import ensemble_speeds
+from replay_kit.measurements.consistency.usual_faults import declination_of, depth_faults, direction_faults
 from replay_kit.studies.twins import Twin, make_twin
-from replay_kit.workflows.info.import_check import ImportCheck, Suspicion, check_import, import_check_json, soundings
+from replay_kit.workflows.info.import_check import ImportCheck, check_import, check_logs, import_check_json, soundings
+from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
 from tests.measurements.samples import mavlink_frames, ping
 from tests.places import SAMPLES
@@ -46,12 +50,32 @@ def glider():
 
 
 def check(messages, fault, estimator) -> ImportCheck:
-    return check_import(soundings(planted(messages, fault), CONFIG.measurements), estimator)
+    return check_import(soundings(planted(messages, fault), CONFIG.measurements)[0], estimator)
 
 
-@pytest.mark.parametrize(("fault", "seed"), [(fault, k % 3) for k, fault in enumerate(PINGS) if fault != "sound"])
-def test_a_planted_fault_is_named(surveys, estimator, fault, seed):
-    assert [suspicion.fault for suspicion in check(surveys[seed], fault, estimator).suspicions] == [NAMES[fault]]
+def of_replay(messages, fault):
+    """Names of what the checks of a replay find."""
+    ensemble = read_ensemble(SAMPLES / "ensemble.nc", CONFIG.forecast)
+    speeds = ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
+    _, state = soundings(planted(messages, fault), CONFIG.measurements, speeds)
+    return [finding.name for finding in state.findings]
+
+
+@pytest.mark.parametrize(("fault", "seed"), [(fault, k % 3) for k, fault in enumerate(PINGS) if "sign" in fault or "declin" in fault])
+def test_a_planted_fault_is_told_as_a_contradiction_with_the_ensemble(surveys, estimator, fault, seed):
+    if fault.startswith("the sign of depth"):
+        assert of_replay(surveys[seed], fault) == ["depths above the surface"]
+        return
+    (warning,) = check(surveys[seed], fault, estimator).findings
+    assert (warning.name, warning.severity) == ("log and ensemble contradict each other", "warning")
+    assert warning.cause == NAMES[fault]
+    # the ensemble alone convicts nobody
+    assert of_replay(surveys[seed], fault) == []
+
+
+@pytest.mark.parametrize("fault", [fault for fault in PINGS if "speeds" in fault])
+def test_a_planted_unit_is_named_as_a_replay_names_it(surveys, fault):
+    assert of_replay(surveys[0], fault) == ["unit of the velocities"]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -61,44 +85,42 @@ def test_a_sound_survey_is_not_accused_and_tells_of_every_fault(surveys, estimat
 
 def test_a_sound_glider_is_not_accused_and_cannot_tell_a_declination(glider, estimator):
     found = check(glider, "sound", estimator)
-    assert found.suspicions == ()
+    assert found.findings == ()
     assert {"the declination was not applied", "the declination was applied twice"} <= set(found.undetermined)
 
 
-@pytest.mark.parametrize("fault", ["both signs are wrong", "the sign of depth is wrong: pressure"])
-def test_a_fault_in_a_gliders_log_is_named(glider, estimator, fault):
-    assert [suspicion.fault for suspicion in check(glider, fault, estimator).suspicions] == [NAMES[fault]]
+def test_a_fault_in_a_gliders_log_is_named(glider, estimator):
+    (warning,) = check(glider, "both signs are wrong", estimator).findings
+    assert warning.cause == NAMES["both signs are wrong"]
+    assert of_replay(glider, "the sign of depth is wrong: pressure") == ["depths above the surface"]
 
 
 def test_without_a_stated_declination_it_is_said_not_to_be_looked_for(surveys, estimator):
-    assert "states no magnetic declination" in check_import(soundings(surveys[0], CONFIG.measurements), estimator).note
+    assert "states no magnetic declination" in check_import(soundings(surveys[0], CONFIG.measurements)[0], estimator).note
 
 
 def test_too_few_profiles_and_a_log_elsewhere(surveys, estimator):
-    few = soundings(surveys[0], CONFIG.measurements)[:2]
+    few = soundings(surveys[0], CONFIG.measurements)[0][:2]
     assert "fewer than 3" in check_import(few, estimator).note
     assert check_import([], estimator).profiles == 0
 
 
-@pytest.mark.parametrize("fault", [fault for fault in PINGS if "depth" not in fault])
+@pytest.mark.parametrize("fault", [fault for fault in PINGS if "depth" not in fault and "speeds" not in fault])
 def test_undoing_a_fault_gives_what_was_measured(surveys, fault):
-    sound = soundings(planted(surveys[0][:6], "sound"), CONFIG.measurements)
-    wrong = soundings(planted(surveys[0][:6], fault), CONFIG.measurements)
-    known = [known for known in [*direction_faults(wrong), *scale_faults()] if known.name == NAMES[fault]]
+    sound, _ = soundings(planted(surveys[0][:6], "sound"), CONFIG.measurements)
+    wrong, _ = soundings(planted(surveys[0][:6], fault), CONFIG.measurements)
+    known = [known for known in direction_faults(wrong) if known.name == NAMES[fault]]
     if fault == "sound":
         assert known == []
         return
-    undone = [[known_one.undo(sounding) for sounding in wrong] for known_one in known]
-    # of a fault of units, one of the two takes the errors to be in the fault's unit too
-    best = min(undone, key=lambda profiles: abs(profiles[0].error_std[0] - sound[0].observation.error_std[0]))
-    for ours, theirs in zip(best, sound, strict=True):
+    for ours, theirs in zip([known[0].undo(sounding) for sounding in wrong], sound, strict=True):
         np.testing.assert_allclose(ours.velocity, theirs.observation.velocity, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(ours.error_std, theirs.observation.error_std, rtol=1e-9)
 
 
 def test_undoing_a_wrong_depth_gives_the_true_one(glider):
     sound, wrong = (
-        max(soundings(planted(glider[:40], fault), CONFIG.measurements), key=lambda sounding: sounding.vehicle_depth)
+        max(soundings(planted(glider[:40], fault), CONFIG.measurements)[0], key=lambda sounding: sounding.vehicle_depth)
         for fault in ("sound", "the sign of depth is wrong: orientation")
     )
     assert sound.vehicle_depth > 100.0
@@ -115,10 +137,45 @@ def test_what_a_ping_says_of_the_declination():
     assert all(math.isnan(declination_of(frame)) for frame in frames[1:])
 
 
-def test_an_infinite_gain_is_null_in_json():
-    answer = import_check_json(ImportCheck(3, (Suspicion("a", "b", math.inf), Suspicion("c", "d", 12.0)), ("e",)))
-    assert [fault["log_likelihood_ratio"] for fault in answer["faults"]] == [None, 12.0]
-    assert answer["undetermined"] == ["e"]
+def test_a_check_in_json_has_the_findings_of_a_replay():
+    finding = Finding("a", 0, "b", "c", "d", "warning")
+    answer = import_check_json(ImportCheck(3, (finding,), ("e",), "f"))
+    assert answer == {
+        "profiles": 3,
+        "consistency": [{"name": "a", "since": None, "evidence": "b", "likely_cause": "c", "set": "d", "severity": "warning"}],
+        "undetermined": ["e"],
+        "note": "f",
+    }
+
+
+def written(folder, messages):
+    write_mcap_log(folder / "log.mcap", messages)
+    return [folder / "log.mcap"]
+
+
+def test_an_ensemble_in_another_unit_is_named_and_the_log_is_not_blamed(tmp_path, surveys):
+    with xr.open_dataset(SAMPLES / "ensemble.nc") as ds:
+        scaled = ds.copy()
+        for name, values in ds.data_vars.items():
+            if values.ndim >= 3:
+                scaled[name] = (100.0 * values).assign_attrs(values.attrs)
+        scaled.to_netcdf(tmp_path / "cm.nc", engine="h5netcdf")
+    found = check_logs(written(tmp_path, surveys[0]), (tmp_path / "cm.nc",), CONFIG)
+    assert [finding.name for finding in found.findings] == ["unit of the ensemble"]
+    assert (found.profiles, found.undetermined, found.note) == (0, (), "the log was not compared with the ensemble")
+
+
+@pytest.mark.parametrize(("fault", "name"), [("knots", "velocities in knots"), ("frozen positions", "frozen positions")])
+def test_info_names_what_a_replay_names(tmp_path, glider, fault, name):
+    edit = next(known.edit for known in FAULTS if known.name == fault)
+    found = check_logs(written(tmp_path, list(edit(iter(glider)))), (SAMPLES / "ensemble.nc",), CONFIG)
+    assert name in [finding.name for finding in found.findings]
+
+
+def test_speeds_in_another_unit_leave_directions_alone(tmp_path, surveys):
+    found = check_logs(written(tmp_path, planted(surveys[0], "speeds are in cm/s")), (SAMPLES / "ensemble.nc",), CONFIG)
+    assert [finding.name for finding in found.findings] == ["unit of the velocities"]
+    assert (found.profiles, found.note) == (0, "the directions were not compared with the ensemble")
 
 
 def test_info_with_an_ensemble(tmp_path, surveys):
@@ -128,7 +185,8 @@ def test_info_with_an_ensemble(tmp_path, surveys):
     done = invoke(["info", str(tmp_path / "wrong.mcap"), *options])
     assert done.exit_code == 0
     said = done.stdout
-    assert "LIKELY FAULT: the declination was applied twice" in said
+    assert "WARNING: log and ensemble contradict each other: with this undone the profiles are e^" in said
+    assert "likely cause: the declination was applied twice; check whether the instrument" in said
 
 
 def test_a_malformed_ping_states_no_declination():
@@ -143,6 +201,6 @@ def test_a_mission_in_two_files_is_checked_as_one(tmp_path, surveys):
         write_mcap_log(file, [message for message in messages if (message.topic == "/adcp") == pings])
     (tmp_path / "run.toml").write_text("[forecast]\nlevels = [5, 150, 500]\n[estimator]\nmodes = 60\n")
     options = ["--config", tmp_path / "run.toml", "--ensemble", SAMPLES / "ensemble.nc", "--json", tmp_path / "info.json"]
-    assert invoke(["info", *map(str, [*files, *options])]).stdout.count("LIKELY FAULT: the sign of east is wrong") == 1
+    assert invoke(["info", *map(str, [*files, *options])]).stdout.count("likely cause: the sign of east is wrong") == 1
     answer = json.loads((tmp_path / "info.json").read_text())
     assert (answer["import_check"]["profiles"], len(answer["logs"])) == (30, 2)

@@ -1,5 +1,6 @@
 """Logs that are readable and wrong: what a replay names, what it leaves out, and how it ends."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +13,12 @@ from replay_kit.core.message import Loss
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results import Result
-from replay_kit.results.summary_json import to_json
+from replay_kit.results.summary_json import failure_json, to_json
 from replay_kit.studies.twins import Faults, Twin, make_twin
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks.fault_kinds import FAULTS
+from tests.command import invoke
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
 
 CONFIG = RunConfig(
@@ -90,6 +92,9 @@ def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
     assert finding.name == "two sources of the current contradict each other"
     assert "both signs wrong" in finding.evidence
     assert summary.exit_code == 6
+    # two mean currents were rejected by the gate before it was known; the six rejected lie outside the water of the ensemble
+    assert (summary.profiles_used, summary.profiles_rejected) == (PINGS, 6)
+    assert not [note for note in summary.notes if "were rejected" in note]
     with pytest.raises(MeasurementError, match="two sources of the current contradict each other"):
         run(ocean, log, CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "stop"}).consistency}))
     ignored = run(ocean, log, CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}))
@@ -157,8 +162,12 @@ def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean,
                 scaled[name] = (100.0 * values).assign_attrs(values.attrs)
         scaled.to_netcdf(tmp_path / "cm.nc", engine="h5netcdf")
     job = ReplayJob((ocean / "glider.mcap",), tmp_path / "cm.nc")
-    with pytest.raises(ForecastError, match=r"unit of the ensemble: .*cm\.nc: RMS speed"):
+    with pytest.raises(ForecastError, match=r"unit of the ensemble: .*cm\.nc: RMS speed") as error:
         replay(job, CONFIG)
+    assert [(finding.name, finding.severity) for finding in error.value.findings] == [("unit of the ensemble", "unusable")]
+    answer = failure_json(error.value)
+    assert (answer["exit_codes"], answer["error"], answer["status"]) == ([3], str(error.value), "failed")
+    assert answer["consistency"][0]["likely_cause"] == "velocities in cm/s or knots that the file calls m/s"
     ignoring = CONFIG.model_copy(update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency})
     assert replay(job, ignoring)[0].exit_code == 0
 
@@ -168,6 +177,46 @@ def test_loss_goes_before_contradiction_and_both_are_listed(ocean):
     both = replace(summary, losses=(("a.mcap", Loss("cut", 1, 2)),))
     assert (both.exit_code, both.exit_codes) == (4, (4, 6))
     assert to_json(both)["status"] == "loss"
+
+
+def invoked(ocean, log, tmp_path, more=""):
+    """Exit code, JSON and standard error of a replay on the command line."""
+    settings, answer = tmp_path / "run.toml", tmp_path / "answer.json"
+    settings.write_text("[estimator]\nmodes = 20\nsample_share = 0.5\nshift_distance = 0.0\n" + more)
+    out = tmp_path / "out.mcap"
+    named = ["replay", log, "--ensemble", ocean / "ensemble.nc", "--config", settings, "-o", out, "--json", answer, "--overwrite"]
+    done = invoke([str(word) for word in named])
+    return done, json.loads(answer.read_text())
+
+
+def test_a_contradiction_ends_with_six_and_is_in_the_answer(ocean, tmp_path):
+    done, answer = invoked(ocean, faulty(ocean, "profiles: both signs"), tmp_path)
+    assert (done.exit_code, answer["exit_code"], answer["exit_codes"], answer["status"]) == (6, 6, [6], "inconsistent")
+    (finding,) = answer["consistency"]
+    assert set(finding) == {"name", "since", "evidence", "likely_cause", "set", "severity"}
+    assert finding["name"] == "two sources of the current contradict each other"
+    assert finding["since"].endswith("Z")
+    assert answer["verdict"][1] == "1 contradiction: two sources of the current contradict each other"
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("Verdict: 60 of 66 observations used; 1 contradiction: two sources")
+    assert any(line.startswith("CONTRADICTION: two sources of the current contradict each other (since ") for line in lines)
+    assert [row["topic"] for row in answer["messages"]] == ["/adcp", "/dac", "/vehicle/fix", "/vehicle/position"]
+
+
+def test_a_run_that_a_contradiction_stops_says_so_in_its_answer(ocean, tmp_path):
+    done, answer = invoked(ocean, faulty(ocean, "profiles: both signs"), tmp_path, '[consistency]\non_failure = "stop"\n')
+    assert (done.exit_code, answer["exit_code"], answer["exit_codes"], answer["status"]) == (3, 3, [3, 6], "failed")
+    assert [finding["name"] for finding in answer["consistency"]] == ["two sources of the current contradict each other"]
+    assert answer["error"] in done.stderr
+    assert answer["error"].startswith("two sources of the current contradict each other (since ")
+    assert answer["messages"][0]["topic"] == "/adcp"
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_a_run_without_a_usable_profile_says_what_is_dead(ocean, tmp_path):
+    done, answer = invoked(ocean, faulty(ocean, "all zero"), tmp_path, "[measurements]\nuse_dac = false\n")
+    assert (done.exit_code, answer["exit_codes"]) == (3, [3, 6])
+    assert [finding["name"] for finding in answer["consistency"]] == ["dead or stale instrument"]
 
 
 def test_a_warning_alone_ends_with_zero(ocean):

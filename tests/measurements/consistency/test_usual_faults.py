@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from replay_kit.measurements.quality.import_faults import turned_clockwise
+from replay_kit.measurements.consistency.usual_faults import turned_clockwise
 
 
 def test_vectors_turn_clockwise():
