@@ -41,10 +41,13 @@ def test_what_a_cut_took_is_said_to_be_unknown(tmp_path: Path) -> None:
     assert "unknown number of messages" in loss_words(loss)
 
 
-def test_a_cut_after_the_last_message_lost_none(tmp_path: Path) -> None:
+def test_a_cut_between_two_records_lost_nobody_knows_how_many(tmp_path: Path) -> None:
     whole = json_mcap(TIMES)
-    _, report = read(tmp_path, whole[: record_offsets(whole, Opcode.DATA_END)[0]])
-    assert [loss.messages for loss in report.losses] == [0]
+    for opcode, n in ((Opcode.DATA_END, 0), (Opcode.CHUNK, 3)):
+        cut = record_offsets(whole, opcode)[n]
+        messages, report = read(tmp_path, whole[:cut])
+        assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses] == [(cut, 0, None)]
+        assert len(messages) == (40 if opcode == Opcode.DATA_END else 17)
 
 
 def test_a_damaged_summary_is_not_believed(tmp_path: Path) -> None:
@@ -64,7 +67,9 @@ def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path: Path) -> Non
     damaged[chunks[2] + 6] = 0xFF
     messages, report = read(tmp_path, bytes(damaged))
     assert numbers(messages) == list(range(40))
-    assert f"goes on at byte {chunks[3]}" in report.losses[0].what
+    assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses] == [(chunks[2], 9, 0), (len(damaged), 0, None)]
+    index = record_offsets(whole, Opcode.MESSAGE_INDEX)
+    assert report.losses[0].what.endswith(f"reading goes on at byte {next(at for at in index if at > chunks[2])}")
 
 
 def test_what_no_checksum_covers_is_said(tmp_path: Path) -> None:
