@@ -4,7 +4,7 @@ import os
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar
@@ -34,11 +34,13 @@ class LogFile(AbstractContextManager["LogFile"]):
         format: As in ``LogReport.format``.
         input: Position of the log among the run's inputs.
         statistics: What the pass begun last has found.
+        without_checksum: What of each message no checksum of the format covers; empty when all is covered, or the pass counts it itself.
         has_own_frames: Whether a copy of ``raw_messages`` holds the log in another form than its own, so that a copy needs ``frames`` too.
     """
 
     format: str
     has_own_frames: ClassVar[bool] = False
+    without_checksum: ClassVar[str] = ""
 
     def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
         """Remember what to read.
@@ -100,7 +102,9 @@ class LogFile(AbstractContextManager["LogFile"]):
 
     def report(self) -> LogReport:
         """Return what was found so far."""
-        return self.statistics.report(self.path, self.format)
+        report = self.statistics.report(self.path, self.format)
+        messages = self.statistics.read.total()
+        return replace(report, unchecked={self.without_checksum: messages}) if self.without_checksum and messages else report
 
     def share_read(self) -> float:
         """Return the share of the file that the pass begun last has read; 1 when it is read whole before its first message."""

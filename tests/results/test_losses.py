@@ -9,7 +9,7 @@ from mcap.writer import CompressionType
 
 from replay_kit.core.message import Loss
 from replay_kit.logs import open_log
-from replay_kit.results.losses import loss_json, loss_words, unchecked_words
+from replay_kit.results.losses import loss_json, loss_words, unchecked_lines
 from tests.logs.log_samples import SECOND, json_mcap
 from tests.logs.mcap.test_broken_mcap import numbers, read, record_offsets
 from tests.places import SAMPLES
@@ -74,13 +74,15 @@ def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path: Path) -> Non
 
 def test_what_no_checksum_covers_is_said(tmp_path: Path) -> None:
     whole = json_mcap(TIMES, use_chunking=False)
-    assert unchecked_words(read(tmp_path, whole)[1]) == "messages outside chunks, without a checksum (40)"
-    assert unchecked_words(read(tmp_path, json_mcap(TIMES, use_chunking=False, data_crcs=True))[1]) == ""
+    (line,) = unchecked_lines(read(tmp_path, whole)[1])
+    begin = f"Without a checksum, so that damage cannot be detected: {tmp_path / 'log'}: "
+    assert line == f"{begin}messages outside chunks, without a checksum (40)"
+    assert list(unchecked_lines(read(tmp_path, json_mcap(TIMES, use_chunking=False, data_crcs=True))[1])) == []
     without = bytearray(json_mcap(TIMES))
     chunks = record_offsets(bytes(without), Opcode.CHUNK)
     for chunk in chunks:
         struct.pack_into("<I", without, chunk + 9 + 24, 0)
-    assert unchecked_words(read(tmp_path, bytes(without))[1]) == f"chunks without a checksum ({len(chunks)})"
+    assert list(unchecked_lines(read(tmp_path, bytes(without))[1])) == [f"{begin}chunks without a checksum ({len(chunks)})"]
 
 
 def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> None:
@@ -96,7 +98,7 @@ def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> 
 def test_stamps_of_a_telemetry_log_are_not_covered() -> None:
     reader = open_log(SAMPLES / "glider.tlog")
     count = sum(1 for _ in reader.messages())
-    assert unchecked_words(reader.report()) == f"stamps of frames ({count})"
+    assert reader.report().unchecked == {"stamps of frames": count}
 
 
 def test_words_of_a_loss() -> None:

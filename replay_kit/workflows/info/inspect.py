@@ -20,7 +20,7 @@ from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import NOT_A_KIND, Skipped, finish, initial_state, interpret
 from replay_kit.measurements.mapping.suggest import NAMED, sample_key, suggestion
-from replay_kit.results.losses import loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
+from replay_kit.results.losses import loss_json, loss_words, unchecked_lines, undecodable_json, undecodable_lines
 from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
 
 
@@ -262,8 +262,7 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
     print_lines(console, not_used_lines(known, verbose))
     print_lines(console, undecodable_lines(report.undecodable))
-    if report.unchecked:
-        print_lines(console, [f"Without a checksum, so that damage cannot be detected: {unchecked_words(report)}"])
+    print_lines(console, unchecked_lines(report))
     print_lines(console, (f"Note: {note}" for note in report.notes))
     print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))
     if log.missing:
