@@ -4,6 +4,7 @@ import contextlib
 import io
 import logging
 import os
+import struct
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -14,6 +15,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs.adcp.records import AD2CP_TEXT, Record
 
 _AVERAGE, _BURST = 0x16, 0x15
+#: Of a file with one ping; and where a profile's ensemble counter is in its data [bytes].
+_TEXT_AND_PING, _ENSEMBLE = 2, 72
 NO_ENSEMBLE = "no sound ensemble of velocities is in it (checksums); copy it from the instrument again"
 
 
@@ -60,7 +63,19 @@ def read_ad2cp(path: Path, data: bytes, records: Sequence[Record]) -> list[Any]:
         # of two modes MHKiT leaves the file's configuration with the first
         return [dataset.assign_attrs({**datasets[0].attrs, **dataset.attrs}) for dataset in datasets]
 
-    return _read(path, b"".join(data[record.start : record.end] for record in _of_use(records)), read)
+    parts = [data[record.start : record.end] for record in _of_use(records)]
+    if len(parts) > _TEXT_AND_PING:
+        return _read(path, b"".join(parts), read)
+    # MHKiT needs a second ping to know how long one is
+    (dataset,) = _read(path, b"".join([*parts, _next_ping(parts[-1])]), read)
+    return [dataset.isel({name: slice(0, 1) for name in dataset.dims if str(name).startswith("time")})]
+
+
+def _next_ping(record: bytes) -> bytes:
+    """Return a record of a profile with its ensemble counter one higher; MHKiT does not ask for checksums."""
+    at = record[1] + _ENSEMBLE
+    (number,) = struct.unpack_from("<I", record, at)
+    return record[:at] + struct.pack("<I", (number + 1) % 2**32) + record[at + 4 :]
 
 
 def _read(path: Path, content: bytes, read: Callable[[str], list[Any]]) -> list[Any]:

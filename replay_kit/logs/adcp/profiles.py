@@ -67,7 +67,7 @@ def raw_profiles(dataset: Any, tag: str, ordinals: Sequence[int] | None = None) 
     per_ping = {ours: _by_ping(dataset, theirs + tag) for theirs, ours in names.items() if theirs + tag in dataset}
     if "heading" in per_ping:
         per_ping["heading"] = np.mod(per_ping["heading"], 360.0)
-    per_ping |= {"velocity": velocity if teledyne else _one_vertical(velocity, common["coordinate_system"])}
+    per_ping |= {"velocity": velocity if teledyne else one_vertical(velocity, common["coordinate_system"])}
     per_ping |= _echoes(dataset, tag, teledyne) | _depths(dataset, tag, teledyne)
     numbers = np.arange(time_ns.size) if ordinals is None else np.array(ordinals[: time_ns.size], np.int64)
     return RawProfiles(time_ns, known, common, per_ping, numbers, _bottom(dataset) if teledyne else None)
@@ -142,7 +142,7 @@ def _vectors(matrix: Array, nortek: bool) -> list[list[float]] | None:
     return [[float(x) for x in row] for row in vectors / np.linalg.norm(vectors, axis=1, keepdims=True)]
 
 
-def _one_vertical(velocity: Array, system: str) -> Array:
+def one_vertical(velocity: Array, system: str) -> Array:
     """Return Nortek's velocities with one vertical component, the mean of the two; beams are left alone."""
     if system == "beam" or velocity.shape[-1] < 4:
         return velocity

@@ -15,6 +15,7 @@ import numpy as np
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
+from replay_kit.logs.adcp.bottom_track import bottom_tracks, with_bottom
 from replay_kit.logs.adcp.dolfyn import NO_ENSEMBLE, read_ad2cp, read_pd0
 from replay_kit.logs.adcp.gps import Fixes, fixes_of
 from replay_kit.logs.adcp.pd0 import by_configuration
@@ -26,7 +27,8 @@ from replay_kit.logs.shared.statistics import ReadStatistics
 
 _NS = 1_000_000_000
 _TOPICS = {"": "/adcp", "_avg": "/adcp/average"}
-_BURST_PING, _AVERAGE_PING, _BOTTOM_TRACK = 0x15, 0x16, 0x17
+_BURST_PING, _AVERAGE_PING = 0x15, 0x16
+_UNTURNED = "bottom track in coordinates that cannot be turned to those of the pings"
 
 
 class RawAdcpReader(LogFile):
@@ -46,6 +48,7 @@ class RawAdcpReader(LogFile):
         self._records = scan(data)
         self._unreadable: Mapping[str, int] = {}
         self._notes: tuple[str, ...] = ()
+        self._no_bottom: Counter[str] = Counter()
         try:
             self._gps, self._profiles = (self._pd0 if self.format == "pd0" else self._ad2cp)(data)
         except (LookupError, ValueError, TypeError) as error:
@@ -65,9 +68,13 @@ class RawAdcpReader(LogFile):
         return fixes_of(datasets), [("", raw_profiles(dataset, "", group)) for dataset, group in pairs]
 
     def _ad2cp(self, data: bytes) -> tuple[Fixes, list[tuple[str, RawProfiles]]]:
-        """Return the fixes, none, and the profiles of each mode."""
+        """Return the fixes, none, and the profiles of each mode with their bottom tracks."""
         datasets = read_ad2cp(Path(self.path), data, self._records)
-        return fixes_of(datasets), [(tag, raw_profiles(ds, tag)) for ds in datasets for tag in _TOPICS if f"vel{tag}" in ds]
+        tracks, self._no_bottom = bottom_tracks(data, self._records)
+        found = [(tag, with_bottom(raw_profiles(ds, tag), tracks)) for ds in datasets for tag in _TOPICS if f"vel{tag}" in ds]
+        if tracks and all(profiles.bottom is None for _, profiles in found):
+            self._no_bottom[_UNTURNED] = sum(track.time_ns.size for track in tracks.values())
+        return fixes_of(datasets), found
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in order of time.
@@ -87,7 +94,8 @@ class RawAdcpReader(LogFile):
         for reason, count in self._unreadable.items():
             self._skip(_TOPICS[""], reason, count)
         self._skip("/vehicle/fix", "not a GPS fix (quality 0, or 0 N 0 E)", self._gps.n_bad)
-        self._skip("/adcp/bottom_track", "bottom track of AD2CP files is not read", 0 if self.format == "pd0" else kinds[_BOTTOM_TRACK])
+        for reason, count in self._no_bottom.items():
+            self._skip("/adcp/bottom_track", reason, count)
         # at one time a position comes before the velocities measured there
         yield from self._by_time(chain(self._fixes(), *(self._pings(_TOPICS[tag], profiles) for tag, profiles in self._profiles)))
 
