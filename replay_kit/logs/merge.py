@@ -1,13 +1,15 @@
 """Messages of several logs in one order of time, with a bounded window for reordering."""
 
 import heapq
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Generic, Protocol, TypeVar
 
 from replay_kit.core.message import Message
 from replay_kit.core.raw import RawMessage
+from replay_kit.logs.shared.stamps import FAR_NS, LOOK_AHEAD, ClockJump, LogClock, settle
 
 #: Last part of latched topics, and words in it: their messages come once, when a recording begins, and hold from then on.
 _LATCHED_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})
@@ -31,14 +33,16 @@ class Merge(Generic[_T]):
     """Several logs as one stream, ordered by (time, input, position).
 
     Each log is sorted on its own: a message is held back until one comes that is newer by more than the window. A late message,
-    older than one of the same log that was already yielded, is left out and counted. Each iteration reads the logs anew.
+    older than one of the same log that was already yielded, is left out and counted. Before that, stamps far from their neighbours are
+    set aside and counted, and after a jump back of a log's clock its messages continue where it stood (``settle``). Each iteration reads
+    the logs anew.
 
     Attributes:
         readers: The logs; each has an ``input`` of its own in its messages.
         reorder_window_s: How long a message is held back [s, in the logs' time].
         start_ns: Earlier messages are left out [ns, UTC], save those of latched topics, ``is_latched``; None for no limit.
         end_ns: Later messages are left out [ns, UTC]; the logs are still read to their end, so that reports are complete.
-        keep_late: Yield late messages as they come, out of order: for copies, which must lose nothing.
+        keep_late: Yield late messages as they come, out of order, with their own stamps: for copies, which must lose nothing.
     """
 
     readers: Sequence[Source[_T]]
@@ -47,15 +51,29 @@ class Merge(Generic[_T]):
     end_ns: int | None = None
     keep_late: bool = False
     _late: Counter[str] = field(default_factory=Counter, init=False, repr=False)
+    _astray: Counter[str] = field(default_factory=Counter, init=False, repr=False)
+    _jumps: list[ClockJump] = field(default_factory=list, init=False, repr=False)
 
     @property
     def late(self) -> Mapping[str, int]:
         """Late messages left out, by topic; complete once the iteration is."""
         return dict(self._late)
 
+    @property
+    def astray(self) -> Mapping[str, int]:
+        """Messages set aside because their stamps are far from their neighbours', by topic; complete once the iteration is."""
+        return dict(self._astray)
+
+    @property
+    def jumps(self) -> tuple[ClockJump, ...]:
+        """Jumps of the logs' clocks; complete once the iteration is."""
+        return tuple(self._jumps)
+
     def __iter__(self) -> Iterator[_T]:
         """Yield the messages from ``start_ns`` to ``end_ns``, both included; each iteration reads the logs anew."""
         self._late.clear()
+        self._astray.clear()
+        self._jumps.clear()
         ordered = [self._ordered(reader) for reader in self.readers]
         merged = ordered[0] if len(ordered) == 1 else heapq.merge(*ordered, key=_order)
         yield from merged if self.start_ns is None and self.end_ns is None else filter(self._wanted, merged)
@@ -70,7 +88,7 @@ class Merge(Generic[_T]):
         window_ns = round(self.reorder_window_s * 1e9)
         held: list[tuple[int, int, _T]] = []
         newest = yielded = -(2**63)
-        for message in reader.messages():
+        for message in reader.messages() if self.keep_late else self._steady(reader.messages()):
             time_ns = message.time_ns
             if time_ns < yielded:
                 if self.keep_late:
@@ -85,6 +103,29 @@ class Merge(Generic[_T]):
                 yield oldest
         while held:
             yield heapq.heappop(held)[2]
+
+    def _steady(self, messages: Iterator[_T]) -> Iterator[_T]:
+        """Yield one log's messages with corrected times; those with a stamp far from its neighbours are counted."""
+        last_ns, offset_ns = None, 0
+        ahead: deque[_T] = deque()
+        while (message := ahead.popleft() if ahead else next(messages, None)) is not None:
+            time_ns = message.time_ns + offset_ns
+            if last_ns is None or abs(time_ns - last_ns) > FAR_NS:
+                # what comes once may be older than the recording
+                if is_latched(message.topic):
+                    yield message
+                    continue
+                ahead.extend(islice(messages, LOOK_AHEAD - len(ahead)))
+                clock = None if last_ns is None else LogClock(last_ns, offset_ns)
+                settled = settle(clock, message.time_ns, [other.time_ns for other in ahead if not is_latched(other.topic)])
+                if settled is None:
+                    self._astray[message.topic] += 1
+                    continue
+                if last_ns is not None and settled.offset_ns != offset_ns:
+                    self._jumps.append(ClockJump(message.input, last_ns, message.time_ns, settled.offset_ns))
+                time_ns, offset_ns = settled.last_ns, settled.offset_ns
+            last_ns = time_ns
+            yield message._replace(time_ns=time_ns) if offset_ns else message
 
 
 def merge(

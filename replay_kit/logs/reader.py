@@ -38,12 +38,14 @@ class LogFile(AbstractContextManager["LogFile"]):
         files: The files of the log.
         mission: Name of the mission that it is of; empty when it does not state it.
         statistics: What the pass begun last has found.
+        without_checksum: What of each message no checksum of the format covers; empty when all is covered, or the pass counts it itself.
         has_own_frames: Whether a copy of ``raw_messages`` holds the log in another form than its own, so that a copy needs ``frames`` too.
     """
 
     format: str
     mission = ""
     has_own_frames: ClassVar[bool] = False
+    without_checksum: ClassVar[str] = ""
 
     def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
         """Remember what to read.
@@ -129,7 +131,9 @@ class LogFile(AbstractContextManager["LogFile"]):
 
     def report(self) -> LogReport:
         """Return what was found so far."""
-        return replace(self.statistics.report(self.path, self.format), mission=self.mission)
+        report = replace(self.statistics.report(self.path, self.format), mission=self.mission)
+        messages = self.statistics.read.total()
+        return replace(report, unchecked={self.without_checksum: messages}) if self.without_checksum and messages else report
 
     def share_read(self) -> float:
         """Return the share of the file that the pass begun last has read; 1 when it is read whole before its first message."""

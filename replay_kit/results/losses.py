@@ -37,6 +37,13 @@ def note_lines(report: LogReport) -> Iterator[str]:
     return (f"Note: {report.path}: {note}" for note in report.notes)
 
 
+def unchecked_lines(report: LogReport) -> Iterator[str]:
+    """Yield the line on what no checksum of a log covers; nothing when all is covered."""
+    if report.unchecked:
+        kinds = ", ".join(f"{kind} ({count})" for kind, count in report.unchecked.items())
+        yield f"Without a checksum, so that damage cannot be detected: {report.path}: {kinds}"
+
+
 def undecodable_lines(undecodable: Mapping[str, tuple[int, str]]) -> Iterator[str]:
     """Yield a line for each topic with messages that no decoder could read; as in ``LogReport.undecodable``."""
     return (f"Cannot be decoded: {count} x {topic}: {reason}" for topic, (count, reason) in undecodable.items())
@@ -45,11 +52,6 @@ def undecodable_lines(undecodable: Mapping[str, tuple[int, str]]) -> Iterator[st
 def undecodable_json(undecodable: Mapping[str, tuple[int, str]]) -> dict[str, Any]:
     """Return the messages that no decoder could read for JSON, by topic."""
     return {topic: {"count": count, "reason": reason} for topic, (count, reason) in undecodable.items()}
-
-
-def unchecked_words(report: LogReport) -> str:
-    """Return what no checksum of a log covers, where damage cannot be detected; empty when all is covered."""
-    return ", ".join(f"{kind} ({count})" for kind, count in report.unchecked.items())
 
 
 def iso_time(time_ns: int, unit: Literal["s", "ms"] = "ms") -> str:

@@ -25,7 +25,7 @@ from replay_kit.logs.folders import logs_in
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.reader import LogFile, RawLog
-from replay_kit.results.losses import loss_json, loss_lines, note_lines, undecodable_json, undecodable_lines
+from replay_kit.results.losses import loss_json, loss_lines, note_lines, unchecked_lines, undecodable_json, undecodable_lines
 from replay_kit.results.readback import check_written
 from replay_kit.results.text import code_of, folded, print_lines, print_table
 from replay_kit.workflows.replay.inputs import reading
@@ -177,6 +177,9 @@ def convert_json(summary: ConvertSummary) -> dict[str, Any]:
         ],
         "notes": [{"file": report.path, "what": note} for report in summary.reports for note in report.notes],
         "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
+        "unchecked": [
+            {"file": report.path, "what": kind, "count": n} for report in summary.reports for kind, n in report.unchecked.items()
+        ],
     }
 
 
@@ -184,7 +187,7 @@ def print_converted(summary: ConvertSummary, console: Console, verbose: bool = F
     """Print what was converted; topics that differ in a number alone share a row unless whole tables are asked for."""
     rows = ((topic, str(count)) for topic, count in sorted(summary.messages.items()))
     print_table(console, str(summary.out), ("topic", "messages"), folded(rows, verbose))
-    for lines in (loss_lines, note_lines):
+    for lines in (loss_lines, unchecked_lines, note_lines):
         print_lines(console, (line for report in summary.reports for line in lines(report)))
     print_lines(console, (f"Left out: {count} x {topic}: {why}" for (topic, why), count in sorted(summary.left_out.items())))
     print_lines(console, undecodable_lines(summary.undecodable))

@@ -112,7 +112,7 @@ def _events(
         advance()
         kept += [event for event in events if isinstance(event, kinds)]
         statistics = statistics.after_events(event for event in events if not isinstance(event, kinds))
-    return kept, statistics.with_late(merged.late)
+    return kept, statistics.with_order(merged)
 
 
 def _replayed(estimator: Estimator[Any], events: Sequence[VehicleState | Measurement], statistics: RunStatistics) -> _Forward:

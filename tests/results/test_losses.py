@@ -9,7 +9,7 @@ from mcap.writer import CompressionType
 
 from replay_kit.core.message import Loss
 from replay_kit.logs import open_log
-from replay_kit.results.losses import loss_json, loss_words, unchecked_words
+from replay_kit.results.losses import loss_json, loss_words, unchecked_lines
 from tests.logs.log_samples import SECOND, json_mcap
 from tests.logs.mcap.test_broken_mcap import numbers, read, record_offsets
 from tests.places import SAMPLES
@@ -41,10 +41,13 @@ def test_what_a_cut_took_is_said_to_be_unknown(tmp_path: Path) -> None:
     assert "unknown number of messages" in loss_words(loss)
 
 
-def test_a_cut_after_the_last_message_lost_none(tmp_path: Path) -> None:
+def test_a_cut_between_two_records_lost_nobody_knows_how_many(tmp_path: Path) -> None:
     whole = json_mcap(TIMES)
-    _, report = read(tmp_path, whole[: record_offsets(whole, Opcode.DATA_END)[0]])
-    assert [loss.messages for loss in report.losses] == [0]
+    for opcode, n in ((Opcode.DATA_END, 0), (Opcode.CHUNK, 3)):
+        cut = record_offsets(whole, opcode)[n]
+        messages, report = read(tmp_path, whole[:cut])
+        assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses] == [(cut, 0, None)]
+        assert len(messages) == (40 if opcode == Opcode.DATA_END else 17)
 
 
 def test_a_damaged_summary_is_not_believed(tmp_path: Path) -> None:
@@ -64,18 +67,22 @@ def test_without_a_summary_the_next_chunk_is_searched_for(tmp_path: Path) -> Non
     damaged[chunks[2] + 6] = 0xFF
     messages, report = read(tmp_path, bytes(damaged))
     assert numbers(messages) == list(range(40))
-    assert f"goes on at byte {chunks[3]}" in report.losses[0].what
+    assert [(loss.offset, loss.bytes, loss.messages) for loss in report.losses] == [(chunks[2], 9, 0), (len(damaged), 0, None)]
+    index = record_offsets(whole, Opcode.MESSAGE_INDEX)
+    assert report.losses[0].what.endswith(f"reading goes on at byte {next(at for at in index if at > chunks[2])}")
 
 
 def test_what_no_checksum_covers_is_said(tmp_path: Path) -> None:
     whole = json_mcap(TIMES, use_chunking=False)
-    assert unchecked_words(read(tmp_path, whole)[1]) == "messages outside chunks, without a checksum (40)"
-    assert unchecked_words(read(tmp_path, json_mcap(TIMES, use_chunking=False, data_crcs=True))[1]) == ""
+    (line,) = unchecked_lines(read(tmp_path, whole)[1])
+    begin = f"Without a checksum, so that damage cannot be detected: {tmp_path / 'log'}: "
+    assert line == f"{begin}messages outside chunks, without a checksum (40)"
+    assert list(unchecked_lines(read(tmp_path, json_mcap(TIMES, use_chunking=False, data_crcs=True))[1])) == []
     without = bytearray(json_mcap(TIMES))
     chunks = record_offsets(bytes(without), Opcode.CHUNK)
     for chunk in chunks:
         struct.pack_into("<I", without, chunk + 9 + 24, 0)
-    assert unchecked_words(read(tmp_path, bytes(without))[1]) == f"chunks without a checksum ({len(chunks)})"
+    assert list(unchecked_lines(read(tmp_path, bytes(without))[1])) == [f"{begin}chunks without a checksum ({len(chunks)})"]
 
 
 def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> None:
@@ -91,7 +98,7 @@ def test_a_time_outside_an_unchecked_chunks_span_is_left_out(tmp_path: Path) -> 
 def test_stamps_of_a_telemetry_log_are_not_covered() -> None:
     reader = open_log(SAMPLES / "glider.tlog")
     count = sum(1 for _ in reader.messages())
-    assert unchecked_words(reader.report()) == f"stamps of frames ({count})"
+    assert reader.report().unchecked == {"stamps of frames": count}
 
 
 def test_words_of_a_loss() -> None:

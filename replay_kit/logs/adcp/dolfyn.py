@@ -4,49 +4,88 @@ import contextlib
 import io
 import logging
 import os
+import struct
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.adcp.records import AD2CP_TEXT, PD0_MAGIC, Record
+from replay_kit.logs.adcp.records import AD2CP_TEXT, Record
 
 _AVERAGE, _BURST = 0x16, 0x15
+#: Of a file with one ping; and where a profile's ensemble counter is in its data [bytes].
+_TEXT_AND_PING, _ENSEMBLE = 2, 72
+NO_ENSEMBLE = "no sound ensemble of velocities is in it (checksums); copy it from the instrument again"
 
 
-def read_datasets(path: Path, data: bytes, records: Sequence[Record]) -> list[Any]:
-    """Return the datasets (xarray) that MHKiT makes of the sound records of a file.
+def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
+    """Return the dataset (xarray) that MHKiT makes of ensembles of one configuration.
+
+    Args:
+        path: The file, for messages.
+        parts: The ensembles.
+        has_pressure: Whether their leaders hold the pressure; it is left out where they do not.
+
+    Raises:
+        LogError: MHKiT is not installed, or cannot read this.
+    """
+    read_rdi, _ = _readers(path)
+    # MHKiT reads an ensemble only where another follows, and needs two to begin
+    (dataset,) = _read(
+        path, b"".join([*parts, parts[-1], parts[-1]]), lambda copy: [read_rdi(copy, userdata=False, nens=len(parts), debug=0)]
+    )
+    return dataset if has_pressure else dataset.drop_vars("pressure", errors="ignore")
+
+
+def read_ad2cp(path: Path, data: bytes, records: Sequence[Record]) -> list[Any]:
+    """Return the datasets (xarray) that MHKiT makes of the sound records of an AD2CP file.
 
     Args:
         path: The file, for messages.
         data: Its bytes.
-        records: The records to decode.
+        records: Its sound records.
 
     Raises:
         LogError: MHKiT is not installed, there is nothing to read, or it cannot read this.
     """
-    read_rdi, read_signature = _readers(path)
+    _, read_signature = _readers(path)
     kinds = {record.kind for record in records}
-    teledyne = data[:2] == PD0_MAGIC
-    if not records or (not teledyne and not kinds & {_AVERAGE, _BURST}):
-        raise LogError(f"{path}: no sound ensemble of velocities is in it (checksums); copy it from the instrument again")
-    if not teledyne and AD2CP_TEXT not in kinds:
+    if not kinds & {_AVERAGE, _BURST}:
+        raise LogError(f"{path}: {NO_ENSEMBLE}")
+    if AD2CP_TEXT not in kinds:
         raise LogError(f"{path}: the record with the instrument's configuration is missing or damaged; copy the file again")
+
+    def read(copy: str) -> list[Any]:
+        found = read_signature(copy, userdata=False, dual_profile=kinds >= {_AVERAGE, _BURST})
+        datasets = list(found) if isinstance(found, tuple) else [found]
+        # of two modes MHKiT leaves the file's configuration with the first
+        return [dataset.assign_attrs({**datasets[0].attrs, **dataset.attrs}) for dataset in datasets]
+
+    parts = [data[record.start : record.end] for record in _of_use(records)]
+    if len(parts) > _TEXT_AND_PING:
+        return _read(path, b"".join(parts), read)
+    # MHKiT needs a second ping to know how long one is
+    (dataset,) = _read(path, b"".join([*parts, _next_ping(parts[-1])]), read)
+    return [dataset.isel({name: slice(0, 1) for name in dataset.dims if str(name).startswith("time")})]
+
+
+def _next_ping(record: bytes) -> bytes:
+    """Return a record of a profile with its ensemble counter one higher; MHKiT does not ask for checksums."""
+    at = record[1] + _ENSEMBLE
+    (number,) = struct.unpack_from("<I", record, at)
+    return record[:at] + struct.pack("<I", (number + 1) % 2**32) + record[at + 4 :]
+
+
+def _read(path: Path, content: bytes, read: Callable[[str], list[Any]]) -> list[Any]:
+    """Return what MHKiT reads of a file with this content."""
     with tempfile.TemporaryDirectory() as folder, _quiet():
         copy = Path(folder) / "records"
-        parts = [data[record.start : record.end] for record in (records if teledyne else _of_use(records))]
-        # of PD0 MHKiT reads an ensemble only where another follows, and needs two to begin
-        copy.write_bytes(b"".join([*parts, parts[-1], parts[-1]] if teledyne else parts))
+        copy.write_bytes(content)
         # MHKiT raises whatever its arithmetic raises on settings it does not know, bare Exception too
         try:
-            if teledyne:
-                return [read_rdi(os.fspath(copy), userdata=False, nens=len(records), debug=0)]
-            read = read_signature(os.fspath(copy), userdata=False, dual_profile=kinds >= {_AVERAGE, _BURST})
-            datasets = list(read) if isinstance(read, tuple) else [read]
-            # of two modes MHKiT leaves the file's configuration with the first
-            return [dataset.assign_attrs({**datasets[0].attrs, **dataset.attrs}) for dataset in datasets]
+            return read(os.fspath(copy))
         except Exception as error:
             words = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
     # not raised from the error, which would keep the file that MHKiT left open

@@ -4,7 +4,7 @@ Nothing is rotated here: velocities stay in the file's own coordinates, with the
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,7 @@ class RawProfiles:
         known: shape (n,), False where the file has no time, or no ping at that time.
         common: Fields that all pings share, in the form of a ping.
         per_ping: Name to shape (n, ...) of the fields that differ, NaN where missing.
+        ordinals: shape (n,), of each ping in the file.
         bottom: Bottom track's velocity, shape (n, components) [m/s], and vertical distance, shape (n, beams) [m]; None without.
     """
 
@@ -38,15 +39,17 @@ class RawProfiles:
     known: NDArray[np.bool_]
     common: Mapping[str, Any]
     per_ping: Mapping[str, Array]
+    ordinals: NDArray[np.int64]
     bottom: tuple[Array, Array] | None
 
 
-def raw_profiles(dataset: Any, tag: str) -> RawProfiles:
+def raw_profiles(dataset: Any, tag: str, ordinals: Sequence[int] | None = None) -> RawProfiles:
     """Return the pings of a dataset.
 
     Args:
         dataset: From MHKiT (xarray).
         tag: ``""`` for the burst or only mode, ``"_avg"`` for the averaging one.
+        ordinals: Of its pings in the file; None where they are all of the file's.
 
     Raises:
         LookupError: A setting is missing or none of those known, such as a horizontal instrument, whose cells have no depths.
@@ -64,9 +67,10 @@ def raw_profiles(dataset: Any, tag: str) -> RawProfiles:
     per_ping = {ours: _by_ping(dataset, theirs + tag) for theirs, ours in names.items() if theirs + tag in dataset}
     if "heading" in per_ping:
         per_ping["heading"] = np.mod(per_ping["heading"], 360.0)
-    per_ping |= {"velocity": velocity if teledyne else _one_vertical(velocity, common["coordinate_system"])}
+    per_ping |= {"velocity": velocity if teledyne else one_vertical(velocity, common["coordinate_system"])}
     per_ping |= _echoes(dataset, tag, teledyne) | _depths(dataset, tag, teledyne)
-    return RawProfiles(time_ns, known, common, per_ping, _bottom(dataset) if teledyne else None)
+    numbers = np.arange(time_ns.size) if ordinals is None else np.array(ordinals[: time_ns.size], np.int64)
+    return RawProfiles(time_ns, known, common, per_ping, numbers, _bottom(dataset) if teledyne else None)
 
 
 def _times(values: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -138,7 +142,7 @@ def _vectors(matrix: Array, nortek: bool) -> list[list[float]] | None:
     return [[float(x) for x in row] for row in vectors / np.linalg.norm(vectors, axis=1, keepdims=True)]
 
 
-def _one_vertical(velocity: Array, system: str) -> Array:
+def one_vertical(velocity: Array, system: str) -> Array:
     """Return Nortek's velocities with one vertical component, the mean of the two; beams are left alone."""
     if system == "beam" or velocity.shape[-1] < 4:
         return velocity
@@ -157,8 +161,10 @@ def _echoes(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
 def _depths(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
     """Return the pressure where there is a sensor, and the transducer's depth where the operator entered it."""
     n = dataset[f"time{tag}"].size
-    sensor = not teledyne or dataset.attrs["sensors_avail"][2] == "1"
-    pressure = _by_ping(dataset, f"pressure{tag}") if sensor and f"pressure{tag}" in dataset else np.full(n, np.nan)
+    stated = f"pressure{tag}" in dataset
+    # of an old leader the depth stands for the pressure that it lacks
+    sensor = not teledyne or (stated and dataset.attrs["sensors_avail"][2] == "1")
+    pressure = _by_ping(dataset, f"pressure{tag}") if sensor and stated else np.full(n, np.nan)
     # unsigned in the file: a little below zero reads as the largest number
     pressure = np.where(np.abs(pressure) < _DEEPEST_DBAR, pressure, np.nan)
     typed = _by_ping(dataset, "depth") if teledyne and not sensor else np.zeros(n)

@@ -39,6 +39,8 @@ _PINGS: Mapping[str, Callable[[NetcdfFile, list[str]], Iterator[Entry]]] = Mappi
 class GliderReader(LogFile):
     """The files of one dialect that are one log, read whole: a mission has some ten thousand samples."""
 
+    without_checksum = "values of NetCDF or text files"
+
     def __init__(
         self,
         path: Path,

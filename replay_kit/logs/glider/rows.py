@@ -28,6 +28,8 @@ class NetcdfRows(LogFile):
 
     format = "netcdf"
 
+    without_checksum = "values of NetCDF or text files"
+
     def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
         """Read the file; arguments as of ``LogFile``.
 

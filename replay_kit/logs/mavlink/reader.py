@@ -43,6 +43,7 @@ class TlogReader(LogFile):
 
     format = "tlog"
     has_own_frames = True
+    without_checksum = "stamps of frames"
 
     def __init__(self, path: Path, input: int = 0, config: LogConfig | None = None, wanted: frozenset[str] | None = None) -> None:
         """See ``LogFile``."""
@@ -102,9 +103,7 @@ class TlogReader(LogFile):
         found = sorted({key >> 8 & 0xFF for key in self._kinds})
         if self._system is not None and found and self._system not in found:
             notes = (f"no messages of system {self._system}, which [logs] chooses; it holds those of {', '.join(map(str, found))}", *notes)
-        frames = self.statistics.read.total()
-        unchecked = {"stamps of frames": frames} if frames else {}
-        return replace(super().report(), notes=notes, unchecked=unchecked)
+        return replace(super().report(), notes=notes)
 
     def _read(self, statistics: ReadStatistics) -> Iterator[tuple[Frames, int, int]]:
         """Yield the entries block by block, the position of the first in the file, and the number of stamps far from their neighbours."""

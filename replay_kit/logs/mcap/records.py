@@ -37,8 +37,6 @@ HEAD_SIZE = 9
 RECORD_HEAD = struct.Struct("<BQ")
 _PIECE = 1 << 20
 _CHUNK_HEAD = struct.Struct("<QQQII")
-_INDEX_HEAD = struct.Struct("<HI")
-_INDEX_ENTRY = 16
 _KEPT = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER, Opcode.STATISTICS})
 _KEPT |= {Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX}
 #: What a chunk holds, as plain numbers.
@@ -92,6 +90,11 @@ class Chunk:
     compression: str
     data: memoryview
 
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """First and last of its messages' times, as stated [ns]; None when that cannot be true."""
+        return (self.start_ns, self.end_ns) if 0 < self.end_ns >= self.start_ns else None
+
 
 def parse_chunk(body: bytes) -> Chunk:
     """Return the chunk in a record's body; what is missing at its end is missing in ``data``.
@@ -139,22 +142,6 @@ def file_records(file: BinaryIO, start: int, size: int, bound: Callable[[int], i
         if opcode == Opcode.FOOTER:
             return
         offset = end
-
-
-def indexed_messages(file: BinaryIO, offset: int, size: int) -> int | None:
-    """Return how many messages the message indexes that begin here list, those of one chunk; None when none begins here."""
-    count = None
-    while True:
-        file.seek(offset)
-        head = file.read(HEAD_SIZE + _INDEX_HEAD.size)
-        if len(head) < HEAD_SIZE + _INDEX_HEAD.size or head[0] != Opcode.MESSAGE_INDEX:
-            return count
-        _, length = RECORD_HEAD.unpack_from(head)
-        _, listed = _INDEX_HEAD.unpack_from(head, HEAD_SIZE)
-        offset += HEAD_SIZE + length
-        if length != _INDEX_HEAD.size + listed or offset > size:
-            return count
-        count = (count or 0) + listed // _INDEX_ENTRY
 
 
 def crc_of_rest(file: BinaryIO, length: int, crc: int) -> int:

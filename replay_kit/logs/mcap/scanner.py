@@ -21,11 +21,11 @@ from replay_kit.logs.mcap.records import (
     chunk_contents,
     cut_contents,
     file_records,
-    indexed_messages,
     parse,
     parse_chunk,
 )
-from replay_kit.logs.mcap.summary import read_summary, resume_after
+from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, begins_chain, goes_on
+from replay_kit.logs.mcap.summary import read_summary
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 #: Fixed part of a message record: channel, sequence, log time, publish time. Unpacked here at once, because the library's
@@ -36,7 +36,6 @@ MESSAGE = struct.Struct("<HIQQ")
 _CHUNK_HEAD = HEAD_SIZE + 40
 #: As a plain number, for the comparison made for every message.
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
-_EXTRAS = frozenset({Opcode.ATTACHMENT, Opcode.METADATA})
 
 _T = TypeVar("_T")
 #: Makes the scan's value of a message record ``data[start:end]``; None leaves it out.
@@ -76,6 +75,10 @@ class McapScanner(Generic[_T]):
         self._lost_all_known = True
         self._outside = 0
         self._ended = False
+        self._verified = False
+        self._search_from = len(MAGIC)
+        self._chunked = bool(self._summary.chunks)
+        self._salvage = Salvage(file, self._size, self._summary)
         if self._summary.problem:
             what = f"{self._summary.problem}: the index is not used, all messages that can be found are"
             statistics.lose(what, self._size, 0, messages=0)
@@ -85,6 +88,8 @@ class McapScanner(Generic[_T]):
         offset: int | None = len(MAGIC)
         while offset is not None:
             offset = yield from self._read_from(offset)
+        if self._outside and not self._verified:
+            self._statistics.unchecked["messages outside chunks, without a checksum"] += self._outside
 
     def _lose(self, what: str, start: int, end: int, messages: int | None, span: tuple[int, int] | None = None) -> None:
         if messages is None:
@@ -95,26 +100,30 @@ class McapScanner(Generic[_T]):
 
     def _read_from(self, start: int) -> Generator[_T, None, int | None]:
         """Yield messages up to the end or to damage; return the offset at which reading goes on, or None."""
+        self._search_from = start + 1
         for record in file_records(self._file, start, self._size, self._summary.next_offset):
-            if not record.whole or not self._as_indexed(record):
+            self._chunked = self._chunked or record.opcode == Opcode.CHUNK
+            if not self._salvage.is_believable(record):
                 return (yield from self._cut(record))
             if record.opcode == Opcode.CHUNK:
-                if not (yield from self._chunk(record)):
-                    return resume_after(self._file, record.offset, self._size, self._summary) or record.end
-            elif record.opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
+                if (after := (yield from self._chunk(record))) != record.end:
+                    return after
+            elif record.opcode in INNER:
                 if self._summary.in_index(record.offset):
                     self._lose("a record of a chunk's index is damaged and not used", record.offset, record.end, 0)
                 elif record.opcode == Opcode.MESSAGE:
                     self._outside += 1
-                    message = self._message(record.body, 0, len(record.body), record)
+                    message = self._message(record)
                     if message is not None:
                         yield message
                 else:
-                    self._declare(record.opcode, record.body, record.offset)
-            elif record.opcode in _EXTRAS:
+                    self._declare(record.opcode, record.body, record.offset, None if self._chunked else 0)
+            elif record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
                 self._pass_on(record)
             else:
                 self._check(record)
+            # should no record follow, the next one may begin within this one
+            self._search_from = max(self._search_from, record.offset + 1)
         return None
 
     def _pass_on(self, record: Record) -> None:
@@ -124,38 +133,61 @@ class McapScanner(Generic[_T]):
         except RECORD_ERRORS as error:
             self._lose(f"an attachment or metadata record is damaged and left out: {error}", record.offset, record.end, 0)
 
-    def _as_indexed(self, record: Record) -> bool:
-        """Return whether a record is the one that the summary lists at its offset."""
-        chunk = self._summary.chunk_at(record.offset)
-        return chunk is None or (record.opcode == Opcode.CHUNK and record.end - record.offset == chunk.chunk_length)
-
-    def _chunk(self, record: Record) -> Generator[_T, None, bool]:
-        """Yield the messages of a whole chunk; return whether its length is plausible."""
+    def _chunk(self, record: Record) -> Generator[_T, None, int | None]:
+        """Yield the messages of a whole chunk record; return where reading goes on, or None."""
         try:
             chunk = parse_chunk(record.body)
-        except RECORD_ERRORS:
-            self._lose("chunk skipped: its head is damaged", record.offset, record.end, self._indexed(record))
-            return False
-        try:
             data = chunk_contents(chunk)
-        except ChunkError as error:
-            self._lose(f"chunk skipped: {error}", record.offset, record.end, self._indexed(record), _span(chunk))
-            return len(chunk.data) == record.end - record.offset - _CHUNK_HEAD - len(chunk.compression)
+        except RECORD_ERRORS as error:
+            return (yield from self._damaged_chunk(record, error))
+        end = record.offset + _CHUNK_HEAD + len(chunk.compression) + len(chunk.data)
         if chunk.crc == 0:
             self._statistics.unchecked["chunks without a checksum"] += 1
-        before = self._position
+        before = self._position + self._lost
         used = yield from self._contents(data, record, chunk if chunk.crc == 0 else None)
+        if chunk.crc != 0 and end == record.end and used == len(data):
+            self._search_from = end
+            return end
+        indexed = self._salvage.indexed_messages(record)
+        lost = None if indexed is None else max(0, indexed + before - self._position - self._lost)
         if used < len(data):
-            indexed = self._indexed(record)
-            lost = None if indexed is None else max(0, indexed - (self._position - before))
-            self._lose(
-                f"chunk used up to byte {used} of its contents: no whole record follows",
-                record.offset,
-                record.offset + len(data) - used,
-                lost,
-                _span(chunk),
-            )
-        return True
+            what = f"chunk used up to byte {used} of its contents: no whole record follows"
+            self._lose(what, record.offset, record.offset + len(data) - used, lost, chunk.span)
+        elif lost:
+            self._lose("chunk holds fewer messages than its index lists", record.offset, record.end, lost, chunk.span)
+        if self._salvage.follows(record):
+            return record.end
+        if chunk.crc != 0:
+            return self._after_chunk(record, end)
+        resume = self._salvage.resume(record.offset, record.offset + 1, False)
+        what = f"bytes are missing in a chunk without a checksum, or its length is damaged{goes_on(resume)}"
+        self._lose(what, record.offset, resume or self._size, None, chunk.span)
+        return resume
+
+    def _damaged_chunk(self, record: Record, error: Exception) -> Generator[_T, None, int | None]:
+        """Yield the messages of a chunk that its record does not hold as stated, if its own lengths and checksum fit; as ``_chunk``."""
+        if (own := self._salvage.whole_chunk(record.offset)) is not None:
+            return (yield from self._as_stated_by_itself(record, own))
+        in_data = isinstance(error, ChunkError)
+        span, why = (parse_chunk(record.body).span, str(error)) if in_data else (None, "its head is damaged")
+        resume = record.end if self._salvage.follows(record) else self._salvage.resume(record.offset, record.offset + 1, False)
+        self._lose(f"chunk skipped: {why}", record.offset, resume or self._size, self._salvage.indexed_messages(record), span)
+        return resume
+
+    def _as_stated_by_itself(self, record: Record, own: WholeChunk) -> Generator[_T, None, int | None]:
+        """Yield the messages of a chunk whose record states another kind or length; return where reading goes on, or None."""
+        self._chunked = True
+        yield from self._contents(own.contents, record, None)
+        return self._after_chunk(record, own.end)
+
+    def _after_chunk(self, record: Record, end: int) -> int | None:
+        """Count the damage to the opcode or length of a chunk whose checksum fits; return where reading goes on, or None."""
+        resume = end if (follows := begins_chain(self._file, end, self._size)) else self._salvage.resume(end - 1, end, False)
+        what = "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used" + goes_on(resume)
+        self._lose(what, record.offset, record.offset + HEAD_SIZE, 0)
+        if not follows:
+            self._lose("bad bytes after a chunk", end, resume or self._size, None)
+        return resume
 
     def _contents(self, data: bytes, record: Record, unchecked: Chunk | None) -> Generator[_T, None, int]:
         """Yield the messages of a chunk's contents; return how many bytes of them are whole records.
@@ -167,7 +199,7 @@ class McapScanner(Generic[_T]):
                 a record that is no schema, channel or message is damage, not a kind of a later version of the format.
         """
         end = 0
-        span = _span(unchecked) if unchecked else None
+        span = unchecked.span if unchecked else None
         make, channels, unpack, size = self._make, self._channels, RECORD_HEAD.unpack_from, len(data)
         # written out here: a generator of the records would take a tenth of the time of reading
         while end + HEAD_SIZE <= size:
@@ -194,11 +226,13 @@ class McapScanner(Generic[_T]):
 
     def _cut(self, record: Record) -> Generator[_T, None, int | None]:
         """Yield the messages of what is left of a record that is not whole; return where reading goes on, or None."""
-        resume = resume_after(self._file, record.offset, self._size, self._summary)
-        end = resume or self._size
-        on = f"; reading goes on at byte {resume}" if resume else ""
+        if (own := self._salvage.whole_chunk(record.offset)) is not None:
+            return (yield from self._as_stated_by_itself(record, own))
+        resume = self._salvage.resume(record.offset, self._search_from, not self._chunked)
+        end = self._size if resume is None else max(resume, record.offset)
         before = self._position
-        indexed = self._indexed(record)
+        listed = self._summary.chunk_at(record.offset)
+        indexed = None if listed is None else self._salvage.indexed_messages(record)
         if record.opcode == Opcode.CHUNK:
             try:
                 chunk = parse_chunk(record.body[: end - record.offset - HEAD_SIZE])
@@ -207,74 +241,60 @@ class McapScanner(Generic[_T]):
                 pass
             else:
                 used = yield from self._contents(data, record, chunk)
+                found = self._position - before
+                if found:
+                    self._statistics.unchecked["messages of cut chunks, whose checksum cannot be verified"] += found
                 whole = record.offset + (_CHUNK_HEAD + used if chunk.compression == "" else 0)
-                lost = 0 if used == chunk.size else None if indexed is None else max(0, indexed - (self._position - before))
-                what = f"cut inside a chunk: the whole records before the cut are used{on}"
-                self._lose(what, whole, end, lost, _span(chunk))
+                lost = 0 if used == chunk.size and resume else None if indexed is None else max(0, indexed - found)
+                what = f"cut inside a chunk: the whole records before the cut are used{goes_on(resume)}"
+                self._lose(what, whole, end, lost, chunk.span)
                 return resume
         if record.offset == self._size:
-            self._lose("ends without a footer: everything before is used", record.offset, end, 0)
+            self._lose("ends without a footer: everything before is used", record.offset, end, None)
         else:
-            what = f"cut inside a record, or no record begins here: everything before is used{on}"
-            listed = self._summary.chunk_at(record.offset)
+            what = f"cut inside a record, or no record begins here: everything before is used{goes_on(resume)}"
             span = None if listed is None else (listed.message_start_time, listed.message_end_time)
             self._lose(what, record.offset, end, indexed, span)
         return resume
 
-    def _indexed(self, record: Record) -> int | None:
-        """Return the number of messages that the index lists for a chunk; None when it lists none."""
-        chunk = self._summary.chunk_at(record.offset)
-        end = record.offset + chunk.chunk_length if chunk else record.end
-        return indexed_messages(self._file, end, self._size)
-
-    def _declare(self, opcode: int, body: bytes, offset: int) -> None:
+    def _declare(self, opcode: int, body: bytes, offset: int, messages: int | None = 0) -> None:
         try:
             self._channels.declare(opcode, body)
         except RECORD_ERRORS:
-            self._lose("a schema or channel record is damaged and left out", offset, offset + len(body), 0)
+            self._lose("a schema or channel record is damaged and left out", offset, offset + len(body), messages)
 
-    def _message(self, data: bytes, start: int, end: int, record: Record) -> _T | None:
-        if end - start < MESSAGE.size:
-            self._lose("a message record is too short and left out", record.offset, record.offset + end - start, 1)
+    def _message(self, record: Record) -> _T | None:
+        if len(record.body) < MESSAGE.size:
+            self._lose("a message record is too short and left out", record.offset, record.end, 1)
             return None
-        position = self._position
         self._position += 1
-        return self._make(self._channels, data, start, end, position)
+        return self._make(self._channels, record.body, 0, len(record.body), self._position - 1)
 
     def _check(self, record: Record) -> None:
         """Compare the file's statements about itself with what was found, unless a loss already explains a difference."""
         if record.opcode == Opcode.FOOTER:
             self._file.seek(record.end)
-            tail = self._file.read(len(MAGIC))
-            if tail != MAGIC:
+            if self._file.read(len(MAGIC)) != MAGIC:
                 self._lose("ends without the closing magic bytes: all messages are used", record.end, self._size, 0)
             if not self._ended and not self._statistics.lost:
                 self._lose("the end of the data is missing: messages may be", record.offset, record.offset, None)
-        if record.opcode not in (Opcode.DATA_END, Opcode.STATISTICS):
-            return
         try:
             if record.opcode == Opcode.DATA_END:
                 self._ended = True
                 self._check_data(parse(DataEnd, record.body).data_section_crc, record)
-            else:
+            elif record.opcode == Opcode.STATISTICS:
                 self._check_count(parse(Statistics, record.body).message_count, record)
         except RECORD_ERRORS:
             self._lose("the end of the file is damaged: all messages are used", record.offset, record.end, 0)
 
     def _check_data(self, stated: int, record: Record) -> None:
-        if stated == 0:
-            if self._outside:
-                self._statistics.unchecked["messages outside chunks, without a checksum"] += self._outside
-        elif stated != record.crc and not self._statistics.lost:
+        self._verified = stated == record.crc
+        if stated not in (0, record.crc) and not self._statistics.lost:
             what = "the checksum of the data section does not match: messages outside chunks may be wrong"
             self._lose(what, record.offset, record.offset, 0)
 
     def _check_count(self, stated: int, record: Record) -> None:
         if self._lost_all_known and stated != self._position + self._lost:
             what = f"the file states {stated} messages, {self._position} were found"
-            self._lose(what, record.offset, record.offset, max(0, stated - self._position - self._lost))
-
-
-def _span(chunk: Chunk) -> tuple[int, int] | None:
-    """Return the span of its messages' times that a chunk states [ns]; None when it cannot be true."""
-    return (chunk.start_ns, chunk.end_ns) if 0 < chunk.end_ns >= chunk.start_ns else None
+            missing = max(0, stated - self._position - self._lost)
+            self._lose(what, record.offset, record.offset, None if self._summary.problem else missing)

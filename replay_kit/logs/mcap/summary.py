@@ -1,7 +1,5 @@
-"""The summary section of an MCAP file, and the offset at which reading goes on after damage."""
+"""The summary section of an MCAP file."""
 
-import re
-import struct
 from bisect import bisect_right
 from collections.abc import Mapping
 from contextlib import suppress
@@ -24,10 +22,6 @@ _KINDS: Mapping[int, Any] = {
     Opcode.METADATA_INDEX: MetadataIndex,
     Opcode.STATISTICS: Statistics,
 }
-_PIECE = 1 << 20
-#: A chunk up to its data: opcode, length, two times, size, checksum, name of the compression, length of the data.
-_CHUNK_START = re.compile(rb"\x06.{5}\x00{3}.{28}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd).{8}", re.DOTALL)
-_CHUNK_START_LONGEST = HEAD_SIZE + 28 + 4 + 4 + 8
 
 
 @dataclass(frozen=True)
@@ -117,38 +111,3 @@ def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
         statistics=found[Opcode.STATISTICS][-1] if found[Opcode.STATISTICS] else None,
         checked=checked,
     )
-
-
-def resume_after(file: BinaryIO, offset: int, size: int, summary: Summary) -> int | None:
-    """Return where a record begins after damage: the next that the summary lists, else the next that looks like a chunk.
-
-    Args:
-        file: The open log.
-        offset: Where the damaged record begins [bytes].
-        size: Size of the file [bytes].
-        summary: The file's summary.
-    """
-    following = summary.next_offset(offset)
-    # a file may have a summary that lists no chunks
-    return following if summary.chunks else _next_chunk(file, offset + 1, following or size) or following
-
-
-def _next_chunk(file: BinaryIO, offset: int, size: int) -> int | None:
-    """Return where the next bytes begin whose lengths fit each other as only those of a chunk do; None without such."""
-    buffer, base = b"", offset
-    file.seek(offset)
-    while True:
-        piece = file.read(_PIECE)
-        buffer += piece
-        start = 0
-        while match := _CHUNK_START.search(buffer, start):
-            (length,) = struct.unpack_from("<Q", buffer, match.start() + 1)
-            (data_length,) = struct.unpack_from("<Q", buffer, match.end() - 8)
-            if length == match.end() - match.start() - HEAD_SIZE + data_length and base + match.start() < size:
-                return base + match.start()
-            start = match.start() + 1
-        if not piece:
-            return None
-        kept = min(len(buffer), _CHUNK_START_LONGEST)
-        base += len(buffer) - kept
-        buffer = buffer[len(buffer) - kept :]

@@ -12,7 +12,7 @@ from rich.console import Console
 from replay_kit.logs.glider.missions import pattern
 from replay_kit.logs.shared.notes import gather
 from replay_kit.measurements import NOT_A_KIND
-from replay_kit.results.losses import loss_json, loss_words, unchecked_words, undecodable_json, undecodable_lines
+from replay_kit.results.losses import loss_json, loss_words, unchecked_lines, undecodable_json, undecodable_lines
 from replay_kit.results.text import coded, folded, iso, not_used_lines, print_lines, print_table, short_times
 from replay_kit.workflows.info.inspect import LogInfo
 from replay_kit.workflows.info.order import TopicInfo
@@ -97,8 +97,7 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     known = {topic: {why: count for why, count in reasons.items() if why != NOT_A_KIND} for topic, reasons in log.not_used.items()}
     print_lines(console, not_used_lines(known, verbose))
     print_lines(console, undecodable_lines(report.undecodable))
-    if report.unchecked:
-        print_lines(console, [f"Without a checksum, so that damage cannot be detected: {unchecked_words(report)}"])
+    print_lines(console, unchecked_lines(report))
     print_lines(console, (f"Note: {note}" for note in report.notes))
     print_lines(console, (f"LOST: {loss_words(loss)}" for loss in report.losses))
     if log.missing:

@@ -137,7 +137,7 @@ def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, fl
 
 
 def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
-    firsts = (next(iter(reader.messages()), None) for reader in open_readers(logs, config))
+    firsts = (next(iter(merge([reader], config.logs.reorder_window)), None) for reader in open_readers(logs, config))
     return min((message.time_ns for message in firsts if message is not None), default=None)
 
 

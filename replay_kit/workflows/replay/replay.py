@@ -200,7 +200,7 @@ def _loop(
         on_message()
     session.take(finish(state, measurements))
     session.assimilate_buffer()
-    session.statistics = session.statistics.with_late(merged.late)
+    session.statistics = session.statistics.with_order(merged)
 
 
 def _begin_result(session: Session, inputs: _Inputs, time_ns: int) -> None:

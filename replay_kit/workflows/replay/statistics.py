@@ -6,9 +6,11 @@ from dataclasses import dataclass, field, replace
 
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Grid
-from replay_kit.core.message import LogReport
+from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import PathMean
+from replay_kit.logs.merge import Merge
 from replay_kit.logs.shared.notes import gather, short
+from replay_kit.logs.shared.stamps import ClockJump
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
 from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow
 from replay_kit.workflows.replay.estimation import Step
@@ -36,12 +38,16 @@ class MessageCounts:
         skipped: By topic and reason.
         unsupported: Mean currents that the estimator cannot use, by kind.
         late: By topic, later than the reorder window allows.
+        astray: By topic, set aside because their stamps are far from their neighbours'.
+        jumps: Of the logs' clocks.
     """
 
     used: Mapping[str, int] = field(default_factory=dict)
     skipped: Mapping[tuple[str, str], int] = field(default_factory=dict)
     unsupported: Mapping[str, int] = field(default_factory=dict)
     late: Mapping[str, int] = field(default_factory=dict)
+    astray: Mapping[str, int] = field(default_factory=dict)
+    jumps: tuple[ClockJump, ...] = ()
 
     def topic_rows(self, reports: Sequence[LogReport]) -> tuple[TopicRow, ...]:
         """Return a row for each topic of the logs."""
@@ -53,8 +59,9 @@ class MessageCounts:
                 reasons[topic][f"cannot be decoded: {why}"] += count
         for (topic, reason), count in self.skipped.items():
             reasons[topic][reason] += count
-        for topic, count in self.late.items():
-            reasons[topic]["later than the reorder window allows"] += count
+        for counts, why in ((self.late, "later than the reorder window allows"), (self.astray, "its stamp is far from its neighbours'")):
+            for topic, count in counts.items():
+                reasons[topic][why] += count
         rows = []
         for topic in sorted(read):
             used = self.used.get(topic, 0)
@@ -93,9 +100,10 @@ class RunStatistics:
         """Return the statistics with more positions and measurements."""
         return RunStatistics(self.messages, self.profiles.after(steps))
 
-    def with_late(self, late: Mapping[str, int]) -> "RunStatistics":
-        """Return the statistics with the number of late messages by topic."""
-        return RunStatistics(replace(self.messages, late=dict(late)), self.profiles)
+    def with_order(self, merged: Merge[Message]) -> "RunStatistics":
+        """Return the statistics with what merging the logs found: late messages, stamps far from their neighbours, jumps of clocks."""
+        counts = replace(self.messages, late=merged.late, astray=merged.astray, jumps=merged.jumps)
+        return RunStatistics(counts, self.profiles)
 
     def require_usable(self, reports: Sequence[LogReport], grid: Grid) -> None:
         """Raise MeasurementError when no profile was used; the message lists what was found instead."""
@@ -141,6 +149,11 @@ class RunStatistics:
                 if report.without_stamp
             ),
             *_notes_of(reports),
+            *(f"{reports[jump.input].path}: {jump}" for jump in self.messages.jumps),
+            *(
+                f"{count} messages on {topic} were set aside: their stamps are more than a day from those before and after"
+                for topic, count in sorted(self.messages.astray.items())
+            ),
             *self.profiles.notes(),
             *(
                 f"{count} mean currents ({kind}): not supported by this estimator"

@@ -39,6 +39,10 @@ class Survey:
     bad_beam: int | None = None
     bottom: float = 50.0
     up: bool = False
+    cells: int = N_CELLS
+    cell: float = CELL
+    leader: int | None = None  # bytes of the variable leader; None for all
+    firmware: tuple[int, int] = (51, 40)
     n: int = 30
 
 
@@ -68,8 +72,8 @@ def pd0(survey: Survey) -> bytes:
 
 def ensemble(survey: Survey, k: int) -> bytes:
     """Return one ensemble with its checksum."""
-    types = [_fixed_leader(survey), _variable_leader(survey, k), _velocity(survey)]
-    types += [struct.pack("<H", kind) + bytes([value]) * 4 * N_CELLS for kind, value in ((0x0200, 128), (0x0300, 100), (0x0400, 100))]
+    types = [_fixed_leader(survey), _variable_leader(survey, k)[: survey.leader], _velocity(survey)]
+    types += [struct.pack("<H", kind) + bytes([value]) * 4 * survey.cells for kind, value in ((0x0200, 128), (0x0300, 100), (0x0400, 100))]
     types += [_bottom_track(survey)] if survey.bottom_track else []
     types += [_gga(survey, k)] if survey.gps else []
     offsets = 6 + 2 * len(types) + np.cumsum([0, *(len(part) for part in types)])
@@ -94,8 +98,8 @@ def _nortek_sum(content: bytes) -> int:
 
 def _fixed_leader(survey: Survey) -> bytes:
     turned = 0b111 if survey.system in ("ship", "earth") else 0b010
-    sizes = (1, 100 * CELL, 100, 1, 64, 5, 0, 2000, 0, 1, 0)
-    head = struct.pack("<H5BBBB", 0, 51, 40, 0b00001011 | (0x80 if survey.up else 0), 0x41, 0, 0, 4, N_CELLS)
+    sizes = (1, 100 * survey.cell, 100, 1, 64, 5, 0, 2000, 0, 1, 0)
+    head = struct.pack("<H5BBBB", 0, *survey.firmware, 0b00001011 | (0x80 if survey.up else 0), 0x41, 0, 0, 4, survey.cells)
     setup = struct.pack("<HHHBBBBH3B", *(int(value) for value in sizes))
     coordinates = struct.pack("<Bhh", _SYSTEMS[survey.system] << 3 | turned, 0, round(100 * survey.stated_declination))
     sensors = struct.pack("<BBHH2BBBH", 0b01111101, 0b00011101, int(100 * FIRST_CELL), 100, 1, 5, 50, 0, 20)
@@ -133,8 +137,8 @@ def _velocity(survey: Survey) -> bytes:
     along = vectors() @ _rotation(survey).T
     stretch = np.abs(along[:, 2]) / vectors()[:, 2]
     rows = []
-    for cell in range(N_CELLS):
-        distance = (FIRST_CELL + CELL * cell) * stretch
+    for cell in range(survey.cells):
+        distance = (FIRST_CELL + survey.cell * cell) * stretch
         water = np.array(survey.water) + distance[:, None] * np.array(survey.shear) - np.array(survey.vessel)
         row = np.round(1000.0 * _in_system(survey, np.sum(along * water, axis=1)))
         if survey.bad_beam is not None and cell == 3:

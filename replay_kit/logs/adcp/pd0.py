@@ -1,0 +1,169 @@
+"""The ensembles of a PD0 file by their own leaders: which share a configuration, where it changes, which cannot be read.
+
+MHKiT applies one configuration to all ensembles that it is given, and reads a variable leader of the length that the firmware's number
+promises, whatever length it has. So it is given ensembles of one configuration at a time, with leaders of full length.
+
+Source: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", PD0: header, fixed and variable leader.
+"""
+
+import struct
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+from replay_kit.logs.adcp.records import Record
+
+_FIXED, _VARIABLE = 0x0000, 0x0080
+#: Blocks with a number for each cell and beam: the bytes of one.
+_BLOCKS = {0x0100: 2, 0x0200: 1, 0x0300: 1, 0x0400: 1}
+_BEAMS = 4
+_COORDINATES = ("beam", "instrument", "ship", "earth")
+#: Length of a variable leader that every firmware fills at most, and where in it the clock with the century is [bytes].
+_FULL_LEADER, _CENTURY = 66, 57
+#: Least length of the leaders: up to the beams' first cell, and up to the temperature; and with the pressure [bytes].
+_LEAST_FIXED, _LEAST_VARIABLE, _WITH_PRESSURE = 42, 28, 56
+#: Changes that are told one by one.
+_TOLD = 3
+
+
+class Configuration(NamedTuple):
+    """What a fixed leader says of its ensemble's profile, and what the variable one lacks; equal where ensembles can be read together.
+
+    Attributes:
+        cells: Number of cells.
+        cell_size: [cm].
+        first_cell: Distance of the first cell's centre [cm].
+        coordinates: EX: coordinates and transformations, a bit mask.
+        alignment: EA [0.01 degree].
+        declination: EB [0.01 degree].
+        sensors: Source and availability of sensors, two bit masks.
+        instrument: Firmware and system configuration: frequency, beams, orientation.
+        has_pressure: Whether the variable leader is long enough to have the pressure.
+    """
+
+    cells: int
+    cell_size: int
+    first_cell: int
+    coordinates: int
+    alignment: int
+    declination: int
+    sensors: tuple[int, int]
+    instrument: bytes
+    has_pressure: bool
+
+    def changes_to(self, other: "Configuration") -> str:
+        """Return what differs in another, in words."""
+        looks = {True: "up", False: "down"}
+        pairs = (
+            ("cells", self.cells, other.cells),
+            ("cell size", f"{self.cell_size / 100:g} m", f"{other.cell_size / 100:g} m"),
+            ("first cell", f"{self.first_cell / 100:g} m", f"{other.first_cell / 100:g} m"),
+            ("coordinates", _COORDINATES[self.coordinates >> 3 & 3], _COORDINATES[other.coordinates >> 3 & 3]),
+            ("orientation", looks[self.instrument[2] > 127], looks[other.instrument[2] > 127]),
+            ("declination", f"{self.declination / 100:g} degrees", f"{other.declination / 100:g} degrees"),
+        )
+        return ", ".join(f"{name} {one} -> {two}" for name, one, two in pairs if one != two) or "transformations, sensors or firmware"
+
+
+@dataclass(frozen=True, slots=True)
+class Ensembles:
+    """The readable ensembles of a file.
+
+    Attributes:
+        groups: Configuration to the ordinals of its ensembles in the file, increasing.
+        parts: The ensembles by ordinal, as MHKiT reads them rightly.
+        unreadable: Why ensembles cannot be read: reason to count.
+        notes: Where the configuration changes.
+    """
+
+    groups: Mapping[Configuration, tuple[int, ...]]
+    parts: Mapping[int, bytes]
+    unreadable: Mapping[str, int]
+    notes: tuple[str, ...]
+
+
+def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
+    """Return the ensembles of a file by their configurations.
+
+    Args:
+        data: The file.
+        records: Its sound ensembles.
+    """
+    groups: dict[Configuration, list[int]] = defaultdict(list)
+    parts: dict[int, bytes] = {}
+    unreadable: Counter[str] = Counter()
+    order: list[tuple[int, Configuration]] = []
+    for ordinal, record in enumerate(records):
+        types = _types(data, record)
+        if reason := _lacks(types):
+            unreadable[reason] += 1
+            continue
+        configuration = _configuration(types[_FIXED], len(types[_VARIABLE]))
+        groups[configuration].append(ordinal)
+        parts[ordinal] = _with_full_leader(data[record.start : record.end], types[_VARIABLE])
+        order.append((ordinal, configuration))
+    changes = [(k, old.changes_to(new)) for (_, old), (k, new) in pairwise(order) if old != new]
+    return Ensembles({key: tuple(value) for key, value in groups.items()}, parts, dict(unreadable), _told(changes))
+
+
+def _types(data: bytes, record: Record) -> dict[int, bytes]:
+    """Return the data types of an ensemble by their identifiers, each up to where the next begins."""
+    count = data[record.start + 5]
+    offsets = sorted({*struct.unpack_from(f"<{count}H", data, record.start + 6), record.end - 2 - record.start})
+    pieces = [data[record.start + begin : record.start + end] for begin, end in pairwise(offsets) if end <= record.end - 2 - record.start]
+    # of two blocks of one kind, as WinRiver's positions, none is of use here
+    return {struct.unpack_from("<H", piece)[0]: piece for piece in reversed(pieces) if len(piece) >= 2}
+
+
+def _lacks(types: Mapping[int, bytes]) -> str:
+    """Return what an ensemble lacks to be read; empty when nothing."""
+    # a narrow-band instrument's first profile has other identifiers; MHKiT knows them
+    if _FIXED not in types:
+        return "ensemble without the fixed leader of a first profile"
+    for name, kind, least in (("fixed leader", _FIXED, _LEAST_FIXED), ("variable leader", _VARIABLE, _LEAST_VARIABLE)):
+        if (size := len(types.get(kind, b""))) < least:
+            return f"ensemble whose {name} has {size} bytes, {least} are needed (clock, attitude, cells)"
+    cells = types[_FIXED][9]
+    for kind, width in _BLOCKS.items():
+        if kind in types and len(types[kind]) < 2 + _BEAMS * cells * width:
+            return (
+                f"ensemble whose block {kind:#06x} has {len(types[kind])} bytes, {2 + _BEAMS * cells * width} are needed for {cells} cells"
+            )
+    return ""
+
+
+def _configuration(leader: bytes, variable_size: int) -> Configuration:
+    coordinates, alignment, declination, source, available, first_cell = struct.unpack_from("<BhhBBH", leader, 25)
+    (cell_size,) = struct.unpack_from("<H", leader, 12)
+    instrument = leader[2:6] + leader[8:9] + leader[58:59]
+    sensors = source, available
+    has_pressure = variable_size >= _WITH_PRESSURE
+    return Configuration(leader[9], cell_size, first_cell, coordinates, alignment, declination, sensors, instrument, has_pressure)
+
+
+def _with_full_leader(ensemble: bytes, leader: bytes) -> bytes:
+    """Return an ensemble whose variable leader has its full length: zeros, and the century that its clock does not state."""
+    missing = _FULL_LEADER - len(leader)
+    if missing <= 0:
+        return ensemble
+    full = bytearray(leader + bytes(missing))
+    if len(leader) < _CENTURY + 8:
+        full[_CENTURY : _CENTURY + 8] = bytes([20 if leader[4] < 80 else 19]) + leader[4:11]
+    count = ensemble[5]
+    offsets = struct.unpack_from(f"<{count}H", ensemble, 6)
+    place = next(at for at in offsets if ensemble[at : at + 2] == leader[:2])
+    moved = [at + missing if at > place else at for at in offsets]
+    head = struct.pack(f"<2sHBB{count}H", ensemble[:2], len(ensemble) - 2 + missing, ensemble[4], count, *moved)
+    whole = head + ensemble[len(head) : place] + full + ensemble[place + len(leader) : -2]
+    return whole + struct.pack("<H", sum(whole) & 0xFFFF)
+
+
+def _told(changes: Sequence[tuple[int, str]]) -> tuple[str, ...]:
+    if not changes:
+        return ()
+    words = "; ".join(f"at ping {ordinal}: {what}" for ordinal, what in changes[:_TOLD])
+    more = f"; and {len(changes) - _TOLD} more" if len(changes) > _TOLD else ""
+    times = "once" if len(changes) == 1 else f"{len(changes)} times"
+    return (f"the instrument's configuration changes {times}, each ping is read by its own: {words}{more}",)

@@ -1,0 +1,223 @@
+"""Where reading goes on after damage to an MCAP file: the next place at which records, or a chunk whose checksum fits, begin."""
+
+import re
+import struct
+from dataclasses import replace
+from typing import BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+
+from replay_kit.logs.mcap.records import (
+    HEAD_SIZE,
+    INNER,
+    MAGIC,
+    MAX_SIZE,
+    RECORD_ERRORS,
+    RECORD_HEAD,
+    Chunk,
+    Record,
+    chunk_contents,
+    parse_chunk,
+)
+from replay_kit.logs.mcap.summary import Summary
+
+#: Least length of the body of each kind of record [bytes].
+_LEAST = {
+    Opcode.HEADER: 8,
+    Opcode.FOOTER: 20,
+    Opcode.SCHEMA: 14,
+    Opcode.CHANNEL: 16,
+    Opcode.MESSAGE: 22,
+    Opcode.CHUNK: 40,
+    Opcode.MESSAGE_INDEX: 6,
+    Opcode.CHUNK_INDEX: 64,
+    Opcode.ATTACHMENT: 36,
+    Opcode.ATTACHMENT_INDEX: 48,
+    Opcode.STATISTICS: 46,
+    Opcode.METADATA: 8,
+    Opcode.METADATA_INDEX: 20,
+    Opcode.SUMMARY_OFFSET: 17,
+    Opcode.DATA_END: 4,
+}
+#: One record may be bytes of a payload by chance; three that follow one another are not.
+_CHAIN = 3
+#: A known opcode and a length below 4 GiB; the lookahead finds those that overlap, too.
+_CANDIDATE = re.compile(rb"(?=[\x01-\x0f].{4}\x00{4})", re.DOTALL)
+_FIXED = frozenset({Opcode.FOOTER, Opcode.SUMMARY_OFFSET, Opcode.DATA_END})
+#: A later version of the format may append to a record, but not as much as would reach into the contents of a chunk [bytes].
+_SPARE = 40
+_PIECE = 1 << 20
+#: Bytes of candidates that are decompressed or checked, by the file's size: sound files compress to a fiftieth at most.
+_COST = 64
+_INDEX_ENTRY = 16
+_INDEX_HEAD = struct.Struct("<HI")
+
+
+class WholeChunk(NamedTuple):
+    """A chunk whose checksum fits its contents, wherever its record is said to end.
+
+    Attributes:
+        chunk: The chunk.
+        contents: Its records.
+        end: Where its data end in the file [bytes].
+    """
+
+    chunk: Chunk
+    contents: bytes
+    end: int
+
+
+def begins_record(file: BinaryIO, offset: int, size: int) -> int | None:
+    """Return where the record ends that begins at a byte [bytes]; None when its opcode and length are those of no record.
+
+    Args:
+        file: The open log.
+        offset: The byte.
+        size: Size of the file [bytes].
+    """
+    file.seek(offset)
+    head = file.read(HEAD_SIZE + _INDEX_HEAD.size)
+    if len(head) < HEAD_SIZE + 4:
+        return None
+    opcode, length = RECORD_HEAD.unpack_from(head)
+    end: int = offset + HEAD_SIZE + length
+    if length < _LEAST.get(opcode, MAX_SIZE) or end > size:
+        return None
+    if opcode == Opcode.MESSAGE_INDEX:
+        _, listed = _INDEX_HEAD.unpack_from(head, HEAD_SIZE)
+        return end if listed % _INDEX_ENTRY == 0 and 0 <= length - _INDEX_HEAD.size - listed < _SPARE else None
+    if opcode in _FIXED and length - _LEAST[opcode] >= _SPARE:
+        return None
+    # nothing but the closing magic bytes follows a footer
+    return end if opcode != Opcode.FOOTER or end + len(MAGIC) >= size else None
+
+
+def begins_chain(file: BinaryIO, offset: int, size: int) -> bool:
+    """Return whether three records follow one another from a byte on, or fewer that end where the file does.
+
+    Args:
+        file: The open log.
+        offset: The byte.
+        size: Size of the file [bytes].
+    """
+    for _ in range(_CHAIN):
+        end = begins_record(file, offset, size)
+        if end is None:
+            file.seek(offset)
+            return size - offset <= len(MAGIC) and file.read() == MAGIC
+        if end == size:
+            return True
+        offset = end
+    return True
+
+
+class Salvage:
+    """Says what is a record of one file, and where reading goes on; what checksums of candidates cost is bounded by the file's size."""
+
+    def __init__(self, file: BinaryIO, size: int, summary: Summary) -> None:
+        """Begin with a file, its size [bytes] and its summary."""
+        self._file = file
+        self._size = size
+        self._summary = summary
+        self._left = _COST * size
+
+    def is_believable(self, record: Record) -> bool:
+        """Return whether a record is whole, the one that the summary lists at its offset, and of a kind and length that records have."""
+        if not record.whole:
+            return False
+        if (listed := self._summary.chunk_at(record.offset)) is not None:
+            return record.opcode == Opcode.CHUNK and record.end - record.offset == listed.chunk_length
+        if record.opcode in (Opcode.MESSAGE, Opcode.CHUNK):
+            return True
+        if record.opcode != Opcode.MESSAGE_INDEX and self.whole_chunk(record.offset) is not None:
+            return False
+        if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            return True
+        if record.opcode in _LEAST:
+            return begins_record(self._file, record.offset, self._size) is not None
+        # a kind of a later version of the format
+        return begins_chain(self._file, record.end, self._size)
+
+    def follows(self, record: Record) -> bool:
+        """Return whether a record begins where this one ends, by the summary or by the next records themselves."""
+        listed = self._summary.chunk_at(record.offset) is not None
+        return listed or record.end == self._size or begins_chain(self._file, record.end, self._size)
+
+    def indexed_messages(self, record: Record) -> int | None:
+        """Return how many messages the message indexes after a chunk list; None when none follow, or no record follows them."""
+        listed = self._summary.chunk_at(record.offset)
+        offset, count = record.offset + listed.chunk_length if listed else record.end, None
+        while (end := begins_record(self._file, offset, self._size)) is not None:
+            self._file.seek(offset)
+            head = self._file.read(HEAD_SIZE + _INDEX_HEAD.size)
+            if head[0] != Opcode.MESSAGE_INDEX:
+                return count
+            count = (count or 0) + _INDEX_HEAD.unpack_from(head, HEAD_SIZE)[1] // _INDEX_ENTRY
+            offset = end
+        return count if offset == self._size else None
+
+    def resume(self, damaged: int, search_from: int, inner: bool) -> int | None:
+        """Return where the next record begins, by the summary or by the records themselves; None without one.
+
+        Args:
+            damaged: Where the record is that is damaged [bytes].
+            search_from: Where the search begins [bytes]: before that record when the length of the one before may be wrong.
+            inner: As of ``next_record``.
+        """
+        following = self._summary.next_offset(damaged)
+        if self._summary.chunks:
+            return following
+        return self.next_record(search_from, following or self._size, inner) or following
+
+    def whole_chunk(self, offset: int) -> WholeChunk | None:
+        """Return the chunk that begins at a byte by its own lengths and checksum, whatever opcode and length its record states.
+
+        Args:
+            offset: Where its record begins [bytes].
+        """
+        self._file.seek(offset + HEAD_SIZE)
+        head = self._file.read(_LEAST[Opcode.CHUNK] + 4)
+        try:
+            stated = parse_chunk(head)
+            start = offset + HEAD_SIZE + _LEAST[Opcode.CHUNK] + len(stated.compression)
+            (length,) = struct.unpack_from("<Q", head, start - offset - HEAD_SIZE - 8)
+            cost = length + (stated.size if stated.compression else 0)
+            if stated.crc == 0 or start + length > self._size or cost > self._left or (not stated.compression and stated.size != length):
+                return None
+            self._left -= cost
+            self._file.seek(start)
+            chunk = replace(stated, data=memoryview(self._file.read(length)))
+            return WholeChunk(chunk, chunk_contents(chunk), start + length)
+        except RECORD_ERRORS:
+            return None
+
+    def next_record(self, offset: int, end: int, inner: bool) -> int | None:
+        """Return where the next record begins: three chained by opcodes and lengths, or a chunk whose checksum fits; None without one.
+
+        Args:
+            offset: Where the search begins [bytes].
+            end: Where it ends [bytes].
+            inner: Whether the kinds of records that a chunk holds may come first: in a file of chunks they are the contents of one, whose
+                checksum would not be asked.
+        """
+        buffer, base = b"", offset
+        self._file.seek(offset)
+        while piece := self._file.read(min(_PIECE, max(0, end + HEAD_SIZE - base - len(buffer)))):
+            buffer += piece
+            for match in _CANDIDATE.finditer(buffer):
+                place = base + match.start()
+                if place < end and (inner or buffer[match.start()] not in INNER) and self._goes_on(place, buffer[match.start()]):
+                    return place
+            kept = min(len(buffer), HEAD_SIZE - 1)
+            base += len(buffer) - kept
+            buffer = buffer[len(buffer) - kept :]
+            self._file.seek(base + kept)
+        return None
+
+    def _goes_on(self, place: int, opcode: int) -> bool:
+        return begins_chain(self._file, place, self._size) or (opcode == Opcode.CHUNK and self.whole_chunk(place) is not None)
+
+
+def goes_on(resume: int | None) -> str:
+    """Return where reading goes on in words, for the end of a sentence; empty when it does not."""
+    return "" if resume is None else f"; reading goes on at byte {resume}"

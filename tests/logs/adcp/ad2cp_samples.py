@@ -1,0 +1,109 @@
+"""Small Nortek AD2CP files with a known truth: bursts in beam, instrument or earth coordinates, and bottom tracks between them."""
+
+import struct
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from tests.logs.adcp.raw_adcp_samples import nortek_record
+from tests.reference import frames as slow
+
+START = datetime(2024, 5, 1, 6, 30, tzinfo=UTC)
+ANGLE, N_CELLS, CELL, BLANK = 25.0, 6, 1.0, 0.5
+SYSTEMS = ("earth", "instrument", "beam")
+TEXT, BURST, BOTTOM = 0xA0, 0x15, 0x17
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A platform that moves over the ground in a uniform current; the heading is true, as DECL is stated."""
+
+    system: str = "beam"
+    bottom_system: str = "beam"
+    water: tuple[float, float, float] = (0.4, -0.2, 0.0)
+    platform: tuple[float, float, float] = (1.1, 0.7, 0.0)
+    heading: float = 70.0
+    pitch: float = 5.0
+    roll: float = -8.0
+    down: bool = True
+    distance_mm: tuple[int, ...] = (30_000, 31_000, 32_000, 33_000)
+    merit: tuple[int, ...] = (120, 130, 140, 150)
+    scaling: int = -3
+    missing_beam: int | None = None
+    bottom_after: timedelta = timedelta(milliseconds=120)
+
+
+def vectors() -> Array:
+    """Return the beams' unit vectors, away from the instrument."""
+    s, c = np.sin(np.deg2rad(ANGLE)), np.cos(np.deg2rad(ANGLE))
+    return np.array([[s, 0, c], [0, -s, c], [-s, 0, c], [0, s, c]])
+
+
+def in_system(survey: Survey, velocity: Array, system: str) -> Array:
+    """Return a velocity in earth coordinates as the instrument stores it: beams, X Y Z1 Z2, or east, north, up twice."""
+    if system == "earth":
+        return np.array([*velocity, velocity[2]])
+    own = slow.nortek(survey.heading, survey.pitch, survey.roll, survey.down).T @ velocity
+    return vectors() @ own if system == "beam" else np.array([*own, own[2]])
+
+
+def text() -> bytes:
+    """Return the record with the configuration."""
+    s, c = 1 / (2 * np.sin(np.deg2rad(ANGLE))), 1 / (2 * np.cos(np.deg2rad(ANGLE)))
+    rows = [[s, 0, -s, 0], [0, -s, 0, s], [c, 0, c, 0], [0, c, 0, c]]
+    matrix = ",".join(f"M{i + 1}{j + 1}={rows[i][j]:.6f}" for i in range(4) for j in range(4))
+    lines = (
+        'GETCLOCKSTR,TIME="2024-05-01 06:30:00"',
+        'ID,STR="Signature500",SN=100259',
+        f'GETBURST,NC={N_CELLS},NB=4,CS={CELL:.3f},BD={BLANK:.3f},CY="BEAM",PL=0.0,SR=1,NS=1,VR=4.50,VP=0.000,DF=3,NPING=1',
+        "GETPLAN,MIAVG=600,AVG=0,BURST=1,MIBURST=1800,SA=35.0",
+        f"GETXFBURST,ROWS=4,COLS=4,{matrix}",
+        *(f"BEAMCFGLIST,BEAM={k},THETA={ANGLE:.2f},PHI=0.00,FREQ=500,BW=25,BRD=1,HWBEAM={k},ZNOM=100.00" for k in (1, 2, 3, 4)),
+        "GETUSER,POFF=9.50,DECL=3.50,HX=0,HY=0,HZ=0",
+    )
+    return nortek_record(TEXT, b"\x10" + "\r\n".join(lines).encode() + b"\r\n\x00")
+
+
+def _clock(when: datetime) -> bytes:
+    ticks = when.microsecond // 100
+    return struct.pack("<6BH", when.year - 1900, when.month - 1, when.day, when.hour, when.minute, when.second, ticks)
+
+
+def _head(survey: Survey, when: datetime, config: int, beams_cy: int, offset: int) -> bytes:
+    angles = (round(100 * survey.heading), round(100 * survey.pitch), round(100 * survey.roll))
+    sensors = struct.pack("<HhIHhh", 15000, 1200, 45_000, *angles)
+    return struct.pack("<BBHI", 3, offset, config, 100259) + _clock(when) + sensors + struct.pack("<H", beams_cy)
+
+
+def _status(survey: Survey) -> int:
+    return (5 if survey.down else 4) << 25 | 1 << 28
+
+
+def burst(survey: Survey, k: int) -> bytes:
+    """Return the record of one ping; a ping a second."""
+    beams_cy = 4 << 12 | SYSTEMS.index(survey.system) << 10 | N_CELLS
+    head = _head(survey, START + timedelta(seconds=k), 0b11101111, beams_cy, 76)
+    rest = struct.pack("<HHBbH6hhHHbb", 1000, 50, 60, 0, 150, *[0] * 6, 3000, 0, 0, -3, 0)
+    tail = struct.pack("<hhHHII", 0, 0, 0, 0, _status(survey), k + 1)
+    relative = in_system(survey, np.array(survey.water) - np.array(survey.platform), survey.system)
+    velocity = np.repeat(np.round(1000 * relative)[:, None], N_CELLS, axis=1).astype("<i2").tobytes()
+    return nortek_record(BURST, head + rest + tail + velocity + bytes([120] * 4 * N_CELLS) + bytes([95] * 4 * N_CELLS))
+
+
+def bottom(survey: Survey, k: int, offset: int = 78) -> bytes:
+    """Return a bottom-track record, shortly after a ping; its data begin at an offset that it states."""
+    beams_cy = 4 << 12 | SYSTEMS.index(survey.bottom_system) << 10
+    head = _head(survey, START + timedelta(seconds=k) + survey.bottom_after, 0b1100101111, beams_cy, offset)
+    rest = struct.pack("<HHBBH6hIHHbb", 0, 50, 0, 0, 150, *[0] * 6, 5000, 0, 0, survey.scaling, 0)
+    tail = struct.pack("<hhIII", 0, 0, 0, _status(survey), k + 1) + bytes(offset - 78)
+    seen = np.round(10.0**-survey.scaling * in_system(survey, -np.array(survey.platform), survey.bottom_system)).astype(int).tolist()
+    if survey.missing_beam is not None:
+        seen[survey.missing_beam] = -32768
+    return nortek_record(BOTTOM, head + rest + tail + struct.pack("<4i4i4H", *seen, *survey.distance_mm, *survey.merit))
+
+
+def ad2cp(survey: Survey, n: int = 5) -> bytes:
+    """Return a file of ``n`` pings, each with a bottom track."""
+    return text() + b"".join(burst(survey, k) + bottom(survey, k) for k in range(n))

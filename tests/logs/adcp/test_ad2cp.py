@@ -1,0 +1,114 @@
+"""AD2CP files: bottom-track records give the platform's velocity over the ground; a file with one whole ping is read."""
+
+from dataclasses import replace
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import LogError
+from replay_kit.logs import open_log
+from replay_kit.logs.adcp.bottom_track import NOT_FOUND, bottom_tracks
+from replay_kit.logs.adcp.records import scan
+from replay_kit.measurements.messages.adcp_ping import parse_ping
+from replay_kit.measurements.ping.earth import earth_referenced
+from tests.logs.adcp import ad2cp_samples as samples
+from tests.logs.adcp.ad2cp_samples import Survey
+from tests.logs.adcp.raw_adcp_samples import adcp_messages, nortek_record, write
+
+
+def pings(folder, survey, n=5):
+    return [message.payload for message in adcp_messages(write(folder, samples.ad2cp(survey, n)))[0]]
+
+
+@pytest.mark.parametrize("down", [True, False])
+@pytest.mark.parametrize(
+    ("system", "bottom_system"),
+    [("beam", "beam"), ("instrument", "instrument"), ("earth", "earth"), ("beam", "instrument"), ("instrument", "beam")],
+)
+def test_the_platforms_velocity_is_minus_that_of_the_bottom(tmp_path, system, bottom_system, down):
+    survey = Survey(system=system, bottom_system=bottom_system, down=down)
+    found = pings(tmp_path, survey)
+    assert len(found) == 5
+    for payload in found:
+        assert payload["coordinate_system"] == system
+        # of instrument and earth coordinates the two verticals are one
+        assert len(payload["bottom_track"]["velocity"]) == (4 if system == "beam" else 3)
+        assert payload["bottom_track"]["distance"] == [30.0, 31.0, 32.0, 33.0]
+        ping = earth_referenced(parse_ping(payload), MeasurementConfig())
+        assert ping.reference == "earth"
+        assert ping.platform_velocity.source == "bottom_track"
+        moved = (ping.platform_velocity.east, ping.platform_velocity.north)
+        assert moved == pytest.approx(survey.platform[:2], abs=0.003)
+        np.testing.assert_allclose(ping.velocity[:3, :2], np.tile(survey.water[:2], (3, 1)), atol=0.004)
+
+
+def test_velocities_have_the_scaling_of_their_record_and_begin_where_it_says():
+    survey = Survey(scaling=-4)
+    data = samples.text() + samples.bottom(survey, 0, offset=82) + samples.bottom(replace(survey, scaling=-3), 1)
+    tracks, unused = bottom_tracks(data, scan(data))
+    assert (list(tracks), unused) == (["beam"], {})
+    expected = samples.in_system(survey, -np.array(survey.platform), "beam")
+    np.testing.assert_allclose(tracks["beam"].velocity[0], expected, atol=0.00005)
+    np.testing.assert_allclose(tracks["beam"].velocity[1], expected, atol=0.0005)
+    start_ns = int(samples.START.timestamp()) * 10**9 + 120_000_000
+    assert tracks["beam"].time_ns.tolist() == [start_ns, start_ns + 10**9]
+
+
+def test_a_beam_that_found_no_bottom_is_left_out(tmp_path):
+    for survey in (Survey(missing_beam=2), Survey(distance_mm=(30_000, 31_000, 0, 33_000)), Survey(merit=(120, 130, 1000, 150))):
+        track = pings(tmp_path, survey)[0]["bottom_track"]
+        assert [value is None for value in track["velocity"]] == [False, False, True, False]
+        assert [value is None for value in track["distance"]] == [False, False, True, False]
+    assert None not in pings(tmp_path, Survey(merit=(999, 999, 999, 999)))[0]["bottom_track"]["velocity"]
+    # east, north and up need all beams
+    log = open_log(write(tmp_path, samples.ad2cp(Survey(system="earth", bottom_system="earth", merit=(120, 130, 1000, 150)))))
+    assert {m.payload["bottom_track"] for m in log.messages()} == {None}
+    assert log.report().undecodable == {"/adcp/bottom_track": (5, NOT_FOUND)}
+
+
+def test_a_bottom_track_belongs_to_the_ping_beside_it(tmp_path):
+    near, far = Survey(bottom_after=timedelta(seconds=-3)), Survey(bottom_after=timedelta(seconds=-3, milliseconds=-1))
+    one = samples.text() + samples.burst(near, 0)
+    for survey, found in ((near, True), (far, False)):
+        (ping,) = (m.payload for m in open_log(write(tmp_path, one + samples.bottom(survey, 0))).messages())
+        assert (ping["bottom_track"] is not None) is found
+    # of several the nearest in time
+    data = samples.text() + b"".join(samples.burst(near, k) for k in range(4))
+    slow, fast = Survey(), Survey(platform=(2.2, 1.4, 0.0))
+    data += samples.bottom(slow, 0) + samples.bottom(fast, 3)
+    along = [m.payload["bottom_track"]["velocity"][0] for m in open_log(write(tmp_path, data)).messages()]
+    assert along[0] == along[1] == pytest.approx(along[2] / 2, abs=0.001)
+    assert along[2] == along[3]
+
+
+def test_bottom_tracks_that_cannot_be_used_are_counted(tmp_path):
+    log = open_log(write(tmp_path, samples.ad2cp(Survey(system="beam", bottom_system="earth"))))
+    assert {m.payload["bottom_track"] for m in log.messages()} == {None}
+    why = "bottom track in coordinates that cannot be turned to those of the pings"
+    assert log.report().undecodable == {"/adcp/bottom_track": (5, why)}
+    body = bytearray(samples.bottom(Survey(), 0)[10:])
+    cases = {
+        "bottom track of 77 bytes, 78 are needed": body[:77],
+        "bottom track shorter than its configuration says": body[:-1],
+        "bottom track without velocities, or in unknown coordinates": body[:2] + b"\x00\x00" + body[4:],
+        "bottom track without a time": body[:9] + b"\x0c" + body[10:],
+    }
+    for why, content in cases.items():
+        data = samples.text() + nortek_record(samples.BOTTOM, bytes(content))
+        assert bottom_tracks(data, scan(data)) == ({}, {why: 1})
+
+
+def test_one_whole_ping_of_a_cut_file_is_read(tmp_path):
+    survey = Survey()
+    whole = samples.ad2cp(survey, 3)
+    first = len(samples.text()) + len(samples.burst(survey, 0))
+    for end in (first, first + 30, first + len(samples.bottom(survey, 0)) + 50):
+        log = open_log(write(tmp_path, whole[:end]))
+        (ping,) = log.messages()
+        assert (ping.time_ns, ping.payload["ping"]) == (int(samples.START.timestamp()) * 10**9, 0)
+        assert ping.payload["velocity"] == pings(tmp_path, survey, 3)[0]["velocity"]
+        assert len(log.report().losses) == (end > first)
+    with pytest.raises(LogError, match="no sound ensemble of velocities"):
+        open_log(write(tmp_path, whole[: first - 1]))
