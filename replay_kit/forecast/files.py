@@ -37,7 +37,7 @@ def open_file(path: Path) -> xr.Dataset:
             # packed values whose fill value the packing cannot hold; land is then found by its constant value
             warnings.simplefilter("ignore", xr.SerializationWarning)
             ds = xr.open_dataset(path, engine=engine, decode_times=False, decode_timedelta=False, **options)  # type: ignore[arg-type]
-    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RuntimeError) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
     dates = {name: dated for name in ds.variables if (dated := _dated(ds.variables[name])) is not None}
     return ds.assign(dates) if dates else ds
