@@ -13,7 +13,7 @@ from mcap.exceptions import McapError
 from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from replay_kit.logs.decode.budget import check_schema
+from replay_kit.logs.decode.budget import MOST_SCHEMA, check_size
 from replay_kit.logs.decode.json import decode_json
 from replay_kit.logs.decode.protobuf import protobuf_decoder
 from replay_kit.logs.decode.ros import ros_decoder
@@ -51,7 +51,7 @@ def channel_decoder(message_encoding: str, schema: Schema | None) -> Decoder | s
         return f"encoding {message_encoding!r} needs a schema and the channel has none"
     pair = f"encoding {message_encoding!r} with schema {schema.name!r} in {schema.encoding!r}"
     try:
-        check_schema(schema.data)
+        check_size(len(schema.data), MOST_SCHEMA, "its text")
         if (message_encoding, schema.encoding) == (MessageEncoding.Protobuf, SchemaEncoding.Protobuf):
             return protobuf_decoder(schema)
         if (message_encoding, schema.encoding) in _ROS_ENCODINGS:

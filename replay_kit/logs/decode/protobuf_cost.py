@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 
-from replay_kit.logs.decode.budget import FREE, MAPPING, MOST_VALUES, PER_BYTE, Budget
+from replay_kit.logs.decode.budget import FREE, MAPPING, MOST_BYTES, MOST_VALUES, PER_BYTE, Budget
 
 _VARINT, _FIXED64, _BYTES, _GROUP, _END, _FIXED32 = range(6)
 #: The library refuses messages nested deeper.
@@ -62,7 +62,7 @@ def longest_cheap(cost: Cost) -> int:
                 dearest = max(dearest, part.own)
             elif part is cost:
                 dearest = max(dearest, cost.own)
-    return 2 * MOST_VALUES // dearest if dearest <= 2 * PER_BYTE else 2 * FREE // dearest
+    return min(2 * MOST_VALUES // dearest, MOST_BYTES) if dearest <= 2 * PER_BYTE else 2 * FREE // dearest
 
 
 def pay(cost: Cost, data: bytes, budget: Budget) -> None:
