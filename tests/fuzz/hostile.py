@@ -125,7 +125,17 @@ def _chunk(folder: Path) -> list[str]:
 def _toml(text: bytes) -> Attack:
     def attack(folder: Path) -> list[str]:
         (folder / "run.toml").write_bytes(text)
-        return ["replay", _SURVEY, "--ensemble", _ENSEMBLE, "--config", str(folder / "run.toml"), "--dry-run"]
+        return [
+            "replay",
+            _SURVEY,
+            "--ensemble",
+            _ENSEMBLE,
+            "--config",
+            str(folder / "run.toml"),
+            "--dry-run",
+            "-o",
+            str(folder / "out.mcap"),
+        ]
 
     return attack
 
