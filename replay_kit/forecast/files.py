@@ -33,7 +33,7 @@ def open_file(path: Path) -> xr.Dataset:
         engine = "scipy" if head[:3] == b"CDF" else "h5netcdf" if head[1:4] == b"HDF" else ""
     if not engine:
         raise ForecastError(f"{path}: neither NetCDF nor Zarr; it begins with {head.hex(' ') or 'nothing'}; {_HINT}")
-    options = {"consolidated": None} if engine == "zarr" else {}
+    options = {"zarr": {"consolidated": None}, "h5netcdf": {"phony_dims": "access"}}.get(engine, {})
     try:
         if engine == "h5netcdf" and (why := exceeds_claim(path, _small_arrays(path))):
             raise ValueError(why)
