@@ -19,6 +19,7 @@ from replay_kit.cli.help import command_group, layout, option_groups
 from replay_kit.cli.options import CHOICES, before_conversion
 from replay_kit.cli.unknown import refuse_unknown
 from replay_kit.core.errors import ConfigError, ReplayKitError
+from replay_kit.core.printable import printable
 from replay_kit.core.version import __version__
 
 # Loading modules and laying out help make many small objects that stay; looking for garbage among them takes a sixth of the help's time.
@@ -137,6 +138,8 @@ def main() -> None:
         code = 1
     except (CycloptsError, ReplayKitError, OSError, KeyboardInterrupt) as error:
         code = report(error)
+    except MemoryError as error:
+        code = report(ReplayKitError(f"there is not enough memory: {error}; choose less with --region, --levels or --modes"))
     sys.exit(code)
 
 
@@ -211,6 +214,7 @@ def report(error: CycloptsError | ReplayKitError | OSError | KeyboardInterrupt) 
         message, code = "interrupted", 130
     else:
         message, code = str(error), error.exit_code if isinstance(error, ReplayKitError) else 1
+    message = printable(message)
     print(f"replay-kit: {message}", file=sys.stderr)
     reporting.keep(f"ERROR: {message}")
     return code

@@ -15,6 +15,7 @@ from replay_kit.cli import reporting
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.paths import is_stream
+from replay_kit.core.printable import printable
 from replay_kit.core.progress import Progress, shown_by, silent
 
 if TYPE_CHECKING:
@@ -78,12 +79,12 @@ class _Kept(io.StringIO):
 
 def console_beside(*answers: Path | None) -> "Console":
     """Return where tables and messages go: standard output, or standard error when an answer takes that; wide in a pipe."""
-    from rich.console import Console
+    from replay_kit.cli.terminal import SafeConsole
 
     stream = sys.stderr if any(path is not None and str(path) == "-" for path in answers) else sys.stdout
     width = None if stream.isatty() or "COLUMNS" in os.environ else reporting.PIPE_WIDTH
-    # no markup: a unit in brackets is not a style
-    return Console(file=_Kept(stream), highlight=False, markup=False, width=width)
+    # no markup: a unit in brackets is not a style, and a name between colons no picture
+    return SafeConsole(file=_Kept(stream), highlight=False, markup=False, emoji=False, width=width)
 
 
 @contextmanager
@@ -105,7 +106,7 @@ def progress(threads: int | None = None) -> Iterator[Progress]:
         from rich.progress import Progress as Bars
 
         left = (TextColumn("for"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-        columns = (TextColumn("{task.description}"), BarColumn(20), TextColumn("{task.fields[share]}"), *left)
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(20), TextColumn("{task.fields[share]}"), *left)
         with Bars(*columns, console=Console(stderr=True), transient=True) as shown:
             task = shown.add_task("", total=None, share="")
 
@@ -131,6 +132,7 @@ def _stages(show: Progress) -> Progress:
 
     def advance(done: float, total: float, what: str) -> None:
         nonlocal stage, due, share
+        what = printable(what)
         if total == 0 and share[0] < share[1]:
             (done, total), what = share, f"{stage}: {what}"
         share = done, total

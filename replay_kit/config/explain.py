@@ -1,12 +1,17 @@
 """What is wrong with a configuration, in words."""
 
-import re
+import reprlib
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+
+# Errors that are told one by one, and a value in them: a file may hold millions, or one that is nested a thousand deep.
+_MOST = 20
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 4, 20, 20, 200, 200, 200
 
 
 def explain(error: ValidationError, model: type[BaseModel], path: Path | None, options: Mapping[str, Any]) -> str:
@@ -19,30 +24,18 @@ def explain(error: ValidationError, model: type[BaseModel], path: Path | None, o
         options: Tables of the values that options gave, which are laid over the file's; None is not given.
     """
     found: dict[str, list[str]] = defaultdict(list)
-    for item in error.errors():
-        key = ".".join(str(part) for part in item["loc"])
+    errors = error.errors()
+    for item in errors[:_MOST]:
+        key = ".".join(str(part)[: _SHORT.maxstring] for part in item["loc"])
         if item["type"] == "extra_forbidden":
             known = sorted(_known_keys(model, item["loc"][:-1]))
             line = f"unknown key '{key}'; known here: {', '.join(known)}"
         else:
-            said, got = item["msg"].removeprefix("Value error, "), repr(item["input"])
+            said, got = item["msg"].removeprefix("Value error, "), _SHORT.repr(item["input"])
             line = f"'{key}': {said}" if said.startswith(got) else f"'{key}': {said}, got {got}"
         found["options" if path is None or _is_given(options, item["loc"]) else str(path)].append(line)
-    return "; ".join(f"{origin}: {'; '.join(lines)}" for origin, lines in found.items())
-
-
-def explain_syntax(error: ValueError, path: Path) -> str:
-    """Return why a file is not TOML; of a key or a table that stands twice its name and line.
-
-    Args:
-        error: Of the reader.
-        path: The file.
-    """
-    if place := re.fullmatch(r"Cannot (?:overwrite a value|declare .* twice) \(at line (\d+), column \d+\)", str(error)):
-        line = path.read_text(encoding="utf-8").splitlines()[int(place[1]) - 1].strip()
-        what = f"the table {line}" if line.startswith("[") else f"the key '{line.partition('=')[0].strip()}'"
-        return f"line {place[1]}: {what} stands twice; keep one"
-    return f"not TOML: {error}"
+    more = [f"and {len(errors) - _MOST} more"] if len(errors) > _MOST else []
+    return "; ".join([*(f"{origin}: {'; '.join(lines)}" for origin, lines in found.items()), *more])
 
 
 def _is_given(options: Mapping[str, Any], location: tuple[int | str, ...]) -> bool:

@@ -4,7 +4,6 @@ One TOML file holds it; each table is one class below. Command-line options over
 """
 
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -12,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
 from replay_kit.config.consistency import ConsistencyConfig
-from replay_kit.config.explain import explain, explain_syntax
+from replay_kit.config.explain import explain
 from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.moment import Moment
@@ -20,6 +19,7 @@ from replay_kit.config.option import Option
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig
 from replay_kit.config.time import TimeConfig
+from replay_kit.config.toml_file import read_toml
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time
 
@@ -237,7 +237,9 @@ class OutputConfig(_Section):
     depths: tuple[_Depth, ...] | None = Field(default=None, description="Depths of the published slices [m]. Default: three levels.")
     interval: float = Field(default=21600.0, gt=0.0, description="Log time between published grids [s].")
     checkpoint_interval: float = Field(default=3600.0, gt=0.0, description="Log time between checkpoints [s].")
-    threads: int = Field(default=1, ge=1, description="Number of BLAS threads; another number changes the last bits of the results.")
+    threads: int = Field(
+        default=1, ge=1, le=1024, description="Number of BLAS threads; another number changes the last bits of the results."
+    )
 
 
 class RunConfig(_Section):
@@ -266,12 +268,7 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
     """
     tables: dict[str, Any] = {}
     if path is not None:
-        try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path}: {explain_syntax(error, path)}") from error
+        tables = read_toml(path)
     if "trust" in tables:
         keys = ", ".join(f"{old} is {new}" for old, new in RENAMED_KEYS.items())
         raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")

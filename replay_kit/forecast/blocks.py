@@ -17,6 +17,9 @@ from replay_kit.forecast.names import MEMBER_NAMES, Axes, Current, find_current,
 from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
 from replay_kit.forecast.sources import find_sources, natural
 
+#: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
+_FOREIGN = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, ArithmeticError, MemoryError)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
@@ -71,12 +74,19 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
         ForecastError: Files are missing, unreadable, hold no current, or do not belong together.
     """
     sources = find_sources(given)
-    with ExitStack() as stack:
-        opened = [
-            (number, path, stack.enter_context(open_file(path))) for number, argument in enumerate(sources.arguments) for path in argument
-        ]
-        files, rule = _identified(opened, rule)
-        yield _collected(files, rule, sources.notes)
+    try:
+        with ExitStack() as stack:
+            opened = [
+                (number, path, stack.enter_context(open_file(path)))
+                for number, argument in enumerate(sources.arguments)
+                for path in argument
+            ]
+            files, rule = _identified(opened, rule)
+            yield _collected(files, rule, sources.notes)
+    # values of unexpected kinds and damaged data blocks are found where they are used
+    except _FOREIGN as error:
+        names, words = ", ".join(map(str, sources.files[:3])), " ".join(str(error).split())[:200]
+        raise ForecastError(f"{names}: cannot be used as a forecast: {type(error).__name__}: {words}; is it whole?") from error
 
 
 def _identified(opened: Sequence[tuple[int, Path, xr.Dataset]], rule: MemberRule | None) -> tuple[list[OpenedFile], MemberRule | None]:

@@ -3,9 +3,11 @@
 import warnings
 from pathlib import Path
 
+import h5py
 import numpy as np
 import xarray as xr
 
+from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
 
 _HINT = "give the path of a NetCDF file or a Zarr store"
@@ -31,16 +33,31 @@ def open_file(path: Path) -> xr.Dataset:
         engine = "scipy" if head[:3] == b"CDF" else "h5netcdf" if head[1:4] == b"HDF" else ""
     if not engine:
         raise ForecastError(f"{path}: neither NetCDF nor Zarr; it begins with {head.hex(' ') or 'nothing'}; {_HINT}")
-    options = {"consolidated": None} if engine == "zarr" else {}
+    options = {"zarr": {"consolidated": None}, "h5netcdf": {"phony_dims": "access"}}.get(engine, {})
     try:
+        if engine == "h5netcdf" and (why := exceeds_claim(path, _small_arrays(path))):
+            raise ValueError(why)
         with warnings.catch_warnings():
             # packed values whose fill value the packing cannot hold; land is then found by its constant value
             warnings.simplefilter("ignore", xr.SerializationWarning)
             ds = xr.open_dataset(path, engine=engine, decode_times=False, decode_timedelta=False, **options)  # type: ignore[arg-type]
-    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RuntimeError) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
     dates = {name: dated for name in ds.variables if (dated := _dated(ds.variables[name])) is not None}
     return ds.assign(dates) if dates else ds
+
+
+def _small_arrays(path: Path) -> int:
+    """Return what the arrays of one and two dimensions take in memory [bytes]: coordinates, which are read when a file is opened."""
+    sizes: list[int] = []
+
+    def add(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset) and item.shape is not None and item.ndim <= 2:
+            sizes.append(8 * item.size)
+
+    with h5py.File(path, "r") as file:
+        file.visititems(add)
+    return sum(sizes)
 
 
 def undated(variable: xr.Variable | xr.DataArray) -> str:

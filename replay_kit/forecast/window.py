@@ -1,6 +1,8 @@
 """The part of one file that is used: only the window is read, and both components come to cell centres and fixed depths."""
 
+import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -8,6 +10,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.grid import Block, region_block
@@ -66,6 +69,7 @@ def read_window(ds: xr.Dataset, current: Current, layout: Layout, member: str | 
         ForecastError: Nothing is inside the region, or units, depths or dimensions are not those expected.
     """
     block = _block(layout, config, where)
+    _check_size(ds, layout, block, where)
     longitude, latitude = _coordinates(layout, block)
     if min(longitude.shape) < 2:
         raise ForecastError(f"{where}: the region holds a grid of {longitude.shape}; at least 2 x 2 points are needed: widen --region")
@@ -107,6 +111,20 @@ def _block(layout: Layout, config: ForecastConfig, where: str) -> Block:
     if layout.first_face is not None and len(columns) > 1:
         raise ForecastError(f"{where}: the region crosses the seam of a C-grid that goes round the globe; roll the file first")
     return _moved(rows, layout.rows.start), tuple(_moved(part, layout.columns.start) for part in columns)
+
+
+def _check_size(ds: xr.Dataset, layout: Layout, block: Block, where: str) -> None:
+    """Refuse velocities that are no numbers, or more than the file can be meant to hold."""
+    rows, columns = block
+    points = (rows.stop - rows.start) * sum(part.stop - part.start for part in columns)
+    for name, dims in ((U, layout.u_dims), (V, layout.v_dims)):
+        part = ds[name]
+        fields = math.prod(size for dim, size in part.sizes.items() if dim not in dims)
+        shown = part.attrs.get("replay_kit_name", name)
+        if part.dtype.kind not in "fiu":
+            raise ForecastError(f"{where}: expected numbers, {shown} holds values of the type {part.dtype}; give a forecast of currents")
+        if why := exceeds_claim(Path(where), 8 * points * fields):
+            raise ForecastError(f"{where}: {shown} cannot be read: {why}; choose less with --region and --levels, or mend the file")
 
 
 def _moved(part: slice, by: int) -> slice:

@@ -112,3 +112,25 @@ def test_all_modes_from_a_file_and_from_an_option(tmp_path):
     assert load_config(path).estimator.modes is None
     assert load_config(path, {"estimator": {"modes": "20"}}).estimator.modes == 20
     assert load_config(None, {"estimator": {"modes": "all"}}).estimator.modes is None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a=" + "[" * 5000 + "]" * 5000, "not TOML: its values are nested too deeply"),
+        ("[output]\nthreads=" + "9" * 5000, "not TOML: Exceeds the limit"),
+        ("# a comment\n" * 30_000, "expected a configuration of at most 262144 bytes"),
+        (".".join(["a"] * 5000) + "=1", r"unknown key 'a'; known here: .*output"),
+        ("[output]\nthreads=" + "[" * 300 + "]" * 300, r"'output\.threads': Input should be a valid integer, got \[{5}\.\.\.\]{5}"),
+        ("[output]\nthreads='" + "x" * 100_000 + "'", r"'output\.threads': Input should be a valid integer.*, got 'x+\.\.\.x+'$"),
+        ("[output]\nthreads=1000000", r"'output\.threads': Input should be less than or equal to 1024, got 1000000"),
+        ("".join(f"a{k}=1\n" for k in range(23)), r"unknown key 'a19'; known here: .*; and 3 more$"),
+        (f"{'a' * 100_000}=1", r"unknown key 'a{200}';"),
+    ],
+)
+def test_a_configuration_made_to_hurt_ends_with_a_short_error(tmp_path, text, words):
+    path = tmp_path / "run.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=words) as error:
+        load_config(path)
+    assert len(str(error.value)) < 5000

@@ -1,17 +1,25 @@
 """What is fuzzed: each parser that is ours takes any bytes, and ends with values or an error of its own kind."""
 
+import contextlib
+import hashlib
+import struct
 import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from replay_kit.core.errors import LogError
+from replay_kit.config.run import ForecastConfig, load_config
+from replay_kit.core.errors import ConfigError, ForecastError, LogError
+from replay_kit.forecast import read_ensemble
+from replay_kit.logs import open_log
 from replay_kit.logs.dataflash.reader import DataflashReader
 from replay_kit.logs.decode.decoders import decode_json
 from replay_kit.logs.decode.ros2idl import ros2msg_from_idl
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
+from replay_kit.workflows.replay.checkpoint import CheckpointFile
 
+IDENTITY = "0" * 64
 CORPUS = Path(__file__).parent / "corpus"
 
 
@@ -47,7 +55,9 @@ def dataflash(data: bytes) -> None:
     _file().write_bytes(data)
     reader = DataflashReader(_file())
     list(reader.messages())
-    reader.tables()
+    # two declarations of one name are refused
+    with contextlib.suppress(LogError):
+        reader.tables()
     assert all(loss.offset >= 0 and loss.offset + loss.bytes <= len(data) for loss in reader.report().losses[:20])
 
 
@@ -69,4 +79,67 @@ def json(data: bytes) -> None:
     assert isinstance(value, dict)
 
 
-PARSERS: dict[str, Callable[[bytes], None]] = {"mcap": mcap, "tlog": tlog, "dataflash": dataflash, "ros2idl": ros2idl, "json": json}
+def pd0(data: bytes) -> None:
+    """A Teledyne file, every checksum set right: no flip would come further than the checksum otherwise."""
+    sealed, at = bytearray(data), 0
+    while (at := sealed.find(b"\x7f\x7f", at)) >= 0 and at + 4 <= len(sealed):
+        (size,) = struct.unpack_from("<H", sealed, at + 2)
+        end = at + max(size, 2)
+        if end + 2 <= len(sealed):
+            struct.pack_into("<H", sealed, end, sum(sealed[at:end]) & 0xFFFF)
+        at = end
+    _read_log(bytes(sealed))
+
+
+def ad2cp(data: bytes) -> None:
+    """A Nortek file, every checksum set right."""
+    sealed, at = bytearray(data), 0
+    while (at := sealed.find(b"\xa5\x0a", at)) >= 0 and at + 10 <= len(sealed):
+        (size,) = struct.unpack_from("<H", sealed, at + 4)
+        end = at + 10 + size
+        if end <= len(sealed):
+            struct.pack_into("<H", sealed, at + 6, _nortek_sum(sealed[at + 10 : end]))
+            struct.pack_into("<H", sealed, at + 8, _nortek_sum(sealed[at : at + 8]))
+        at = end
+    _read_log(bytes(sealed))
+
+
+def _nortek_sum(content: bytes) -> int:
+    words = struct.unpack_from(f"<{len(content) // 2}H", content)
+    return (0xB58C + sum(words) + (256 * content[-1] if len(content) % 2 else 0)) & 0xFFFF
+
+
+def _read_log(data: bytes) -> None:
+    _file().write_bytes(data)
+    try:
+        with open_log(_file()) as log:
+            for _ in log.messages():
+                pass
+    except LogError:
+        return
+
+
+def netcdf(data: bytes) -> None:
+    """A NetCDF file, as a glider's log and as an ensemble."""
+    _read_log(data)
+    with contextlib.suppress(ForecastError):
+        read_ensemble(_file(), ForecastConfig())
+
+
+def toml(data: bytes) -> None:
+    """A configuration."""
+    _file().write_bytes(data)
+    with contextlib.suppress(ConfigError):
+        load_config(_file())
+
+
+def checkpoint(data: bytes) -> None:
+    """What a checkpoint holds, with the right version, run and checksum before it."""
+    _file().write_bytes(b"replay-kit checkpoint 5\n" + IDENTITY.encode() + hashlib.sha256(data).digest() + data)
+    with contextlib.suppress(LogError):
+        CheckpointFile(_file(), IDENTITY, 3600.0, None).read()
+
+
+PARSERS: dict[str, Callable[[bytes], None]] = {
+    parser.__name__: parser for parser in (mcap, tlog, dataflash, ros2idl, json, pd0, ad2cp, netcdf, toml, checkpoint)
+}

@@ -44,7 +44,7 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
         ForecastError: As for ``load``.
     """
     try:
-        with xr.open_dataset(io.BytesIO(data), engine="h5netcdf", decode_cf=False) as dataset:
+        with xr.open_dataset(io.BytesIO(data), engine="h5netcdf", decode_cf=False, phony_dims="access") as dataset:
             kind, version = dataset.attrs.get("replay_kit_format"), dataset.attrs.get("replay_kit_format_version")
             if kind == FORMAT and version in READ_VERSIONS:
                 return from_lossless(dataset.load())

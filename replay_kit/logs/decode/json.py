@@ -6,7 +6,10 @@ from typing import Any
 
 import orjson
 
-_BARE_NUMBER = re.compile(r'"(?:[^"\\]|\\.)*"|(-?)\b(inf|infinity|nan)\b', re.IGNORECASE)
+from replay_kit.logs.decode.budget import MAPPING, MOST_VALUES, Budget
+
+# possessive, and with a text that does not end matched too: each byte is looked at once
+_BARE_NUMBER = re.compile(r'"(?:[^"\\]|\\.)*+"?|(-?)\b(inf|infinity|nan)\b', re.IGNORECASE | re.DOTALL)
 
 
 def decode_json(data: bytes) -> dict[str, Any]:
@@ -25,8 +28,11 @@ def loads(data: bytes) -> Any:
     """Return any JSON value, bare numbers as in ``decode_json``.
 
     Raises:
-        ValueError: The bytes are no JSON.
+        ValueError: The bytes are no JSON, or claim more than the budget of a message.
     """
+    # a shorter message cannot hold more: a value takes two bytes, a mapping three
+    if len(data) > MOST_VALUES // 2:
+        Budget(len(data)).spend(sum(data.count(mark) for mark in (b",", b"[", b":")) + MAPPING * data.count(b"{"))
     try:
         return orjson.loads(data)
     except orjson.JSONDecodeError:

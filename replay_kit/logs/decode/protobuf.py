@@ -9,6 +9,9 @@ from mcap.records import Schema
 from mcap.well_known import MessageEncoding
 from mcap_protobuf.decoder import DecoderFactory
 
+from replay_kit.logs.decode.budget import Budget
+from replay_kit.logs.decode.protobuf_cost import Cost, cost_of, longest_cheap, pay
+
 _Read = Callable[[Any], Any]
 _TIMES = frozenset({"google.protobuf.Timestamp", "google.protobuf.Duration"})
 
@@ -28,13 +31,18 @@ def protobuf_decoder(schema: Schema) -> Callable[[bytes], dict[str, Any]]:
     assert parse is not None, "asked only for encodings that it decodes"
     read: _Read | None = None
     convert: _Read | None = None
+    cost, cheap = Cost(0, {}), 0
 
     def decode(data: bytes) -> dict[str, Any]:
-        nonlocal read, convert
+        nonlocal read, convert, cost, cheap
         if read is None or convert is None:
             # the library's function makes the type from the descriptors on its first use
-            message = type(parse(data))
+            message = type(parse(b""))
             read, convert = message.FromString, _converter(message.DESCRIPTOR)
+            cost = cost_of(message.DESCRIPTOR, {})
+            cheap = longest_cheap(cost)
+        if len(data) > cheap:
+            pay(cost, data, Budget(len(data)))
         plain: dict[str, Any] = convert(read(data))
         return plain
 

@@ -8,7 +8,10 @@ import re
 from collections.abc import Iterator
 from math import prod
 
-_TOKEN = re.compile(r'//[^\n]*|/\*.*?\*/|^\s*#[^\n]*|^=+$|^IDL:[^\n]*|("(?:[^"\\]|\\.)*"|[\w:.+-]+|\S)', re.DOTALL | re.MULTILINE)
+# What looks ahead for an end takes the rest of the text where there is none: each byte is looked at once.
+_TOKEN = re.compile(
+    r'//[^\n]*|/\*.*?(?:\*/|\Z)|^[^\S\n]*#[^\n]*|^=++$|^IDL:[^\n]*|("(?:[^"\\]|\\.)*+"?|[\w:.+-]+|\S)', re.DOTALL | re.MULTILINE
+)
 _PRIMITIVES = {
     "float": "float32",
     "double": "float64",

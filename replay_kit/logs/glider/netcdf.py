@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import LogError
 
 _ATTRIBUTES = (
@@ -18,7 +19,8 @@ _ATTRIBUTES = (
     *("standard_name", "positive", "flag_values", "flag_meanings", "long_name", "comment", "sample_dimension"),
 )
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"  # what NetCDF names a dataset that holds a dimension's length alone
-_UNREADABLE = (OSError, ValueError, KeyError, TypeError, RuntimeError, IndexError)
+_UNREADABLE = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, ArithmeticError, MemoryError)
+_ITEM = 8  # bytes of a value in memory
 
 #: Given the names of a file's variables and its attributes: the names of those to read.
 Choose = Callable[[Collection[str], Mapping[str, Any]], Collection[str]]
@@ -141,6 +143,8 @@ def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
         attributes = {key: _plain(value) for part in (file.get("Config"), file) if part is not None for key, value in part.attrs.items()}
         held = {name: item for name in group if isinstance(item := group[name], h5py.Dataset)}
         chosen = {name: held[name] for name in choose(held, attributes) if name in held}
+        if why := exceeds_claim(path, sum(_ITEM * item.size for item in chosen.values())):
+            raise ValueError(why)
         variables = {
             name: Stored(
                 _stored(item), {key: _plain(item.attrs[key]) for key in _ATTRIBUTES if key in item.attrs}, _dims(group, name, item)

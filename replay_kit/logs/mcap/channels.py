@@ -8,6 +8,7 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
 from replay_kit.core.raw import MAVLINK_FRAMES, RawChannel
+from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, MOST_SCHEMAS, check_size
 from replay_kit.logs.decode.decoders import Decoder, channel_decoder
 from replay_kit.logs.mcap.records import parse
 from replay_kit.logs.mcap.summary import Summary
@@ -44,6 +45,10 @@ class Channels:
         self._rename = rename
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
+        self._declared = 0
+        #: By encoding and schema: channels of one schema share a decoder.
+        self._decoders: dict[tuple[str, str, str, bytes], Decoder | str] = {}
+        self._parsed = 0
         #: Those built so far, by channel; read directly where a call for each message would cost time.
         self.sinks: dict[int, Sink] = {}
 
@@ -51,17 +56,20 @@ class Channels:
         """Add a schema or channel record.
 
         Raises:
-            struct.error, ValueError, OverflowError, mcap.exceptions.McapError: The body is no such record.
+            struct.error, ValueError, OverflowError, mcap.exceptions.McapError: The body is no such record, or the log declares too much.
         """
+        check_size(self._declared + len(body), MOST_DECLARED, "all schemas and channels")
         if opcode == Opcode.SCHEMA:
             schema = parse(Schema, body)
             if self._schemas.get(schema.id) != schema:
                 self._schemas[schema.id] = schema
+                self._declared += len(body)
                 self.sinks.clear()
         else:
             channel = parse(Channel, body)
             if self._channels.get(channel.id) != channel:
                 self._channels[channel.id] = channel
+                self._declared += len(body)
                 self.sinks.pop(channel.id, None)
 
     def sink(self, channel_id: int) -> Sink:
@@ -89,5 +97,17 @@ class Channels:
 
             if (known := mavlink_channel(channel.topic)) is not None:
                 return Sink(topic, known[0] or name, known[1], raw)
-        decode = None if raw.encoding == MAVLINK_FRAMES else channel_decoder(channel.message_encoding, schema)
+        decode = None if raw.encoding == MAVLINK_FRAMES else self._decoder(channel.message_encoding, schema)
         return Sink(topic, name, decode, raw)
+
+    def _decoder(self, encoding: str, schema: Schema | None) -> Decoder | str:
+        """Return what ``channel_decoder`` does; the reason where the schemas of the log are too large in all."""
+        if schema is None:
+            return channel_decoder(encoding, None)
+        key = encoding, schema.name, schema.encoding, schema.data
+        if key not in self._decoders:
+            self._parsed += min(len(schema.data), MOST_SCHEMA)
+            full = self._parsed > MOST_SCHEMAS
+            why = f"the schemas of this log have more than the {MOST_SCHEMAS} bytes that are parsed of one log"
+            self._decoders[key] = why if full and encoding != MessageEncoding.JSON else channel_decoder(encoding, schema)
+        return self._decoders[key]

@@ -22,10 +22,11 @@ from mcap.records import McapRecord
 MAGIC = b"\x89MCAP0\r\n"
 
 #: Largest record read [bytes]; a larger claim counts as damage.
-MAX_SIZE = 1 << 30
+MAX_SIZE = 1 << 28
 
-#: Largest chunk decompressed [bytes]; the uncompressed size is the file's claim, and may be a decompression bomb.
-MAX_CONTENTS = 1 << 28
+#: Largest chunk decompressed whatever its bytes in the file [bytes], and how many bytes each of them may become beyond that: the uncompressed
+#: size is the file's claim, and may be a decompression bomb.
+MAX_CONTENTS, MAX_RATIO = 1 << 25, 8
 
 #: What the record parsers of ``mcap.records`` raise on bytes that are no such record.
 RECORD_ERRORS = (struct.error, ValueError, OverflowError, McapError)
@@ -197,7 +198,7 @@ def cut_contents(chunk: Chunk) -> bytes:
 
 
 def _check_claim(chunk: Chunk) -> None:
-    limit = MAX_CONTENTS if chunk.compression else MAX_SIZE
+    limit = min(max(MAX_CONTENTS, MAX_RATIO * len(chunk.data)), MAX_SIZE) if chunk.compression else MAX_SIZE
     if chunk.size > limit:
         raise ChunkError(f"claims {chunk.size} bytes, more than the {limit} that are read at once")
 

@@ -9,7 +9,9 @@ import hashlib
 import io
 import json
 import pickle
-from collections.abc import Callable, Mapping
+import pickletools
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -30,6 +32,10 @@ _HEAD = len(_MAGIC) + 64 + 32
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
 _CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float")}
+# Opcodes that the dumper never writes: memory for a place in the memo that is stated, or for bytes that are not there.
+_FOREIGN = frozenset({"PUT", "BINPUT", "LONG_BINPUT", "BYTEARRAY8", "NEXT_BUFFER", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "GLOBAL"})
+# What stages raise on a state whose parts are of other kinds or sizes.
+_FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, MemoryError, RecursionError)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +65,27 @@ def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) 
 def journal_path(path: Path) -> Path:
     """Return the journal of a checkpoint."""
     return checkpoint_files(path)[1]
+
+
+@contextmanager
+def resuming(path: Path | None) -> Iterator[None]:
+    """Turn an error of a run that goes on from a checkpoint into one that names it: with the right checksum it may hold what no run left.
+
+    Raises:
+        LogError: The run cannot go on from the checkpoint.
+    """
+    resumed = path is not None and path.exists()
+    try:
+        yield
+    except _FOREIGN_STATE as error:
+        if path is None or not resumed:
+            raise
+        raise _unusable(path, error) from error
+
+
+def _unusable(path: Path, error: Exception) -> LogError:
+    words = " ".join(str(error).split())[:200]
+    return LogError(f"{path}: the checkpoint cannot be used: {type(error).__name__}: {words}; delete it to begin anew")
 
 
 class CheckpointFile:
@@ -102,13 +129,15 @@ class CheckpointFile:
             raise ConfigError(
                 f"{self.path}: the checkpoint of another run: inputs, options, versions or settings differ; delete it, or name another"
             )
+        # pickle states no end to what it raises on bytes that are not its own
         try:
+            _check_opcodes(body)
             checkpoint = _Loader(io.BytesIO(body), self._prior).load()
             if not isinstance(checkpoint, Checkpoint):
                 raise TypeError(f"expected a checkpoint, got {type(checkpoint).__name__}")
-        except (ValueError, LookupError, TypeError, pickle.UnpicklingError, AttributeError, ImportError, EOFError) as error:
-            raise LogError(f"{self.path}: the checkpoint cannot be used: {error}; delete it to begin anew") from error
-        self._next_ns = checkpoint.state.last_ns + self._interval_ns
+            self._next_ns = int(checkpoint.state.last_ns) + self._interval_ns
+        except Exception as error:
+            raise _unusable(self.path, error) from error
         return checkpoint
 
     def open_journal(self, checkpoint: Checkpoint | None) -> Journal:
@@ -156,6 +185,13 @@ class CheckpointFile:
 def _is_value(kind: type) -> bool:
     """Return whether constructing an object of a class does no more than hold values."""
     return is_dataclass(kind) or issubclass(kind, (Enum, tuple)) or kind in (GrowingCholesky, Buffer)
+
+
+def _check_opcodes(body: bytes) -> None:
+    """Raise ValueError when what a checkpoint holds would take memory that its bytes do not fill."""
+    foreign = next((opcode.name for opcode, _, _ in pickletools.genops(body) if opcode.name in _FOREIGN), None)
+    if foreign is not None:
+        raise ValueError(f"it holds {foreign}, which no checkpoint does")
 
 
 class _Dumper(pickle.Pickler):

@@ -26,7 +26,7 @@ from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import failure_json, to_record
 from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
-from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, run_identity
+from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming, run_identity
 from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
 from replay_kit.workflows.replay.inputs import (
     ReplayJob,
@@ -72,7 +72,7 @@ def replay(
         ConfigError: An output exists and may not be replaced, or an option is wrong.
     """
     check_outputs(job)
-    with threadpool_limits(limits=config.output.threads):
+    with threadpool_limits(limits=config.output.threads), resuming(job.checkpoint):
         return _replay(job, config, planner, progress, on_digest)
 
 

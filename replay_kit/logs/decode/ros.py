@@ -1,0 +1,179 @@
+"""ROS messages to plain dicts: the serialization of ROS 1, and the CDR of ROS 2, which aligns values and states the order of bytes.
+
+A reader of a type is built once, from its definition: neighbouring numbers are one ``struct``. Each value is paid for from the message's
+budget before it is made. Sources: wiki.ros.org/msg; OMG, "DDS-RTPS" 2.3, 10.2 (encapsulation), and "CORBA" 3.4, 9.3 (CDR alignment).
+"""
+
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+from typing import Any
+
+from replay_kit.logs.decode.budget import MAPPING, Budget
+from replay_kit.logs.decode.ros_definition import ROS1_NUMBERS, ROS2_NUMBERS, Field, definitions
+
+_TIMES_OF_ROS2 = (Field("sec", "int32", None), Field("nanosec", "uint32", None))
+#: Sent as bytes and returned as bytes.
+_OF_BYTES = {True: ("uint8", "byte"), False: ("uint8", "char")}
+# Bytes before the values of CDR: its kind, odd where numbers are little-endian, and options.
+_ENCAPSULATION = 4
+
+
+class _Wire:
+    """The bytes of one message as they are read; mutable, as the place moves on."""
+
+    __slots__ = ("at", "budget", "cdr", "data", "order", "origin")
+
+    def __init__(self, data: bytes, cdr: bool) -> None:
+        self.data, self.cdr, self.budget = data, cdr, Budget(len(data))
+        self.at = self.origin = _ENCAPSULATION if cdr else 0
+        if len(data) < self.origin:
+            raise ValueError(f"{len(data)} bytes, fewer than the {_ENCAPSULATION} that begin CDR")
+        self.order = ">" if cdr and not data[1] & 1 else "<"
+
+    def array(self, code: str, count: int) -> list[Any]:
+        """Return that many numbers of one code."""
+        self.budget.spend(count)
+        if not count:
+            return []
+        size = struct.calcsize(f"<{code}")
+        if self.cdr:
+            self.at += -(self.at - self.origin) % size
+        values = struct.unpack_from(f"{self.order}{count}{code}", self.data, self.at)
+        self.at += count * size
+        return list(values)
+
+    def count(self, fixed: int | None = -1) -> int:
+        """Return how many elements follow: a number that is fixed, or at -1 the number that is sent."""
+        return fixed if fixed is not None and fixed >= 0 else int(self.array("I", 1)[0])
+
+    def places(self, fixed: int | None) -> int:
+        """Return how many elements follow, each of whose places in a list is paid for: what claims too many is refused before the first."""
+        count = self.count(fixed)
+        self.budget.spend(count)
+        return count
+
+    def bytes(self, size: int) -> bytes:
+        """Return that many bytes."""
+        end = self.at + size
+        if end > len(self.data):
+            raise ValueError(f"{size} bytes at byte {self.at}, the message has {len(self.data)}")
+        value, self.at = self.data[self.at : end], end
+        return value
+
+    def text(self) -> str:
+        """Return a text; that of CDR ends with a zero."""
+        self.budget.spend(1)
+        value = self.bytes(self.count())
+        return (value[:-1] if self.cdr else value).decode("utf-8")
+
+
+_Read = Callable[[_Wire], Any]
+#: Names of fields, what reads them, and whether it returns one value for each of them.
+_Step = tuple[tuple[str, ...], _Read, bool]
+
+
+def ros_decoder(name: str, text: str, cdr: bool) -> Callable[[bytes], dict[str, Any]]:
+    """Return the decoder of a type's payloads.
+
+    Times of ROS 1 become ``{"sec", "nsec"}``; those of ROS 2 are messages. Arrays of bytes are bytes, other arrays lists.
+
+    Args:
+        name: The type, ``package/Name`` or ``package/msg/Name``.
+        text: Its definition, with those of the types in it.
+        cdr: Whether messages are in the CDR of ROS 2, not in the serialization of ROS 1.
+
+    Raises:
+        ValueError: The definition cannot be understood, or lacks a type.
+    """
+    types = definitions(name, text)
+    if cdr:
+        types = {f"builtin_interfaces/{kind}": _TIMES_OF_ROS2 for kind in ("Time", "Duration")} | types
+    read = _message(next(iter(definitions(name, ""))), types, {}, cdr)
+    return lambda data: read(_Wire(data, cdr))
+
+
+def _message(name: str, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool) -> _Read:
+    """Return the reader of a type, and keep it in ``readers``: types may contain themselves."""
+    if name in readers:
+        return readers[name]
+    if name not in types:
+        raise ValueError(f"definition not found: {name}")
+    steps: list[_Step] = []
+
+    def read(wire: _Wire) -> dict[str, Any]:
+        wire.budget.spend(MAPPING)
+        message: dict[str, Any] = {}
+        for names, part, several in steps:
+            if several:
+                message.update(zip(names, part(wire), strict=True))
+            else:
+                message[names[0]] = part(wire)
+        # IDL has no structure without members: ROS 2 sends a byte for it
+        if cdr and not steps:
+            wire.bytes(1)
+        return message
+
+    readers[name] = read
+    numbers = ROS2_NUMBERS if cdr else ROS1_NUMBERS
+    for single, fields in groupby(types[name], lambda field: field.length is None and field.kind in numbers):
+        if single:
+            run = list(fields)
+            codes = "".join(numbers[field.kind] for field in run)
+            steps.append((tuple(field.name for field in run), _run(codes), True))
+        else:
+            steps.extend(((field.name,), _field(field, types, readers, cdr), False) for field in fields)
+    return read
+
+
+def _run(codes: str) -> _Read:
+    """Return the reader of numbers that follow one another; where CDR aligns them depends on the place at which they begin."""
+    forms: dict[tuple[str, int], struct.Struct] = {}
+
+    def read(wire: _Wire) -> tuple[Any, ...]:
+        wire.budget.spend(len(codes))
+        key = wire.order, (wire.at - wire.origin) % 8 if wire.cdr else -1
+        if (form := forms.get(key)) is None:
+            form = forms[key] = _aligned(*key, codes)
+        values = form.unpack_from(wire.data, wire.at)
+        wire.at += form.size
+        return values
+
+    return read
+
+
+def _aligned(order: str, phase: int, codes: str) -> struct.Struct:
+    """Return the form of numbers that begin at a place modulo 8; at -1 nothing is aligned."""
+    parts, at = [order], phase
+    for code in codes:
+        size = struct.calcsize(f"<{code}")
+        pad = -at % size if phase >= 0 else 0
+        parts.append(f"{'x' * pad}{code}")
+        at += pad + size
+    return struct.Struct("".join(parts))
+
+
+def _field(field: Field, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool) -> _Read:
+    """Return the reader of a field that is no single number."""
+    kind, length = field.kind, field.length
+    code = (ROS2_NUMBERS if cdr else ROS1_NUMBERS).get(kind)
+    if code is not None and kind in _OF_BYTES[cdr]:
+        return lambda wire: wire.bytes(wire.count(length))
+    if code is not None:
+        return lambda wire: wire.array(code, wire.count(length))
+    each = _element(kind, types, readers, cdr)
+    if length is None:
+        return each
+    return lambda wire: [each(wire) for _ in range(wire.places(length))]
+
+
+def _element(kind: str, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool) -> _Read:
+    """Return the reader of one value that is no number."""
+    if kind == "string":
+        return _Wire.text
+    if "/" in kind:
+        return _message(kind, types, readers, cdr)
+    if cdr:
+        raise ValueError(f"values of the type {kind} are not read")
+    pair = _run("II" if kind == "time" else "ii")
+    return lambda wire: dict(zip(("sec", "nsec"), pair(wire), strict=True))

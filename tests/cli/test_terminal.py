@@ -1,0 +1,139 @@
+"""Names that would drive a terminal: shown with their controls spelt out, by every command that prints them."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import h5py
+import pytest
+from rich.table import Table
+
+from replay_kit.cli.console import console_beside
+from replay_kit.core.message import Message
+from replay_kit.core.printable import printable
+from replay_kit.logs.mcap.writer import write_mcap_log
+from tests.command import Outcome, invoke
+from tests.places import ROOT
+
+#: Clears the screen, begins a line that looks like one of ours, rings, turns the direction of writing, is a style of rich and a picture.
+EVIL = "x\x1b[2J\nreplay-kit: all is well\x07\u202e[red]:bug:"
+SHOWN = "x\\x1b[2J\\nreplay-kit: all is well\\x07\\u202e[red]:bug:"
+
+
+def check(outcome: Outcome, code: int) -> str:
+    """Return what a command printed, after the checks that no name was obeyed."""
+    said = outcome.output
+    assert outcome.exit_code == code, said
+    assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", said)
+    assert "\nreplay-kit: all is well" not in said
+    assert "\\x1b[2J" in said
+    return said
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A log, an ensemble and a result of which all names are such."""
+    where = tmp_path_factory.mktemp("names")
+    fix = {"latitude": -40.0, "longitude": 152.0, "frame_id": EVIL}
+    adcp = {"velocity": [[0.1]], EVIL: EVIL}
+    messages = [
+        Message(10**18 + k * 10**9, f"/{topic}{EVIL}", schema, payload, 0, k)
+        for k in range(3)
+        for topic, schema, payload in (("fix", "foxglove.LocationFix", fix), ("adcp", "replay_kit.AdcpPing", adcp), ("other", EVIL, adcp))
+    ]
+    write_mcap_log(where / f"{EVIL}.mcap", messages)
+    shutil.copyfile(ROOT / "sample_logs" / "ensemble.nc", where / f"{EVIL}.nc")
+    with h5py.File(where / f"bad{EVIL}.nc", "w") as file:
+        file.create_dataset(EVIL, data=[1.0])
+    return where
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["info", f"{EVIL}.mcap"], 0),
+        (["info", f"{EVIL}.mcap", "-v"], 0),
+        (["info", "--ensemble", f"{EVIL}.nc"], 0),
+        (["info", "--ensemble", f"bad{EVIL}.nc"], 0),
+        (["info", f"bad{EVIL}.nc"], 3),
+        (["info", f"missing{EVIL}.mcap"], 3),
+        (["qc", f"{EVIL}.mcap"], 3),
+        (["convert", f"{EVIL}.mcap", "-o", f"copy{EVIL}.mcap", "--overwrite"], 0),
+        (["convert", f"{EVIL}.mcap", "-o", f"copy{EVIL}.tlog", "--overwrite"], 0),
+        (["replay", f"{EVIL}.mcap", "--ensemble", f"{EVIL}.nc", "-o", f"out{EVIL}.mcap"], 3),
+        (["replay", f"{EVIL}.mcap", "--ensemble", f"{EVIL}.nc", "--config", f"{EVIL}.toml", "-o", "out.mcap"], 2),
+        (["replay", f"{EVIL}.mcap", "--ensemble", f"{EVIL}.nc", "--remap", f"{EVIL}", "-o", "out.mcap"], 2),
+        (["smooth", f"{EVIL}.mcap", "--ensemble", f"{EVIL}.nc", "-o", f"out{EVIL}.mcap"], 3),
+        (["fit", f"bad{EVIL}.nc", "-o", "fit.toml"], 3),
+        (["verify", f"{EVIL}.mcap"], 3),
+        (["report", f"{EVIL}.mcap"], 3),
+        (["plot", f"{EVIL}.mcap", "map", "-o", "map.png"], 3),
+        (["export", f"{EVIL}.mcap", "-o", "series.csv"], 3),
+        (["plan", f"bad{EVIL}.nc", "--start", "152,-40,0", "--goal", "152.1,-40,10"], 3),
+        (["twin", "--truth", f"bad{EVIL}.nc", "-o", "twin.mcap"], 3),
+        (["info", f"--{EVIL}"], 2),
+        ([EVIL], 2),
+    ],
+    ids=lambda value: str(value[0]) if isinstance(value, list) else str(value),
+)
+def test_no_command_obeys_a_name(folder, monkeypatch, arguments, code):
+    monkeypatch.chdir(folder)
+    check(invoke(arguments), code)
+
+
+def test_names_of_topics_are_shown_whole(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    said = check(invoke(["info", f"{EVIL}.mcap", "-v"], columns=400), 0)
+    assert f"/other{SHOWN}" in said
+
+
+def test_what_commands_answer_as_json_holds_names_as_they_are(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    outcome = invoke(["info", f"{EVIL}.mcap", "--json", "-"])
+    assert "\x1b" not in outcome.stdout
+    assert any(EVIL in text for text in _texts(json.loads(outcome.stdout)))
+
+
+def _texts(value: object) -> list[str]:
+    if isinstance(value, dict):
+        return [text for pair in value.items() for part in pair for text in _texts(part)]
+    if isinstance(value, list):
+        return [text for part in value for text in _texts(part)]
+    return [value] if isinstance(value, str) else []
+
+
+def test_the_log_of_a_command_holds_no_controls(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "kept.log").unlink(missing_ok=True)
+    invoke(["info", f"missing{EVIL}.mcap", "--log", "kept.log"])
+    kept = (folder / "kept.log").read_text()
+    assert "\x1b" not in kept
+    assert "\\x1b[2J" in kept
+
+
+def test_tables_show_names_in_cells_headings_and_titles(capsys):
+    table = Table(title=EVIL)
+    table.add_column(EVIL)
+    table.add_row(EVIL)
+    console_beside().print(table, EVIL)
+    said = capsys.readouterr().out
+    assert said.count(SHOWN) == 4
+    assert "\x1b" not in said
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("plain \u00b5 m/s \u2192 \u65e5", "plain \u00b5 m/s \u2192 \u65e5"),
+        ("\x00\x1f ~\x7f\x80\x9f\xa0", "\\x00\\x1f ~\\x7f\\x80\\x9f\xa0"),
+        ("\r\n\t", "\\r\\n\\t"),
+        (
+            "\u200d\u200e\u200f\u2010\u2027\u2028\u202e\u202f\u2065\u2066\u2069\u206a",
+            "\u200d\\u200e\\u200f\u2010\u2027\\u2028\\u202e\u202f\u2065\\u2066\\u2069\u206a",
+        ),
+        ("\udcff", "\\udcff"),
+    ],
+)
+def test_what_is_spelt_out(text, shown):
+    assert printable(text) == shown
