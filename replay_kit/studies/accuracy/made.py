@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
@@ -116,7 +117,11 @@ def _lags(ensemble: Ensemble, truth: int, sources: Sources) -> tuple[list[Array]
 
 
 def _write(
-    path: Path, grid: Grid, fields: Sequence[Array], times: Sequence[np.datetime64] | Array, started: np.datetime64 | None = None
+    path: Path,
+    grid: Grid,
+    fields: Sequence[Array],
+    times: Sequence[np.datetime64] | NDArray[np.datetime64],
+    started: np.datetime64 | None = None,
 ) -> None:
     """Write fields of some times, shape (2, Z, J, I) each, as a CF file of one forecast or of a long run."""
     u, v = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, *np.stack(fields, axis=1))
