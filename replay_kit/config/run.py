@@ -216,7 +216,8 @@ class EstimatorConfig(_Section):
     spread: Literal["as_given", "fit"] | Annotated[float, Field(gt=0.0)] | None = Field(
         default=None,
         description="Factor on the variance of the prior. as_given: 1; fit: fitted by leaving members out, then to the log's first "
-        "profiles; or a number. Default: fit for members made of lags, times or models with the preset default, else as_given.",
+        "measurements, with the preset default and a static estimate alone; or a number. Default: fit, where it can be, for members made "
+        "of lags, times or models, else as_given.",
     )
     paper_error_std: float = Field(default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s].")
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from replay_kit.core.errors import ConfigError
 
-#: One path, or several.
-Paths = str | Path | Sequence[str | Path]
+#: One path, or several, of which those in a sequence of their own belong together.
+Paths = str | Path | Sequence[str | Path | Sequence[str | Path]]
 
 
 def check_paths(
@@ -64,6 +64,16 @@ def as_paths(value: object, what: str) -> tuple[Path, ...]:
             raise ConfigError(f"{what}: expected at least one path, got none")
         return tuple(as_path(each, what) for each in value)
     return (as_path(value, what),)
+
+
+def as_groups(value: object, what: str) -> tuple[tuple[Path, ...], ...]:
+    """Return the paths of one or of several given as in ``as_paths``, where one may be several that belong together.
+
+    Raises:
+        ConfigError: As in ``as_paths``.
+    """
+    each = value if isinstance(value, list | tuple) and value else as_paths(value, what)
+    return tuple(as_paths(one, what) for one in each)
 
 
 def check_folder(out: Path) -> None:

@@ -41,17 +41,27 @@ def region_block(longitude: Array, latitude: Array, region: tuple[float, float, 
     first, last, count = int(columns[0]), int(columns[-1]) + 1, longitude.shape[-1]
     block: tuple[slice, ...] = (slice(first, last),)
     gaps = np.diff(columns)
-    if gaps.size and gaps.max() > count - (last - first) + 1 and _goes_round(longitude):
+    if gaps.size and gaps.max() > count - (last - first) + 1 and columns_round(longitude) == count:
         split = int(np.argmax(gaps))
         block = (slice(int(columns[split + 1]), count), slice(0, int(columns[split]) + 1))
     return slice(int(rows[0]), int(rows[-1]) + 1), block
 
 
-def _goes_round(longitude: Array) -> bool:
-    """Return whether the last column's neighbour is the first."""
+def columns_round(longitude: Array) -> int | None:
+    """Return the number of columns that go round the globe; None for a grid that does not.
+
+    The last of them is the neighbour of the first. Columns after it repeat the first ones: ORCA grids have two of these, others one.
+
+    Args:
+        longitude: shape (J, I), or (I,) of a separable grid [degrees].
+    """
     row = longitude if longitude.ndim == 1 else longitude[longitude.shape[0] // 2]
-    steps = (np.diff(np.append(row, row[0])) + 180.0) % 360.0 - 180.0
-    return bool(0.0 < abs(steps[-1]) < 2.0 * abs(np.median(steps)))
+    step = float(np.median((np.diff(row) + 180.0) % 360.0 - 180.0))
+    for count in range(row.size, max(row.size - 3, 1), -1):
+        seam = float((row[0] - row[count - 1] + 180.0) % 360.0 - 180.0)
+        if 0.0 < seam * step < 2.0 * step**2:
+            return count
+    return None
 
 
 def local_grid(longitude: Array, latitude: Array, levels: Array, wet: NDArray[np.bool_], place_at: tuple[float, float] | None) -> Grid:

@@ -8,6 +8,7 @@ import xarray as xr
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.forecast.grid import columns_round
 from replay_kit.forecast.names import ANGLES, Axes, Coordinates, Current, find_coordinates, find_depth, find_lead, find_member, find_time
 
 #: Names of the two components in the datasets that are made of an ensemble's files.
@@ -29,7 +30,8 @@ class Layout:
         centre_dims: Of what is at cell centres, such as masks.
         first_face: Position of the face before centre 0 along y (of v) and x (of u); None where both components lie at the centres.
         rows: Centres along y that have both faces.
-        columns: Centres along x that have both faces.
+        columns: Centres along x that have both faces, each once.
+        period: Number of columns that go round the globe; None for a grid that does not.
         axes: Along which axes the components lie.
         why: What says it.
         notes: What was assumed.
@@ -44,6 +46,7 @@ class Layout:
     first_face: tuple[int, int] | None
     rows: slice
     columns: slice
+    period: int | None
     axes: Axes
     why: str
     notes: tuple[str, ...] = ()
@@ -86,13 +89,15 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
             f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
         )
     ny, nx = y.shape[0], x.shape[-1]
-    rows, columns = slice(0, ny), slice(0, nx)
+    period = columns_round(x)
+    rows, columns = slice(0, ny), slice(0, period or nx)
     if face is not None:
         b, a = face
         rows = slice(max(0, -b), min(ny, ds.sizes[v_dims[0]] - b - 1, ds.sizes[u_dims[0]]))
-        columns = slice(max(0, -a), min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]]))
+        if period is None:
+            columns = slice(max(0, -a), min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]]))
     axes, why = _axes(ds, current, face is not None)
-    return Layout(kind, x, y, u_dims, v_dims, centre, face, rows, columns, axes, why, notes)
+    return Layout(kind, x, y, u_dims, v_dims, centre, face, rows, columns, period, axes, why, notes)
 
 
 def _without_times(coordinate: xr.DataArray, dims: tuple[str, ...]) -> xr.DataArray:

@@ -89,9 +89,9 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
         notes.append(f"members are of different times, {first} to {last}: choose one that all have with forecast.time")
     change: Change | None = None
     if kind == "models":
-        means = [_mean_fields(block) for block in found.blocks]
-        fields += [field for field in means if field is not None]
-        change = _without_bias([field is not None for field in means])
+        means = [_fields_of_all_times(block) for block in found.blocks]
+        fields += [field for own in means for field in own]
+        change = _without_bias([[len(field.labels) for field in own] for own in means])
     elif found.background is not None:
         fields.append(_at_time(found.background, config, near_ns)[0])
         fields[-1] = Selected(fields[-1].part, fields[-1].ds, None, ("background",), extra=True)
@@ -211,32 +211,32 @@ def _about_background(velocity: Array) -> tuple[Array, tuple[str, ...]]:
     return members, ("the members are states: the background was not used",)
 
 
-def _mean_fields(block: Block) -> Selected | None:
-    """Return all times of a model, for its mean; None where they are too few."""
-    part = block.parts[0]
-    dim = find_time(part.ds, part.ds[U].dims)
-    if len(block.parts) > 1 or dim is None or part.ds.sizes[dim] < _LEAST_TIMES:
-        return None
-    return Selected(part, part.ds, dim, (block.label,) * part.ds.sizes[dim], extra=True)
+def _fields_of_all_times(block: Block) -> list[Selected]:
+    """Return all times of a model, file by file, for its mean; none where they are too few."""
+    fields = []
+    for part in block.parts:
+        dim = find_time(part.ds, part.ds[U].dims)
+        fields.append(Selected(part, part.ds, dim, (block.label,) * (1 if dim is None else part.ds.sizes[dim]), extra=True))
+    return fields if sum(len(field.labels) for field in fields) >= _LEAST_TIMES else []
 
 
-def _without_bias(timed: list[bool]) -> Change:
+def _without_bias(counts: list[list[int]]) -> Change:
     """Return the change that takes the mean of each model from it, and gives all the mean of the models' means.
 
     Args:
-        timed: Whether a model has a mean over time; the mean of one without is that over the region, level by level.
+        counts: For each model the numbers of times in its files; none for one whose mean is that over the region, level by level.
     """
 
     def change(velocity: Array) -> tuple[Array, tuple[str, ...]]:
-        members = velocity[: len(timed)]
-        averages = iter(velocity[len(timed) :])
-        if all(timed):
-            means = np.stack([next(averages) for _ in timed])
+        members = velocity[: len(counts)]
+        averages = iter(velocity[len(counts) :])
+        if all(counts):
+            means = np.stack([np.average([next(averages) for _ in own], axis=0, weights=own) for own in counts])
             how = "over its times"
         else:
             means = np.broadcast_to(np.nanmean(members, axis=(-2, -1), keepdims=True), members.shape)
             how = "over the region, as not all have five times"
-        note = f"each model's own mean {how} was replaced by that of all {len(timed)} models"
+        note = f"each model's own mean {how} was replaced by that of all {len(counts)} models"
         return members - means + means.mean(axis=0), (note,)
 
     return change

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Paths, as_paths
+from replay_kit.core.paths import Paths, as_groups
 
 _ENDINGS = (".nc", ".nc4", ".nc3", ".cdf", ".netcdf", ".zarr")
 _STORE_MARKS = (".zgroup", ".zmetadata", ".zattrs", "zarr.json")
@@ -39,18 +39,21 @@ def find_sources(given: Paths) -> Sources:
     of folders and patterns, and said.
 
     Args:
-        given: Files, Zarr stores, folders, and patterns with ``*``, ``?`` or ``[...]``.
+        given: Files, Zarr stores, folders, and patterns with ``*``, ``?`` or ``[...]``; a sequence of several is one argument.
 
     Raises:
         ForecastError: A file is missing or given twice, or a pattern or folder holds nothing to read.
     """
     arguments, notes = [], []
-    for path in as_paths(given, "ensemble"):
-        found, left_out = _files_of(path)
-        arguments.append(found)
-        if left_out:
-            some = f"{len(left_out)} files of results ({left_out[0].name} ...)"
-            notes.append(f"{path}: {some} were left out; give them by name if they are the members")
+    for argument in as_groups(given, "ensemble"):
+        files: tuple[Path, ...] = ()
+        for path in argument:
+            found, left_out = _files_of(path)
+            files += found
+            if left_out:
+                some = f"{len(left_out)} files of results ({left_out[0].name} ...)"
+                notes.append(f"{path}: {some} were left out; give them by name if they are the members")
+        arguments.append(files)
     seen: set[Path] = set()
     for file in (file for argument in arguments for file in argument):
         if file.resolve() in seen:

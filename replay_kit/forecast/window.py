@@ -1,6 +1,7 @@
 """The part of one file that is used: only the window is read, and both components come to cell centres and fixed depths."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -108,8 +109,6 @@ def _block(layout: Layout, config: ForecastConfig, where: str) -> Block:
             f"{x.min():.3f}..{x.max():.3f} E, {y.min():.3f}..{y.max():.3f} N"
         )
     rows, columns = block
-    if layout.first_face is not None and len(columns) > 1:
-        raise ForecastError(f"{where}: the region crosses the seam of a C-grid that goes round the globe; roll the file first")
     return _moved(rows, layout.rows.start), tuple(_moved(part, layout.columns.start) for part in columns)
 
 
@@ -174,12 +173,22 @@ class _Source:
         part = part.isel(dict.fromkeys(extra, 0)).transpose(*wanted, *dims)
         if levels is not None and levels[0] in part.dims:
             part = part.isel({levels[0]: _as_slice(levels[1])})
-        rows, columns = _with_faces(self.block[0], faces[0]), [_with_faces(part, faces[1]) for part in self.block[1]]
+        rows, columns = _with_faces(self.block[0], faces[0]), self._columns(faces[1])
         pieces = [np.asarray(part.isel({dims[0]: rows, dims[1]: piece}).values, dtype=np.float64) for piece in columns]
         values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=-1)
         if levels is None or levels[0] not in wanted:
             values = np.expand_dims(values, -3)
         return values if self.member in wanted else values[None]
+
+    def _columns(self, first: int | None) -> Sequence[slice]:
+        """Return the ranges of columns to read, in their order in space; with faces, those on both sides, also round the globe."""
+        parts, period = self.block[1], self.layout.period
+        if first is None or period is None:
+            return [_with_faces(part, first) for part in parts]
+        # counted on past the seam, and cut there
+        start, stop = parts[0].start + first, parts[-1].stop + first + 1 + period * (len(parts) - 1)
+        turns = range(start // period, (stop - 1) // period + 1)
+        return [slice(max(start - turn * period, 0), min(stop - turn * period, period)) for turn in turns]
 
 
 def _with_faces(part: slice, first: int | None) -> slice:

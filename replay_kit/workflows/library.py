@@ -16,7 +16,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.paths import Paths, as_path, as_paths
+from replay_kit.core.paths import Paths, as_groups, as_path
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.time import to_time_ns
 from replay_kit.forecast import read_ensemble
@@ -46,7 +46,8 @@ def replay(
 
     Args:
         logs: Logs of one mission; an open one stands for its path, and is read with these settings.
-        ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is.
+        ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is. With ``models``, files in a
+            list of their own are one product.
         goal: Where to go next; None plans nothing.
         out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
         overwrite: Whether an existing result is replaced.
@@ -59,7 +60,7 @@ def replay(
     paths = tuple(as_path(getattr(log, "path", log), "log") for log in each)
     if not paths:
         raise ConfigError("logs: expected one log or several, got none")
-    forecast, config = as_paths(ensemble, "ensemble"), settings_of(settings)
+    forecast, config = as_groups(ensemble, "ensemble"), settings_of(settings)
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
     job = ReplayJob(paths, forecast, file, goal=None if goal is None else place_of(goal, "goal"), overwrite=overwrite)

@@ -18,7 +18,7 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.smoother import smoothed_states
-from replay_kit.forecast import ensemble_files
+from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.results import ResultWriter
@@ -137,7 +137,9 @@ def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: E
         states = [forward.state] * len(published)
     prior = estimator.flow(estimator.initial())
     assert job.out is not None
-    metadata = run_metadata(job.logs, ensemble_files(job.ensemble), forecasts.ensemble, {"smoothed": "true", "modes": str(prior.n_modes)})
+    metadata = run_metadata(
+        job.logs, find_sources(job.ensemble).arguments, forecasts.ensemble, {"smoothed": "true", "modes": str(prior.n_modes)}
+    )
     writer = ResultWriter(job.out, job.overwrite)
     try:
         writer.start(prior.grid.projection, min(times), metadata, run_settings_toml(config))

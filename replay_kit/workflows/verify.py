@@ -3,11 +3,13 @@
 The result holds digests of its messages every few hours of log time; the repeated run stops at the first that differs.
 """
 
+import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -151,15 +153,18 @@ def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -
     named = recorded.metadata["replay_kit.inputs"]
     options = recorded.metadata.get("replay_kit.options", {})
     found = {key: _find(result, key, text, folders) for key, text in named.items()}
-    logs, ensemble = (tuple(found[key] for key in sorted(found, key=_number) if key.startswith(kind)) for kind in ("log", "ensemble"))
+    logs = tuple(found[key] for key in sorted(found, key=_numbers) if key.startswith("log"))
+    # files of one product have its number first
+    of_ensemble = [key for key in sorted(found, key=_numbers) if key.startswith("ensemble")]
+    ensemble = tuple(tuple(found[key] for key in keys) for _, keys in groupby(of_ensemble, lambda key: key.partition("_")[0]))
     goal = options.get("goal")
     where = Place(*(float(part) for part in goal.split(","))) if goal else None
     return ReplayJob(logs, ensemble, out, goal=where, include_inputs=options.get("include_inputs") == "true")
 
 
-def _number(key: str) -> int:
-    """Return the number at the end of an input's key; 0 without one."""
-    return int(key.lstrip("abcdefghijklmnopqrstuvwxyz") or 0)
+def _numbers(key: str) -> list[int]:
+    """Return the numbers in an input's key, by which inputs are in their order."""
+    return [int(number) for number in re.findall(r"\d+", key)]
 
 
 def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Path:

@@ -161,6 +161,31 @@ def test_models_lose_their_own_bias(tmp_path, times):
     assert any(("over its times" if times > 1 else "over the region") in note for note in read.notes)
 
 
+def test_files_of_one_model_are_given_together_and_share_a_mean(tmp_path):
+    one = synthetic.dataset().isel(member=0, drop=True)
+    factors = np.random.default_rng(2).normal(size=(2, 6))
+    groups = []
+    for model, bias in enumerate((0.0, 0.4)):
+        groups.append([])
+        # the first file has four times, the last two one each
+        for number, days in enumerate((slice(0, 4), slice(4, 5), slice(5, 6))):
+            parts = [one * factor + bias for factor in factors[model, days]]
+            ds = xr.concat(parts, "time", data_vars="all", coords="minimal", compat="override", join="override")
+            for name in ("uo", "vo"):
+                ds[name].attrs = one[name].attrs
+            times = np.datetime64("2020-01-01", "ns") + np.arange(6)[days] * DAY
+            groups[-1].append(save(ds.assign_coords(time=times), tmp_path / f"{'ab'[model]}{number}.nc"))
+    config = ForecastConfig(members="models", time="2020-01-05")
+    read = read_ensemble(groups, config)
+    expected = (factors[1, 4] - factors[1].mean() - factors[0, 4] + factors[0].mean()) * synthetic.ensemble().velocity[0]
+    np.testing.assert_allclose(read.velocity[1] - read.velocity[0], expected, atol=1e-12)
+    assert read.members == ("a1.nc model 0", "b1.nc model 1")
+    assert any("over its times was replaced by that of all 2 models" in note for note in read.notes)
+    assert read_ensemble([path for group in groups for path in group], config).n_members == 6
+    # four times in all are too few for a mean over them
+    assert any("over the region" in note for note in read_ensemble([group[:1] for group in groups], config).notes)
+
+
 def test_members_on_other_grids_and_levels_are_interpolated(tmp_path):
     fields(1, tmp_path, "mem0.nc")
     longitude, latitude = forms.lonlat(9.83, 39.81, (24, 26), 0.04)

@@ -5,11 +5,12 @@ import pytest
 import xarray as xr
 
 from replay_kit.config.run import ForecastConfig, load_config
-from replay_kit.core.errors import ForecastError
+from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.workflows.replay.build import read_forecasts
 from tests import synthetic
 from tests.command import invoke
+from tests.forecast.test_members import lagged
 
 DAY = 86_400 * 10**9
 
@@ -104,3 +105,48 @@ def test_the_same_time_twice_and_land_that_changes_are_refused(tmp_path):
         read_series(with_leads(tmp_path / "a.nc", leads=(0.0, 2.0, 2.0)), ForecastConfig())
     with pytest.raises(ForecastError, match="land is not the same"):
         read_series(with_leads(tmp_path / "b.nc", holes=True), ForecastConfig())
+
+
+THROUGH_TIME = {"time": {"scale": 86400.0}}
+
+
+@pytest.mark.parametrize(
+    ("settings", "spread", "who"),
+    [
+        (THROUGH_TIME, None, "an estimate through time"),
+        (PAPER, None, "the preset paper"),
+        (LETKF, None, "the estimator letkf"),
+        *((settings, "as_given", "") for settings in (THROUGH_TIME, PAPER, LETKF)),
+        *((settings, 2.0, "") for settings in (THROUGH_TIME, PAPER)),
+        *((settings, spread, "") for settings in ({}, STATIC, {"estimator": {"name": "depth_average"}}) for spread in (None, "fit", 2.0)),
+    ],
+)
+def test_a_spread_that_is_not_fitted_is_said(tmp_path, settings, spread, who):
+    lagged(tmp_path)
+    tables = {**settings, "forecast": {"members": "lags"}}
+    tables["estimator"] = {**settings.get("estimator", {}), **({} if spread is None else {"spread": spread})}
+    found = read_forecasts(tmp_path, load_config(None, tables), None, None)
+    notes = [note for note in found.notes if "the spread of members" in note]
+    assert notes == ([f"the spread of members made of lags is taken for their error: {who} does not fit it"] if who else [])
+    assert found.ensemble.notes == found.notes
+
+
+def test_given_members_need_no_fit(tmp_path):
+    found = read_forecasts(with_leads(tmp_path / "e.nc"), load_config(None, {}), None, None)
+    assert found.evolves
+    assert not any("the spread of members" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("settings", "spread", "message"),
+    [
+        ({}, "fit", 'expected as_given or a number with an estimate through time, got fit; leave it out, or set time.scale = "static"'),
+        (PAPER, "fit", "expected as_given or a number with the preset paper, got fit; leave it out$"),
+        (LETKF, "fit", "expected as_given with the estimator letkf, got fit; leave it out$"),
+        (LETKF, 2.0, r"expected as_given with the estimator letkf, got 2\.0; leave it out$"),
+    ],
+)
+def test_a_spread_that_an_estimator_does_not_take_is_refused(tmp_path, settings, spread, message):
+    tables = {"estimator": {**settings.get("estimator", {}), "spread": spread}}
+    with pytest.raises(ConfigError, match=rf"^estimator\.spread: {message}"):
+        read_forecasts(with_leads(tmp_path / "e.nc"), load_config(None, tables), None, None)

@@ -45,6 +45,9 @@ def build_evolving(
     middle = forecasts[n_times // 2]
     members = replace(members_in_basis(basis), weights=weights[n_times // 2])
     settings = choose_settings(members, correlation_length(middle), config)
+    if isinstance(config.spread, float):
+        mean = weights.mean(axis=1, keepdims=True)
+        weights = mean + np.sqrt(config.spread) * (weights - mean)
     times_ns = np.array([0 if forecast.time_ns is None else forecast.time_ns for forecast in forecasts], dtype=np.int64)
     process = _process(weights, members, settings, times_ns, time)
     oscillating = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))

@@ -21,7 +21,7 @@ from replay_kit.core.observation import Innovation, Measurement, Observation, Pa
 from replay_kit.estimator.basis.modes import Basis, build_basis, cell_size, correlation_length
 from replay_kit.estimator.basis.noise import bin_noise
 from replay_kit.estimator.interface import Estimator
-from replay_kit.estimator.prior.amplitude import ScaledPrior, fit_amplitude, scaled_prior
+from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
 from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior
 from replay_kit.estimator.static.spread import SpreadFit
@@ -31,7 +31,7 @@ from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_path_mean
-from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means, prior_covariance
+from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means
 from replay_kit.estimator.update.representation import inflated, select_representation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
 
@@ -140,15 +140,16 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the state after a measurement, with the amplitude fitted if it is time, and the innovation before that."""
         state, innovation = next(self._assimilated(state, [measurement]))
         place = None
-        if innovation.accepted and isinstance(measurement, Observation):
-            place = np.array(to_local(self.basis.grid.projection, measurement.longitude, measurement.latitude), dtype=np.float64)
+        if innovation.accepted:
+            east, north = to_local(self.basis.grid.projection, measurement.longitude, measurement.latitude)
+            place = np.array([np.mean(east), np.mean(north)])
         spread = spread.after(measurement, place)
-        if not spread.is_due:
+        if not spread.is_due or spread.past is None:
             return replace(state, spread=spread), innovation
-        rows = [self.rows(profile, screen_measurement(profile, self.basis.grid).used) for profile, _ in spread.profiles]
-        misfit = np.concatenate([each.compress(each.values)[0] - each.matvec(self.prior_weights) for each in rows])
-        fitted = spread.fitted(fit_amplitude(misfit, prior_covariance(self.prior, rows), spread.expected))
-        assert spread.past is not None
+        linearised = [self._linearised(each)[1] for each, _ in spread.apart]
+        fitted = spread.fitted(self.prior, self.prior_weights, [rows for rows in linearised if rows is not None])
+        if fitted.amplitude == spread.amplitude:
+            return replace(state, spread=fitted), innovation
         *_, (state, _) = self._assimilated(self._initial(fitted), spread.past)
         return state, innovation
 
@@ -269,7 +270,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the amplitude of the prior's covariance in a state, and what it was fitted to."""
         if state.spread is None:
             return {}
-        return {"amplitude": repr(state.spread.amplitude), "profiles": str(state.spread.fitted_to)}
+        return {"amplitude": repr(state.spread.amplitude), "measurements": str(state.spread.fitted_to)}
 
     def _by_level(self, mean: Array) -> Array:
         return mean.reshape(self.basis.grid.levels.size, -1)

@@ -1,22 +1,33 @@
 """The amplitude of the prior's covariance as a log goes on: what it was fitted to, and what the next fit needs.
 
-The first fit is to members left out. Profiles of the log follow: after 8, 16 and 32 of them that lie apart, the amplitude is fitted to
-their innovations from the prior alone, centred on the first fit, and all measurements so far are assimilated again under it. An estimate
-is thus never made with an amplitude that later measurements had a part in. Profiles near one another repeat one innovation of the prior,
-so they count once.
+The first fit is to members left out. Measurements of the log follow, profiles and mean currents: after 8, 16 and 32 of them that lie apart,
+and then after every 32 up to 128, the amplitude is fitted to their innovations from the prior alone, centred on the first fit, and all
+measurements so far are assimilated again under it. An estimate is thus never made with an amplitude that later measurements had a part in.
+Measurements near one another repeat one innovation of the prior, so they count once.
+
+One factor cannot be right at all scales: fields of other times differ by more at large scales than a forecast errs there, and by less at
+small ones. Few measurements tell of the large scales, which they also determine; the more there are, the finer is what is still uncertain,
+and the later fits are to that.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Measurement, Observation
+from replay_kit.core.observation import Measurement
+from replay_kit.estimator.prior.amplitude import fit_amplitude
+from replay_kit.estimator.prior.hybrid import Prior
+from replay_kit.estimator.update.compression import ProfileRows
+from replay_kit.estimator.update.path_mean import PathRows
 
-# Numbers of profiles at which the amplitude is fitted.
-_COUNTS = (8, 16, 32)
+# Numbers of measurements at which the amplitude is fitted.
+_COUNTS = (8, 16, 32, 64, 96, 128)
 # Measurements that are kept for the next fit at most: a vehicle may stay at one place.
 _MOST_KEPT = 1024
+# Innovations that are fitted at most: the cost goes with the cube of their number, some seconds for so many.
+_MOST_INNOVATIONS = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,9 +37,9 @@ class SpreadFit:
     Attributes:
         amplitude: Factor on the covariance.
         expected: That of members left out.
-        fitted_to: Number of profiles that it was fitted to; 0 for members left out.
-        spacing: Least distance between profiles that count [m].
-        profiles: Those that count so far, with their places; none after the last fit.
+        fitted_to: Number of measurements that it was fitted to; 0 for members left out.
+        spacing: Least distance between measurements that count [m].
+        apart: Those that count so far, with their places; none after the last fit.
         past: All measurements so far; None after the last fit.
     """
 
@@ -36,37 +47,50 @@ class SpreadFit:
     expected: float
     fitted_to: int
     spacing: float
-    profiles: tuple[tuple[Observation, Array], ...] = ()
+    apart: tuple[tuple[Measurement, Array], ...] = ()
     past: tuple[Measurement, ...] | None = ()
 
     @property
     def is_due(self) -> bool:
         """Whether the amplitude is to be fitted now."""
-        return len(self.profiles) in _COUNTS and len(self.profiles) > self.fitted_to
+        return len(self.apart) in _COUNTS and len(self.apart) > self.fitted_to
 
     def after(self, measurement: Measurement, place: Array | None) -> "SpreadFit":
         """Return the same after a measurement.
 
         Args:
             measurement: The measurement.
-            place: shape (2,) [m], of an accepted profile, local east and north; None of anything else.
+            place: shape (2,) [m], local east and north, the middle of a path; None of what was not accepted.
         """
         if self.past is None:
             return self
         if len(self.past) == _MOST_KEPT:
-            return replace(self, profiles=(), past=None)
-        profiles = self.profiles
-        if place is not None and isinstance(measurement, Observation):
-            apart = all(np.hypot(*(place - other)) >= self.spacing for _, other in profiles)
-            profiles = (*profiles, (measurement, place)) if apart else profiles
-        return replace(self, profiles=profiles, past=(*self.past, measurement))
+            return self._ended()
+        counts = place is not None and all(np.hypot(*(place - other)) >= self.spacing for _, other in self.apart)
+        apart = (*self.apart, (measurement, place)) if counts and place is not None else self.apart
+        return replace(self, apart=apart, past=(*self.past, measurement))
 
-    def fitted(self, amplitude: float) -> "SpreadFit":
-        """Return the same with the amplitude of its profiles; after the last fit nothing is kept."""
-        done = replace(self, amplitude=amplitude, fitted_to=len(self.profiles))
-        return replace(done, profiles=(), past=None) if done.fitted_to == _COUNTS[-1] else done
+    def fitted(self, prior: Prior, mean: Array, rows: Sequence[ProfileRows | PathRows]) -> "SpreadFit":
+        """Return the same with the amplitude of the measurements that count; after the last fit nothing is kept.
+
+        Args:
+            prior: With an amplitude of one.
+            mean: Its mean, shape (Z, r).
+            rows: Of the measurements that count.
+        """
+        innovation = np.concatenate([each.compress(each.values)[0] - each.matvec(mean) for each in rows])
+        if innovation.size > _MOST_INNOVATIONS:
+            return self._ended()
+        design = np.concatenate([each.design() if isinstance(each, ProfileRows) else each.design.reshape(2, -1) for each in rows])
+        covariance = design @ prior.matvec(design.reshape(-1, *mean.shape)).reshape(design.shape).T
+        amplitude = fit_amplitude(innovation, 0.5 * (covariance + covariance.T), self.expected)
+        done = replace(self, amplitude=amplitude, fitted_to=len(self.apart))
+        return done._ended() if done.fitted_to == _COUNTS[-1] else done
+
+    def _ended(self) -> "SpreadFit":
+        return replace(self, apart=(), past=None)
 
     def __str__(self) -> str:
         """Return the amplitude and what it rests on."""
-        rests_on = f"{self.fitted_to} profiles of the log" if self.fitted_to else "members left out, no profile of the log"
+        rests_on = f"{self.fitted_to} measurements of the log" if self.fitted_to else "members left out, no measurement of the log"
         return f"variance of the prior multiplied by {self.amplitude:.2f}, fitted to {rests_on}"

@@ -1,7 +1,8 @@
 """``experiment accuracy``: the error of each estimation method against the number of pings."""
 
+from replay_kit.studies.accuracy.made import Sources, read_sources
 from replay_kit.studies.accuracy.methods import METHODS
 from replay_kit.studies.accuracy.report import print_accuracy, to_json
 from replay_kit.studies.accuracy.run import AccuracyJob, AccuracyResult, run_accuracy
 
-__all__ = ["METHODS", "AccuracyJob", "AccuracyResult", "print_accuracy", "run_accuracy", "to_json"]
+__all__ = ["METHODS", "AccuracyJob", "AccuracyResult", "Sources", "print_accuracy", "read_sources", "run_accuracy", "to_json"]

@@ -20,16 +20,24 @@ def to_json(result: AccuracyResult) -> dict[str, Any]:
 
 def print_accuracy(result: AccuracyResult, console: Console) -> None:
     """Print the rows as a table, and below it why methods failed."""
+    made = any(row.members for row in result.rows)
     rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (result.truth if row.truth is None else str(row.truth), row.method, row.pings, *(number(getattr(row, name)) for name in FIGURES))
+        (
+            result.truth if row.truth is None else str(row.truth),
+            *((row.members,) if made else ()),
+            row.method,
+            row.pings,
+            *(number(getattr(row, name)) for name in FIGURES),
+        )
         for row in result.rows
     )
-    print_tables(console, [Table("accuracy", "Methods against the number of pings", _COLUMNS, rows)])
+    columns = (_COLUMNS[0], "members", *_COLUMNS[1:]) if made else _COLUMNS
+    print_tables(console, [Table("accuracy", "Methods against the number of pings", columns, rows)])
     for row in result.rows:
         if row.failed:
             console.print(f"{row.method} after {row.pings} pings: {row.failed}", soft_wrap=True, markup=False)
 
 
 def _row_json(row: AccuracyRow) -> dict[str, Any]:
-    left_out = {name for name, absent in (("truth", row.truth is None), ("failed", not row.failed)) if absent}
+    left_out = {name for name, absent in (("truth", row.truth is None), ("members", not row.members), ("failed", not row.failed)) if absent}
     return {name: value for name, value in asdict(row).items() if name not in left_out}

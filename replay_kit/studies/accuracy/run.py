@@ -15,6 +15,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import Estimator
+from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
 from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs.checks import check_counts, check_names, check_not_negative, check_positive
 from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, counter, reason_of
@@ -33,7 +34,7 @@ class AccuracyJob:
     """What to compare, and on what measurements.
 
     Attributes:
-        leave_out: ``all``, ``most-distant`` or a member's position from 0; None when a truth is given.
+        leave_out: ``all``, ``most-distant`` or members' positions from 0; None when a truth is given.
         pings: Numbers of pings at which estimates are scored, increasing.
         noise: Standard deviation of each component of each bin [m/s].
         seeds: Seeds 0 to seeds - 1 are run.
@@ -69,7 +70,8 @@ class AccuracyRow:
         coverage50: Share of components inside their 50 % interval.
         coverage90: Share of components inside their 90 % interval.
         crps: Mean continuous ranked probability score of a component [m/s].
-        truth: Position of the member that was the truth, or ``mean`` over all, when all were left out in turn; None otherwise.
+        truth: Position of the member that was the truth, or ``mean`` over all, when several were left out in turn; None otherwise.
+        members: ``given``, ``lags`` or ``times`` where made ensembles are compared; empty otherwise.
         failed: Why there are no figures; empty when there are.
     """
 
@@ -84,6 +86,7 @@ class AccuracyRow:
     coverage90: float = math.nan
     crps: float = math.nan
     truth: int | str | None = None
+    members: str = ""
     failed: str = ""
 
 
@@ -92,9 +95,9 @@ class AccuracyResult:
     """All rows of a study, and what it was run on.
 
     Attributes:
-        rows: By truth, then method, then number of pings; means over truths come last.
+        rows: By truth, then members, method and number of pings; means over truths come last.
         ensemble: Its file.
-        truth: Its file, or the member left out, or ``all``.
+        truth: Its file, or the member left out, or the positions of several.
         modes: Limit on the basis flows of a level; None for all that exist.
         noise: [m/s].
         unfinished: Whether more rows were to follow when this was written.
@@ -118,7 +121,12 @@ class _Survey:
 
 
 def run_accuracy(
-    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: AccuracyJob, progress: Progress | None = None
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: AccuracyJob,
+    progress: Progress | None = None,
+    sources: Sources | None = None,
 ) -> Iterator[AccuracyResult]:
     """Yield how well each method estimates a truth: the result so far after each method, then the whole one.
 
@@ -128,6 +136,7 @@ def run_accuracy(
         config: Of the default estimator; the other methods take the settings that apply to them.
         job: What to compare.
         progress: Called with profiles done, profiles in all, and what is being run.
+        sources: What made ensembles are made of, to be compared with the ensemble; None compares none.
 
     A method that fails for a reason of ``EXPECTED_FAILURES`` has rows that state it; the others go on.
 
@@ -138,23 +147,25 @@ def run_accuracy(
     """
     job.check()
     each = list(cases(ensemble, truth, job.leave_out))
-    advance = counter(len(each) * len(job.methods) * job.seeds * job.pings[-1], progress)
-    all_in_turn = job.leave_out == "all"
+    runs = len(each) * len(job.methods) * (len(KINDS) if sources else 1)
+    advance = counter(runs * job.seeds * job.pings[-1], progress)
+    in_turn = len(each) > 1
     rows: list[AccuracyRow] = []
 
     def result(unfinished: bool) -> AccuracyResult:
-        name = "all" if all_in_turn else each[0].truth.source
+        name = str(job.leave_out) if in_turn else each[0].truth.source
         return AccuracyResult(tuple(rows), ensemble.source, name, config.modes, job.noise, unfinished)
 
     for case in each:
         field, at = build_field(case.truth), scored_points(case.ensemble.grid, case.truth)
         profiles = tuple(random_observations(field, job.pings[-1], job.noise, seed) for seed in range(job.seeds))
-        for method in job.methods:
-            of_method = _run_method(method, _Survey(case, at, profiles), config, job.pings, advance)
-            rows += [replace(row, truth=case.member) for row in of_method] if all_in_turn else of_method
-            yield result(True)
-    if all_in_turn:
-        rows += _means(rows, job)
+        for kind, known in made_cases(ensemble, case, sources) if sources else [("", case)]:
+            for method in job.methods:
+                of_method = _run_method(method, _Survey(known, at, profiles), config, job.pings, advance)
+                rows += [replace(row, truth=case.member if in_turn else None, members=kind) for row in of_method]
+                yield result(True)
+    if in_turn:
+        rows += _means(rows)
     yield result(False)
 
 
@@ -200,19 +211,19 @@ def _row(method: str, pings: int, least: float, by_seed: Sequence[tuple[Score, f
     return AccuracyRow(method, pings, rel_error_by_seed=errors, bound=least, nis_per_dof=float(np.mean(nis)), **means)
 
 
-def _means(rows: Sequence[AccuracyRow], job: AccuracyJob) -> list[AccuracyRow]:
+def _means(rows: Sequence[AccuracyRow]) -> list[AccuracyRow]:
     """Return the means over truths, seed by seed where there is one figure for each seed."""
     out = []
-    for method in job.methods:
-        for pings in job.pings:
-            alike = [row for row in rows if row.method == method and row.pings == pings]
-            lost = [row for row in alike if row.failed]
-            if lost:
-                # a mean over the truths that are left would not be comparable with the other methods' means
-                failed = f"failed on {len(lost)} of {len(alike)} truths, first on member {lost[0].truth}: {lost[0].failed}"
-                out.append(AccuracyRow(method, pings, truth="mean", failed=failed))
-                continue
-            figures: dict[str, Any] = {name: float(np.mean([getattr(row, name) for row in alike])) for name in FIGURES}
-            by_seed = tuple(float(value) for value in np.mean([row.rel_error_by_seed for row in alike], axis=0))
-            out.append(AccuracyRow(method, pings, rel_error_by_seed=by_seed, truth="mean", **figures))
+    for members, method, pings in dict.fromkeys((row.members, row.method, row.pings) for row in rows):
+        alike = [row for row in rows if (row.members, row.method, row.pings) == (members, method, pings)]
+        mean = AccuracyRow(method, pings, truth="mean", members=members)
+        lost = [row for row in alike if row.failed]
+        if lost:
+            # a mean over the truths that are left would not be comparable with the other methods' means
+            failed = f"failed on {len(lost)} of {len(alike)} truths, first on member {lost[0].truth}: {lost[0].failed}"
+            out.append(replace(mean, failed=failed))
+            continue
+        figures: dict[str, Any] = {name: float(np.mean([getattr(row, name) for row in alike])) for name in FIGURES}
+        by_seed = tuple(float(value) for value in np.mean([row.rel_error_by_seed for row in alike], axis=0))
+        out.append(replace(mean, rel_error_by_seed=by_seed, **figures))
     return out

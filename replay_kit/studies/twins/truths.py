@@ -51,7 +51,7 @@ def members_named(text: str, n_members: int) -> tuple[int, ...]:
         return tuple(range(n_members))
     names = [name.strip() for name in text.split(",")]
     if not all(name.isdecimal() for name in names) or len(set(names)) < len(names):
-        raise ConfigError(f"--leave-out: expected positions from 0 with commas between them, each once, or all, got '{text}'")
+        raise ConfigError(f"--leave-out: expected positions from 0 with commas between them, each once, all or most-distant, got '{text}'")
     return tuple(int(name) for name in names)
 
 
@@ -68,7 +68,7 @@ def cases(ensemble: Ensemble, truth: Ensemble | None, which: str | None) -> Iter
     Args:
         ensemble: All members.
         truth: A truth of its own; None to leave members out.
-        which: ``all``, ``most-distant`` or a member's position from 0; None with a truth.
+        which: ``all``, ``most-distant`` or members' positions from 0 with commas between them; None with a truth.
 
     Raises:
         ConfigError: Both or none are given, or the member does not exist.
@@ -77,11 +77,7 @@ def cases(ensemble: Ensemble, truth: Ensemble | None, which: str | None) -> Iter
         raise ConfigError("accuracy: give one of --truth and --leave-out")
     if truth is not None:
         yield Case(None, truth, ensemble)
-    elif which == "all":
-        yield from (leave_out(ensemble, member) for member in range(ensemble.n_members))
     elif which == "most-distant":
         yield leave_out(ensemble, most_distant(ensemble))
-    elif which is not None and which.isdigit():
-        yield leave_out(ensemble, int(which))
-    else:
-        raise ConfigError(f"--leave-out: expected a position from 0, all or most-distant, got '{which}'")
+    elif which is not None:
+        yield from (leave_out(ensemble, member) for member in members_named(which, ensemble.n_members))

@@ -59,7 +59,7 @@ def read_forecasts(path: Paths, config: RunConfig, near_ns: int | None, place_at
 
     Raises:
         ForecastError: The ensemble cannot be used.
-        ConfigError: An estimator that knows no time is asked for what needs it.
+        ConfigError: An estimator that knows no time is asked for what needs it, or one that fits no spread for that.
     """
     own = config.estimator.name == _OWN and config.estimator.preset == "default"
     asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases or config.time.window)
@@ -70,10 +70,33 @@ def read_forecasts(path: Paths, config: RunConfig, near_ns: int | None, place_at
         )
     if own and (asked or config.time.scale == "auto"):
         series = _warned(read_series(path, config.forecast, near_ns=near_ns, place_at=place_at))
-        forecasts = Forecasts(series, series[0], asked or len(series) > 1)
-        return replace(forecasts, ensemble=forecasts.nearest(near_ns))
-    (ensemble,) = _warned((read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at),))
-    return Forecasts((ensemble,), ensemble, False)
+        evolves = asked or len(series) > 1
+    else:
+        series, evolves = _warned((read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at),)), False
+    note = _unfitted_spread(config, evolves, series[0].made_from)
+    series = (replace(series[0], notes=(*series[0].notes, *note)), *series[1:])
+    forecasts = Forecasts(series, series[0], evolves)
+    return replace(forecasts, ensemble=forecasts.nearest(near_ns))
+
+
+def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:
+    """Return a note where made members' spread is not fitted, because the estimator does not; none where it does, or is told what to do.
+
+    Raises:
+        ConfigError: The estimator is asked for what it does not do.
+    """
+    name, preset, spread = config.estimator.name, config.estimator.preset, config.estimator.spread
+    takes_numbers = name in (_OWN, "depth_average")
+    if takes_numbers and preset == "default" and not evolves:
+        return ()
+    what = "an estimate through time" if evolves else f"the preset {preset}" if takes_numbers else f"the estimator {name}"
+    if spread == "fit" or (isinstance(spread, float) and not takes_numbers):
+        expected = "as_given or a number" if takes_numbers else "as_given"
+        instead = "leave it out" + (', or set time.scale = "static"' if evolves else "")
+        raise ConfigError(f"estimator.spread: expected {expected} with {what}, got {spread}; {instead}")
+    if not made_from or spread is not None:
+        return ()
+    return (f"the spread of members made of {made_from} is taken for their error: {what} does not fit it",)
 
 
 def _warned(series: tuple[Ensemble, ...]) -> tuple[Ensemble, ...]:

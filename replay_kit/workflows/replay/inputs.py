@@ -36,7 +36,7 @@ class ReplayJob:
 
     Attributes:
         logs: Log files.
-        ensemble: Ensemble file or store, or several, folders and patterns.
+        ensemble: Ensemble file or store, or several, folders and patterns; those in a tuple of their own belong together.
         out: Result MCAP; None computes without writing.
         goal: Where the vehicle should go; None plans nothing.
         netcdf: Gridded estimate, CF NetCDF.
@@ -49,7 +49,7 @@ class ReplayJob:
     """
 
     logs: tuple[Path, ...]
-    ensemble: Path | tuple[Path, ...]
+    ensemble: Path | tuple[Path | tuple[Path, ...], ...]
     out: Path | None = None
     goal: Place | None = None
     netcdf: Path | None = None

@@ -27,13 +27,13 @@ def file_hash(path: Path) -> str:
 
 
 def run_metadata(
-    logs: Sequence[Path], ensemble_files: Sequence[Path], ensemble: Ensemble, options: Mapping[str, str]
+    logs: Sequence[Path], arguments: Sequence[Sequence[Path]], ensemble: Ensemble, options: Mapping[str, str]
 ) -> dict[str, Mapping[str, str]]:
     """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
 
     Args:
         logs: The inputs.
-        ensemble_files: The ensemble's files and stores.
+        arguments: The ensemble's files and stores, argument by argument; those of one belong together where members are models.
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
 
@@ -46,9 +46,12 @@ def run_metadata(
         if digest in hashes[:i]:
             raise ConfigError(f"{logs[i]}: the same bytes as {logs[hashes.index(digest)]}; a log given twice would count twice")
     inputs = {f"log{i}": f"{path.name} sha256:{digest}" for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))}
-    for number, path in enumerate(ensemble_files):
-        key = "ensemble" if len(ensemble_files) == 1 else f"ensemble{number}"
-        inputs[key] = f"{path.name} sha256:{file_hash(path)}"
+    if ensemble.made_from == "models":
+        named = {f"ensemble{number}_{i}": path for number, argument in enumerate(arguments) for i, path in enumerate(argument)}
+    else:
+        files = [path for argument in arguments for path in argument]
+        named = {"ensemble" if len(files) == 1 else f"ensemble{number}": path for number, path in enumerate(files)}
+    inputs |= {key: f"{path.name} sha256:{file_hash(path)}" for key, path in named.items()}
     region = {
         "projection": "azimuthal equidistant, WGS84",
         "centre_longitude": repr(grid.projection.longitude),

@@ -19,7 +19,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.unchanged import check_unchanged
-from replay_kit.forecast import ensemble_files
+from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
@@ -148,7 +148,7 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progres
     if job.goal is not None and planner is not None:
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    metadata = {} if job.out is None else run_metadata(job.logs, ensemble_files(job.ensemble), ensemble, _options(job, prior_flow))
+    metadata = {} if job.out is None else run_metadata(job.logs, find_sources(job.ensemble).arguments, ensemble, _options(job, prior_flow))
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)

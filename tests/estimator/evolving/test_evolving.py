@@ -252,3 +252,16 @@ def test_an_estimate_that_is_contradicted_grows_its_covariance_by_two_at_the_mos
         factor = 2.0 if k == 3 else 1.0
         assert said.prior_inflation == factor
         np.testing.assert_allclose(grown.cov, factor * other.cov, rtol=1e-12)
+
+
+def test_a_number_is_a_factor_on_the_covariance_at_all_times():
+    """The settings of the prior are those of the members as they are."""
+    series, time = forecasts(), TimeConfig(dropped_std=0.0)
+    config = EstimatorConfig(modes=12)
+    given, scaled = (build_evolving(series, config.model_copy(update={"spread": spread}), time) for spread in ("as_given", 2.0))
+    for when in (0.0, 1.3):
+        at = int(series[0].time_ns + when * 86_400 * 10**9)
+        one, other = (each.flow(each.predict(each.initial(), at)) for each in (given, scaled))
+        place = series[0].grid.east, series[0].grid.north, np.full(series[0].grid.east.shape, 60.0)
+        np.testing.assert_allclose(other.standard_error(*place), np.sqrt(2.0) * one.standard_error(*place), rtol=1e-9)
+        np.testing.assert_allclose(other.velocity(*place), one.velocity(*place), rtol=1e-9, atol=1e-12)

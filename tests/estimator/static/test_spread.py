@@ -8,20 +8,33 @@ import pytest
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.geodesy import to_local
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, fit_amplitude
 from replay_kit.estimator.static.likelihood import predict_jointly
 from replay_kit.estimator.static.spread import SpreadFit
+from replay_kit.estimator.update.path_mean import path_rows
 from tests import synthetic
 
 GIVEN = synthetic.ensemble(n_members=6, shape=(6, 7), levels=np.array([5.0, 90.0, 220.0]))
+GRID = GIVEN.grid
 MADE = replace(GIVEN, made_from="lags")
 CONFIG = EstimatorConfig(modes=20)
 ESTIMATOR = build_estimator(MADE, CONFIG)
 # so near one another that nearly all would be left out by the usual spacing
 ESTIMATOR = replace(ESTIMATOR, spread=replace(ESTIMATOR.spread, spacing=10.0))
-PROFILES = synthetic.random_profiles(GIVEN.grid, 40)
+PROFILES = synthetic.random_profiles(GIVEN.grid, 132)
+
+
+def path(seed):
+    """A mean current along a short path, with places of its own."""
+    rng = np.random.default_rng(seed)
+    east, north = (rng.uniform(0.5 * axis.min(), 0.5 * axis.max()) + np.array([-900.0, 0.0, 1500.0]) for axis in (GRID.east, GRID.north))
+    longitude, latitude = to_geographic(GRID.projection, east, north)
+    times, weight = seed * 10**10 + np.arange(3) * 10**9, np.array([0.25, 0.5, 0.25])
+    velocity, depth = (float(rng.normal(0.0, 0.2)), float(rng.normal(0.0, 0.2))), np.array([5.0, 150.0, 5.0])
+    return PathMean(int(times[-1]), times, longitude, latitude, depth, weight, velocity, 0.02, "dac", seed, Source(0, "/dac", seed, 0))
 
 
 def after(estimator, profiles):
@@ -55,7 +68,7 @@ def test_before_the_log_the_amplitude_is_that_of_members_left_out():
     assert after(ESTIMATOR, PROFILES[:7]).spread.fitted_to == 0
 
 
-@pytest.mark.parametrize("count", [8, 16, 32])
+@pytest.mark.parametrize("count", [8, 16, 32, 64])
 def test_it_is_the_likeliest_for_the_profiles_so_far_and_the_estimate_is_made_with_it(count):
     state = after(ESTIMATOR, PROFILES[:count])
     bins = [np.flatnonzero(profile.depth <= GIVEN.grid.levels[-1]) for profile in PROFILES[:count]]
@@ -77,16 +90,59 @@ def test_the_innovation_published_was_predicted_before_the_fit():
 
 
 def test_online_in_blocks_and_from_a_pickle_are_the_same():
-    online = after(ESTIMATOR, PROFILES)
-    *_, (at_once, _) = ESTIMATOR.steps(ESTIMATOR.initial(), PROFILES)
+    online = after(ESTIMATOR, PROFILES[:40])
+    *_, (at_once, _) = ESTIMATOR.steps(ESTIMATOR.initial(), PROFILES[:40])
     half = pickle.loads(pickle.dumps(after(ESTIMATOR, PROFILES[:13])))
-    for profile in PROFILES[13:]:
+    for profile in PROFILES[13:40]:
         half, _ = ESTIMATOR.step(half, profile)
     for other in (at_once, half):
         np.testing.assert_allclose(other.mean, online.mean, rtol=1e-8, atol=1e-11)
         assert other.spread.amplitude == pytest.approx(online.spread.amplitude, rel=1e-12)
-    assert online.spread.past is None
-    assert online.spread.profiles == ()
+    assert online.spread.fitted_to == 32
+    assert len(online.spread.past) == 40
+
+
+def test_it_is_fitted_at_these_counts_and_ends_with_the_last():
+    state, counts = ESTIMATOR.initial(), []
+    for profile in PROFILES:
+        before = state.spread
+        state, _ = ESTIMATOR.step(state, profile)
+        if state.spread.fitted_to != before.fitted_to:
+            assert state.spread.fitted_to == len(before.apart) + 1
+            counts.append(state.spread.fitted_to)
+    assert counts == [8, 16, 32, 64, 96, 128]
+    assert state.spread.past is None
+    assert state.spread.apart == ()
+    *_, (at_once, _) = ESTIMATOR.steps(ESTIMATOR.initial(), PROFILES)
+    np.testing.assert_allclose(at_once.mean, state.mean, rtol=1e-7, atol=1e-10)
+
+
+def test_more_innovations_than_are_fitted_end_the_fit(monkeypatch):
+    # 8 profiles at three levels of both components
+    monkeypatch.setattr("replay_kit.estimator.static.spread._MOST_INNOVATIONS", 47)
+    ended = after(ESTIMATOR, PROFILES[:9])
+    assert ended.spread.past is None
+    assert (ended.spread.amplitude, ended.spread.fitted_to) == (ESTIMATOR.spread.amplitude, 0)
+    unfitted = replace(ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, ESTIMATOR.spread.amplitude), spread=None)
+    np.testing.assert_allclose(ended.mean, after(unfitted, PROFILES[:9]).mean, rtol=1e-9, atol=1e-12)
+    monkeypatch.setattr("replay_kit.estimator.static.spread._MOST_INNOVATIONS", 48)
+    assert after(ESTIMATOR, PROFILES[:8]).spread.fitted_to == 8
+
+
+def test_mean_currents_alone_fit_it_too():
+    dives = [path(seed) for seed in range(8)]
+    state = after(ESTIMATOR, dives)
+    assert state.spread.fitted_to == 8
+    rows = [path_rows(dive, ESTIMATOR.basis, ESTIMATOR.representation_std) for dive in dives]
+    design = np.concatenate([each.design.reshape(2, -1) for each in rows])
+    innovation = np.concatenate([(each.values / each.noise.std[0]).ravel() for each in rows]) - design @ ESTIMATOR.prior.mean
+    amplitude = fit_amplitude(innovation, design @ ESTIMATOR.prior.covariance() @ design.T, ESTIMATOR.spread.expected)
+    assert state.spread.amplitude == pytest.approx(amplitude, rel=1e-4)
+    # the middle of a path is its place
+    east, north = to_local(GIVEN.grid.projection, dives[0].longitude, dives[0].latitude)
+    np.testing.assert_allclose(state.spread.apart[0][1], [east.mean(), north.mean()])
+    scaled = replace(ESTIMATOR, prior=ScaledPrior(ESTIMATOR.prior, state.spread.amplitude), spread=None)
+    np.testing.assert_allclose(state.mean, after(scaled, dives).mean, rtol=1e-9, atol=1e-12)
 
 
 def test_a_state_is_not_changed_by_what_follows():
@@ -101,11 +157,11 @@ def test_a_state_is_not_changed_by_what_follows():
 def test_profiles_near_one_another_count_once():
     fit, here = SpreadFit(1.0, 1.0, 0, 1000.0), np.array([0.0, 0.0])
     fit = fit.after(PROFILES[0], here).after(PROFILES[1], np.array([600.0, 799.0]))
-    assert len(fit.profiles) == 1
+    assert len(fit.apart) == 1
     fit = fit.after(PROFILES[2], np.array([600.0, 800.0]))
-    assert len(fit.profiles) == 2
+    assert len(fit.apart) == 2
     assert len(fit.past) == 3
-    assert len(fit.after(PROFILES[3], None).profiles) == 2
+    assert len(fit.after(PROFILES[3], None).apart) == 2
 
 
 def test_the_usual_spacing_is_a_cell():
@@ -125,12 +181,12 @@ def test_a_vehicle_that_stays_ends_the_fit():
 
 def test_what_it_says():
     state = after(ESTIMATOR, PROFILES[:9])
-    assert ESTIMATOR.spread_record(state) == {"amplitude": repr(state.spread.amplitude), "profiles": "8"}
+    assert ESTIMATOR.spread_record(state) == {"amplitude": repr(state.spread.amplitude), "measurements": "8"}
     assert (
         ESTIMATOR.bias_notes(state)[0]
-        == f"variance of the prior multiplied by {state.spread.amplitude:.2f}, fitted to 8 profiles of the log"
+        == f"variance of the prior multiplied by {state.spread.amplitude:.2f}, fitted to 8 measurements of the log"
     )
-    assert "members left out, no profile of the log" in ESTIMATOR.bias_notes(ESTIMATOR.initial())[0]
+    assert "members left out, no measurement of the log" in ESTIMATOR.bias_notes(ESTIMATOR.initial())[0]
     given = build_estimator(GIVEN, CONFIG)
     assert given.spread_record(given.initial()) == {}
     assert given.bias_notes(given.initial()) == []
@@ -142,7 +198,7 @@ def test_rejected_profiles_do_not_count():
     state = after(estimator, [*PROFILES[:6], wrong])
     place = np.array(to_local(GIVEN.grid.projection, wrong.longitude, wrong.latitude))
     assert len(state.spread.past) == 7
-    assert not any(np.array_equal(place, at) for _, at in state.spread.profiles)
+    assert not any(np.array_equal(place, at) for _, at in state.spread.apart)
 
 
 def test_few_made_members_span_their_shifted_copies_too():

@@ -99,10 +99,10 @@ def test_a_fitted_spread_is_in_the_metadata_and_the_notes(ocean, tmp_path):
     with (tmp_path / "out.mcap").open("rb") as stream:
         records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
     found = records["replay_kit.spread"]
-    assert set(found) == {"amplitude", "profiles"}
-    assert int(found["profiles"]) in (8, 16, 32)
+    assert set(found) == {"amplitude", "measurements"}
+    assert int(found["measurements"]) in (8, 16, 32)
     amplitude = float(found["amplitude"])
-    sentence = f"variance of the prior multiplied by {amplitude:.2f}, fitted to {found['profiles']} profiles of the log"
+    sentence = f"variance of the prior multiplied by {amplitude:.2f}, fitted to {found['measurements']} measurements of the log"
     assert sentence in summary.notes
     run(ocean, "survey.mcap", out=tmp_path / "again.mcap", config=config)
     assert (tmp_path / "again.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()

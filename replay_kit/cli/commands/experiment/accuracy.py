@@ -1,6 +1,7 @@
 """``experiment accuracy``: estimators compared on twin surveys."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, OneTruth
@@ -26,6 +27,15 @@ class Survey:
             metavar="M1,M2,...",
         ),
     ] = None
+    archive: Annotated[
+        Path | None,
+        option(
+            "--archive",
+            "Fields of a long run, as members. Lagged forecasts made of the ensemble's leads (--lead), and an archive window made of these "
+            "fields, are compared with the ensemble.",
+            metavar="FILE",
+        ),
+    ] = None
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
@@ -42,17 +52,18 @@ def accuracy(
         EstimatorError: Every method failed.
     """
     truths.check("accuracy")
-    check_paths([*truths.files, settings.file], [answer.json_file], answer.overwrite)
+    check_paths([*truths.files, survey.archive, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
-    from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, run_accuracy, to_json
+    from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, read_sources, run_accuracy, to_json
 
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
     methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
     members, withheld = truths.read(config.forecast)
+    sources = None if survey.archive is None else read_sources(truths.ensemble, survey.archive, config.forecast)
     with progress(config.output.threads) as advance:
-        for result in run_accuracy(members, withheld, config.estimator, job, advance):
+        for result in run_accuracy(members, withheld, config.estimator, job, advance, sources):
             keep_json(answer.json_file, to_json(result))
     print_accuracy(result, console_beside(answer.json_file))
     write_json(answer.json_file, to_json(result))

@@ -37,7 +37,9 @@ class OneTruth:
 
     ensemble: Ensemble
     truth: Truth = None
-    leave_out: Annotated[str | None, option("--leave-out", "Members that are withheld as truths.", metavar="K|all|most-distant")] = None
+    leave_out: Annotated[str | None, option("--leave-out", "Members that are withheld as truths.", metavar="K,K,...|all|most-distant")] = (
+        None
+    )
 
     @property
     def files(self) -> list[Path | None]:
