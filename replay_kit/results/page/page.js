@@ -58,8 +58,8 @@ const OPERATIONS = {
 
 function resolved(figure, value) {
   if (typeof value === "string" && value.startsWith("$")) {
-    const [table, column] = value.slice(1).split(".");
-    return figure.tables[table][column];
+    const dot = value.indexOf(".");
+    return figure.tables[value.slice(1, dot)][value.slice(dot + 1)];
   }
   if (Array.isArray(value)) return value.map((item) => resolved(figure, item));
   if (value === null || typeof value !== "object") return value;
@@ -135,6 +135,7 @@ function fitMap(figure, place, traces, layout) {
 
 async function draw(figure) {
   const place = document.querySelector(`#${figure.key} .plot`);
+  if (!place) return; // a finished picture
   const layout = layoutOf(figure);
   let traces = figure.traces.map((trace) => resolved(figure, trace));
   if (layout.yaxis.scaleanchor && layout.yaxis.range) fitMap(figure, place, traces, layout);

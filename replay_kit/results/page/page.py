@@ -58,10 +58,17 @@ def _figure_html(figure: Figure) -> str:
     )
     readout = f'<p class="readout" aria-live="polite">{escape(figure.readout)}</p>' if figure.readout else ""
     return (
-        f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{readout}'
+        f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{readout}{_shown_html(figure)}'
+        f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div></figure>'
+    )
+
+
+def _shown_html(figure: Figure) -> str:
+    if figure.image:
+        return f'<img class="picture" alt="{escape(figure.alternative)}" src="{figure.image}">'
+    return (
         f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}" '
         f'style="height:{figure.layout.get("height", 420)}px"><p class="waiting">This figure is drawn by JavaScript.</p></div>'
-        f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div></figure>'
     )
 
 

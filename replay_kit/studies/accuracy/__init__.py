@@ -1,7 +1,8 @@
 """``experiment accuracy``: the error of each estimation method against the number of pings."""
 
 from replay_kit.studies.accuracy.methods import METHODS
+from replay_kit.studies.accuracy.page import FILES, write_accuracy
 from replay_kit.studies.accuracy.report import print_accuracy, to_json
 from replay_kit.studies.accuracy.run import AccuracyJob, AccuracyResult, run_accuracy
 
-__all__ = ["METHODS", "AccuracyJob", "AccuracyResult", "print_accuracy", "run_accuracy", "to_json"]
+__all__ = ["FILES", "METHODS", "AccuracyJob", "AccuracyResult", "print_accuracy", "run_accuracy", "to_json", "write_accuracy"]
