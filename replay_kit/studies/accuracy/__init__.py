@@ -2,7 +2,19 @@
 
 from replay_kit.studies.accuracy.made import Sources, read_sources
 from replay_kit.studies.accuracy.methods import METHODS
+from replay_kit.studies.accuracy.page import FILES, write_accuracy
 from replay_kit.studies.accuracy.report import print_accuracy, to_json
 from replay_kit.studies.accuracy.run import AccuracyJob, AccuracyResult, run_accuracy
 
-__all__ = ["METHODS", "AccuracyJob", "AccuracyResult", "Sources", "print_accuracy", "read_sources", "run_accuracy", "to_json"]
+__all__ = [
+    "FILES",
+    "METHODS",
+    "AccuracyJob",
+    "AccuracyResult",
+    "Sources",
+    "print_accuracy",
+    "read_sources",
+    "run_accuracy",
+    "to_json",
+    "write_accuracy",
+]

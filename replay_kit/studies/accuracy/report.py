@@ -1,4 +1,4 @@
-"""The comparison of methods to JSON and to the console."""
+"""The comparison of methods to JSON, CSV and the console."""
 
 from dataclasses import asdict, fields
 from typing import Any
@@ -6,8 +6,9 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.studies.accuracy.run import FIGURES, AccuracyResult, AccuracyRow
-from replay_kit.studies.reports.tables import Cell, Table
+from replay_kit.studies.reports.tables import Cell, Table, named_columns
 from replay_kit.studies.reports.write import answer_of, number, print_tables
+from replay_kit.studies.reports.write import to_csv as table_to_csv
 
 _COLUMNS = ("truth", "method", "pings", "rel. error", "RMSE", "bound", "NIS/dof", "cov. 50", "cov. 90", "CRPS")
 
@@ -18,8 +19,13 @@ def to_json(result: AccuracyResult) -> dict[str, Any]:
     return answer_of({"unfinished": result.unfinished, "results": [_row_json(row) for row in result.rows], **figures}, "numpy", "scipy")
 
 
-def print_accuracy(result: AccuracyResult, console: Console) -> None:
-    """Print the rows as a table, and below it why methods failed."""
+def to_csv(result: AccuracyResult) -> str:
+    """Return the rows as CSV with their fields' names; undefined figures are empty, lists have spaces between their numbers."""
+    return table_to_csv(named_columns("accuracy", "All figures", [asdict(row) for row in result.rows]))
+
+
+def row_table(result: AccuracyResult) -> Table:
+    """Return the rows as people read them."""
     made = any(row.members for row in result.rows)
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
@@ -32,7 +38,12 @@ def print_accuracy(result: AccuracyResult, console: Console) -> None:
         for row in result.rows
     )
     columns = (_COLUMNS[0], "members", *_COLUMNS[1:]) if made else _COLUMNS
-    print_tables(console, [Table("accuracy", "Methods against the number of pings", columns, rows)])
+    return Table("accuracy", "Methods against the number of pings", columns, rows)
+
+
+def print_accuracy(result: AccuracyResult, console: Console) -> None:
+    """Print the rows as a table, and below it why methods failed."""
+    print_tables(console, [row_table(result)])
     for row in result.rows:
         if row.failed:
             console.print(f"{row.method} after {row.pings} pings: {row.failed}", soft_wrap=True, markup=False)

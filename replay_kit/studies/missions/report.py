@@ -1,7 +1,6 @@
 """The studies to the console, to CSV and to JSON."""
 
 from dataclasses import asdict, fields
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -9,10 +8,8 @@ from rich.console import Console
 from replay_kit.studies.missions.rows import MissionRow
 from replay_kit.studies.missions.run import MissionResult
 from replay_kit.studies.reports.tables import Table
-from replay_kit.studies.reports.write import answer_of, json_text, limits_text, met_text, print_tables, write_files
+from replay_kit.studies.reports.write import answer_of, limits_text, met_text, print_tables
 from replay_kit.studies.reports.write import to_csv as table_to_csv
-
-FILES = ("missions.csv", "missions.json")
 
 
 def to_json(result: MissionResult) -> dict[str, Any]:
@@ -26,19 +23,15 @@ def to_csv(result: MissionResult) -> str:
     return table_to_csv(Table("missions", "All figures", columns, tuple(tuple(asdict(row).values()) for row in result.rows)))
 
 
-def write_missions(out: Path, result: MissionResult) -> None:
-    """Write ``FILES`` into a folder that exists, each whole or not at all; existing ones are replaced."""
-    write_files(out, dict(zip(FILES, (to_csv(result), json_text(to_json(result))), strict=True)))
-
-
 def print_missions(result: MissionResult, console: Console) -> None:
     """Print a table for each study."""
-    print_tables(console, [_table(result, study) for study in result.job.studies])
+    print_tables(console, [study_table(result, study) for study in result.job.studies])
     for why in result.lost:
         console.print(f"left out: {why}")
 
 
-def _table(result: MissionResult, study: str) -> Table:
+def study_table(result: MissionResult, study: str) -> Table:
+    """Return the figures of one study as people read them."""
     times = f" of {result.times} times" if result.times > 1 else ""
     missions = f"{result.job.seeds} missions each, {result.job.pings} pings of {result.job.noise:g} m/s noise"
     rows = tuple(

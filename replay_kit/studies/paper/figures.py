@@ -17,15 +17,15 @@ from replay_kit.studies.paper.run import PaperTables, Shown
 from replay_kit.studies.paper.tables import methods_with_modes
 from replay_kit.studies.paper.views import from_above, in_3d, metres, shape_of, slice_3d
 from replay_kit.studies.reports.flows import EAST, FLOW_STYLES, LABELS, NORTH
-from replay_kit.studies.reports.write import saved
+from replay_kit.studies.reports.pictures import Drawn, saved
 
 _MODES_SHOWN = (1, 2, 10, 30)
 # What is smaller than this over the largest is rounding, no property of the slices.
 _ROUNDING = 1e-15
 
 
-def draw(tables: PaperTables, shown: Shown) -> Iterator[tuple[str, str, bytes]]:
-    """Yield (name, ``png`` or ``svg``, content) of every figure.
+def draw(tables: PaperTables, shown: Shown) -> Iterator[tuple[str, Drawn]]:
+    """Yield the name of every figure, and itself as PNG and SVG.
 
     Args:
         tables: The results.
@@ -43,8 +43,7 @@ def draw(tables: PaperTables, shown: Shown) -> Iterator[tuple[str, str, bytes]]:
         "glides_top": lambda: glides_top(shown, tables.target_depth),
     }
     for name, make in drawn.items():
-        for ending, content in saved(make, "png", "svg").items():
-            yield name, ending, content
+        yield name, saved(make, "png", "svg")
 
 
 def _bases(shown: Shown) -> dict[str, Basis]:

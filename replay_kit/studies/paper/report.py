@@ -1,20 +1,18 @@
-"""The study to files and to the console: CSV, JSON, Markdown, figures."""
+"""The study to CSV, JSON and Markdown, and to the console."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from replay_kit.studies.paper import findings
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
-from replay_kit.studies.paper.run import PaperTables, Shown
+from replay_kit.studies.paper.run import PaperTables
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.tables import Table, named_columns
-from replay_kit.studies.reports.write import answer_of, json_text, markdown, number, print_tables, to_csv, write_files
+from replay_kit.studies.reports.write import answer_of, markdown, number, print_tables, to_csv
 
-_TABLES = ("table1", "table2", "table3", "sparse")
 _RUNGS = {"full": "full rank", "members": "one a member"}
 FIGURES = {
     "singular_values": "Singular values of the depth slices, over the largest",
@@ -24,14 +22,8 @@ FIGURES = {
     "truth_top": "The truth from above, and the pings of Table II",
     "sparse": "Relative error against the number of pings",
     "glides_3d": "Glides planned on each flow and flown in the truth",
-    "glides_top": "The same from above",
+    "glides_top": "The same glides from above",
 }
-FILES = (
-    *(f"{name}.csv" for name in _TABLES),
-    "paper.json",
-    "report.md",
-    *(f"{name}.{ending}" for name in FIGURES for ending in ("png", "svg")),
-)
 
 
 def to_json(tables: PaperTables) -> dict[str, Any]:
@@ -43,28 +35,6 @@ def print_paper(tables: PaperTables, console: Console) -> None:
     """Print the tables, and how the paper's estimator compares with the ensemble mean."""
     print_tables(console, text_tables(tables))
     console.print(findings.sparse_logs(tables)[0], soft_wrap=True)
-
-
-def write_paper(out: Path, tables: PaperTables, shown: Shown) -> None:
-    """Write ``FILES`` into a folder, each whole or not at all; existing ones are replaced.
-
-    Of an unfinished study, these are ``paper.json`` and the tables that have rows.
-
-    Args:
-        out: The folder; it exists.
-        tables: The results.
-        shown: What the figures show.
-    """
-    write_files(out, {f"{name}.csv": rows_to_csv(getattr(tables, name)) for name in _TABLES if getattr(tables, name)})
-    write_files(out, {"paper.json": json_text(to_json(tables))})
-    if tables.unfinished:
-        return
-    # matplotlib takes half a second to load, and nothing but this needs it
-    from replay_kit.studies.paper.figures import draw
-
-    for name, ending, content in draw(tables, shown):
-        write_files(out, {f"{name}.{ending}": content})
-    write_files(out, {"report.md": to_markdown(tables)})
 
 
 def rows_to_csv(rows: Sequence[ErrorRow | GlideRow | SparseRow]) -> str:

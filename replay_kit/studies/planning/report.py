@@ -1,20 +1,13 @@
-"""The studies of planning to the console and to files: a report in Markdown, a CSV for each table, JSON, pictures."""
+"""The studies of planning to the console, to Markdown and to JSON."""
 
 from dataclasses import asdict, fields
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from replay_kit.studies.planning.job import PlanningResult, StudyReport
 from replay_kit.studies.reports.tables import Table
-from replay_kit.studies.reports.write import answer_of, criteria_table, drawn, json_text, markdown, print_tables, to_csv, write_files
-
-
-def replaced_files(out: Path, studies: tuple[str, ...]) -> list[Path]:
-    """Return the files in a folder that a run of some studies would replace."""
-    patterns = ["report.md", "planning.json", *(f"{study}*.{ending}" for study in studies for ending in ("csv", "png"))]
-    return sorted(path for pattern in patterns for path in out.glob(pattern))
+from replay_kit.studies.reports.write import answer_of, criteria_table, markdown, print_tables
 
 
 def to_json(result: PlanningResult) -> dict[str, Any]:
@@ -38,7 +31,7 @@ def to_markdown(result: PlanningResult) -> str:
     """Return the studies as Markdown."""
     parts = ["# Plans flown in truths that the estimates do not know", conditions(result)]
     for report in result.reports:
-        parts += [f"## {report.title}", *(markdown(table) for table in _tables(report) if table.shown), *report.findings]
+        parts += [f"## {report.title}", *(markdown(table) for table in all_tables(report) if table.shown), *report.findings]
         parts += [f"![{picture.caption}]({picture.name}.png)\n\n*{picture.caption}.*" for picture in report.pictures]
     done = {report.study for report in result.reports}
     if left := [study for study in result.job.studies if study not in done]:
@@ -57,21 +50,14 @@ def conditions(result: PlanningResult) -> str:
     )
 
 
-def write_planning(out: Path, result: PlanningResult) -> None:
-    """Write everything into a folder that exists, each file whole or not at all; existing ones are replaced."""
-    for report in result.reports:
-        write_files(out, {f"{table.name}.csv": to_csv(table) for table in report.tables})
-        write_files(out, {f"{picture.name}.png": drawn(picture) for picture in report.pictures})
-    write_files(out, {"planning.json": json_text(to_json(result)), "report.md": to_markdown(result)})
-
-
 def print_planning(result: PlanningResult, console: Console) -> None:
     """Print the tables, the criteria, and the findings."""
     for report in result.reports:
-        print_tables(console, _tables(report))
+        print_tables(console, all_tables(report))
         for finding in report.findings:
             console.print(finding, soft_wrap=True, markup=not report.failed)
 
 
-def _tables(report: StudyReport) -> tuple[Table, ...]:
+def all_tables(report: StudyReport) -> tuple[Table, ...]:
+    """Return the tables of a study, and its criteria as one more."""
     return (*report.tables, criteria_table(f"Acceptance criteria of {report.study}", report.criteria))

@@ -1,10 +1,10 @@
-"""Tables to CSV, Markdown and the console; results to JSON; figures to PNG and SVG; files into a folder."""
+"""Tables to CSV, Markdown and the console; results to JSON; files into a folder."""
 
 import csv
 import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,7 @@ from rich.table import Table as ConsoleTable
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.version import __version__
-from replay_kit.studies.reports.tables import Cell, Criterion, Picture, Table
-
-_STYLE: Any = {
-    "font.size": 12.0,
-    "axes.titlesize": 12.0,
-    "figure.dpi": 110.0,
-    # ids in an SVG are salted hashes; words stay words, so that they can be searched and read aloud
-    "svg.hashsalt": "replay-kit",
-    "svg.fonttype": "none",
-}
+from replay_kit.studies.reports.tables import Cell, Criterion, Table
 
 
 def plain(value: Any) -> Any:
@@ -120,36 +111,3 @@ def write_files(out: Path, contents: Mapping[str, str | bytes]) -> None:
     for name, content in contents.items():
         with atomic_file(out / name) as file:
             file.write(content.encode() if isinstance(content, str) else content)
-
-
-def drawn(picture: Picture) -> bytes:
-    """Return a picture as PNG."""
-    from matplotlib.figure import Figure
-
-    def make() -> Figure:
-        figure = Figure(figsize=picture.size, layout="constrained")
-        picture.draw(figure)
-        return figure
-
-    return saved(make, "png")["png"]
-
-
-def saved(make: Callable[[], Any], *endings: str) -> dict[str, bytes]:
-    """Return a figure in some formats by their file endings.
-
-    Args:
-        make: Makes the figure; called under the style of all studies.
-        endings: ``png`` or ``svg``.
-    """
-    # matplotlib takes half a second to load, and nothing but pictures needs it
-    import matplotlib
-
-    contents = {}
-    with matplotlib.rc_context(_STYLE):
-        figure = make()
-        for ending in endings:
-            content = io.BytesIO()
-            # an SVG states when it was made unless told otherwise
-            figure.savefig(content, format=ending, metadata={"Date": None} if ending == "svg" else {})
-            contents[ending] = content.getvalue()
-    return contents

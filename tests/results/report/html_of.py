@@ -13,7 +13,7 @@ import numpy as np
 class _Reader(HTMLParser):
     """Collects elements with their attributes and text, and sees that tags are closed in order."""
 
-    VOID = frozenset({"meta", "link", "input", "br"})
+    VOID = frozenset({"meta", "link", "input", "br", "img"})
 
     def __init__(self) -> None:
         super().__init__()

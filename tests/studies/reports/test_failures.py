@@ -176,7 +176,7 @@ def test_a_planning_run_that_is_killed_leaves_the_studies_that_were_done(studies
     report = (tmp_path / "out" / "report.md").read_text()
     assert "The study failed: PlanError: no way" in report
     assert "Not done when this was written: masked." in report
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["glides-rows.csv", "planning.json", "report.md"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["glides-rows.csv", "index.html", "planning.json", "report.md"]
 
 
 def test_a_planning_run_whose_studies_all_fail_is_no_success(studies, ensemble, tmp_path):

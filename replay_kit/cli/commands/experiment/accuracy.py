@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, OneTruth
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, existing, folder, name_page
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, numbers, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.paths import check_paths
+from replay_kit.core.paths import check_folder, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,13 +38,20 @@ class Survey:
     ] = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs(Answer):
+    """What is written."""
+
+    out: Annotated[Path | None, folder("a page, CSV and JSON"), FOLDER] = None
+
+
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
 def accuracy(
     *,
     truths: Annotated[OneTruth, TO_INPUTS],
     survey: Annotated[Survey, TO_OPTIONS] = Survey(),
     settings: Settings,
-    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+    outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
     """Return 0.
 
@@ -52,11 +59,24 @@ def accuracy(
         EstimatorError: Every method failed.
     """
     truths.check("accuracy")
-    check_paths([*truths.files, survey.archive, settings.file], [answer.json_file], answer.overwrite)
+    read, out = [*truths.files, survey.archive, settings.file], outputs.out
+    if out is not None:
+        check_folder(out)
+    check_paths(read, [outputs.json_file], outputs.overwrite)
     config = settings.load()
 
-    from replay_kit.studies.accuracy import METHODS, AccuracyJob, print_accuracy, read_sources, run_accuracy, to_json
+    from replay_kit.studies.accuracy import (
+        FILES,
+        METHODS,
+        AccuracyJob,
+        print_accuracy,
+        read_sources,
+        run_accuracy,
+        to_json,
+        write_accuracy,
+    )
 
+    check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
     methods = METHODS if survey.methods is None else tuple(survey.methods.split(","))
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
@@ -64,9 +84,14 @@ def accuracy(
     sources = None if survey.archive is None else read_sources(truths.ensemble, survey.archive, config.forecast)
     with progress(config.output.threads) as advance:
         for result in run_accuracy(members, withheld, config.estimator, job, advance, sources):
-            keep_json(answer.json_file, to_json(result))
-    print_accuracy(result, console_beside(answer.json_file))
-    write_json(answer.json_file, to_json(result))
+            if out is not None:
+                out.mkdir(exist_ok=True)
+                write_accuracy(out, result)
+            keep_json(outputs.json_file, to_json(result))
+    console = console_beside(outputs.json_file)
+    print_accuracy(result, console)
+    name_page(console, out)
+    write_json(outputs.json_file, to_json(result))
     if all(row.failed for row in result.rows):
         raise EstimatorError(f"experiment accuracy: every method failed, the first with {result.rows[0].failed}")
     return 0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, folder, parts
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, existing, folder, name_page, parts
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
@@ -35,7 +35,7 @@ class Missions:
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path | None, folder("CSV and JSON"), FOLDER] = None
+    out: Annotated[Path | None, folder("a page, CSV and JSON"), FOLDER] = None
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", "time", "gating", without=ESTIMATOR)
@@ -56,8 +56,7 @@ def missions(
     from replay_kit.forecast import read_series
     from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
 
-    written = [out / name for name in FILES if (out / name).exists()] if out is not None else []
-    check_paths(read, [*written, outputs.json_file], outputs.overwrite)
+    check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     series = read_series(truths.ensemble, config.forecast)
     # the study of time needs a truth that changes
     usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)
@@ -69,6 +68,8 @@ def missions(
                 out.mkdir(exist_ok=True)
                 write_missions(out, result)
             keep_json(outputs.json_file, to_json(result))
-    print_missions(result, console_beside(outputs.json_file))
+    console = console_beside(outputs.json_file)
+    print_missions(result, console)
+    name_page(console, out)
     write_json(outputs.json_file, to_json(result))
     return 0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth, folder
+from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth, existing, folder, name_page
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OUTPUTS, Answer, option
 from replay_kit.cli.settings import Settings, takes_settings
@@ -15,7 +15,7 @@ from replay_kit.core.paths import check_folder, check_paths
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, folder("tables, figures and report"), FOLDER]
+    out: Annotated[Path, folder("a page, tables, figures and report"), FOLDER]
 
 
 @takes_settings(*PART_OF_FORECAST, file=False)
@@ -44,7 +44,7 @@ def paper(
 
     from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
 
-    check_paths(truths.files, [*(out / name for name in FILES if out.exists()), outputs.json_file], outputs.overwrite)
+    check_paths(truths.files, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     most = None if modes is None else config.estimator.modes
     job = PaperJob(leave_out=truths.leave_out, most_modes=most, plan_modes=config.estimator.modes, pairs=pairs, seed=seed)
     members, withheld = truths.read(config.forecast)
@@ -57,5 +57,6 @@ def paper(
     console = console_beside(outputs.json_file)
     print_paper(tables, console)
     console.print(f"{out}: report.md, paper.json, tables as CSV, figures as PNG and SVG", soft_wrap=True)
+    name_page(console, out)
     write_json(outputs.json_file, to_json(tables))
     return 0

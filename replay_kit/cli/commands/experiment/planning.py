@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, folder, parts
+from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, folder, name_page, parts
 from replay_kit.cli.console import console_beside, progress, write_json
 from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, option
 from replay_kit.cli.settings import Settings, takes_settings
@@ -41,7 +41,7 @@ class Sizes:
 class Outputs(Answer):
     """What is written."""
 
-    out: Annotated[Path, folder("report, tables and pictures"), FOLDER]
+    out: Annotated[Path, folder("a page, report, tables and pictures"), FOLDER]
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator", without=ESTIMATOR)
@@ -93,6 +93,7 @@ def planning(
     console = console_beside(outputs.json_file)
     study.print_planning(result, console)
     console.print(f"{out}: report.md, planning.json, tables as CSV, pictures as PNG", soft_wrap=True)
+    name_page(console, out)
     write_json(outputs.json_file, study.to_json(result))
     if all(report.failed for report in result.reports):
         raise EstimatorError(f"experiment planning: every study failed, the first with {result.reports[0].failed}")

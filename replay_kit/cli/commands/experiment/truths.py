@@ -1,5 +1,6 @@
-"""Options that studies share: the truths, the folder of the report."""
+"""Options that studies share: the truths, the folder of the page."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,6 +13,8 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import truth_path
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from replay_kit.core.grid import Ensemble as Members
 
 FOLDER = Ending()
@@ -25,6 +28,17 @@ def parts(names: str) -> Parameter:
 def folder(what: str) -> Parameter:
     """Return the option of the folder that a study writes."""
     return option("--out -o", f"Folder for {what}; made if absent.", metavar="DIR")
+
+
+def existing(out: Path | None, names: Sequence[str]) -> list[Path]:
+    """Return those files of a study that its folder has already."""
+    return [] if out is None else [path for path in map(out.joinpath, names) if path.exists()]
+
+
+def name_page(console: "Console", out: Path | None) -> None:
+    """Name the page of a study, where a folder is written."""
+    if out is not None:
+        console.print(f"Page: {out / 'index.html'}; open it in a browser.", soft_wrap=True)
 
 
 # Settings that the estimators of these studies have; name and preset are those that a study compares.

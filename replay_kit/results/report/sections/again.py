@@ -4,7 +4,7 @@ import json
 import shlex
 from html import escape
 
-from replay_kit.results.report.section import Section, number, table_html
+from replay_kit.results.page.section import Section, number, table_html
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import changed_settings, leaves
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.text import time_text
-from replay_kit.results.report.colors import scale
-from replay_kit.results.report.section import Control, Figure, Section, column, pack, times
+from replay_kit.results.page.colors import scale
+from replay_kit.results.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.results.report.sections.map_frame import Extent, coastline, graticule
 from replay_kit.results.report.sections.map_marks import DARK, POSITIONS, plan_marks, surfacing_marks, track_marks
 from replay_kit.results.views.contents import Contents

@@ -7,7 +7,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
-from replay_kit.results.report.section import Section, cm, items_html, number, table_html
+from replay_kit.results.page.section import Section, cm, items_html, number, table_html
 from replay_kit.results.report.sections.warnings import next_steps, what_looks_wrong
 from replay_kit.results.views.contents import Contents
 

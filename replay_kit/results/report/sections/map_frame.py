@@ -8,7 +8,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.results.report.section import column
+from replay_kit.results.page.section import column
 from replay_kit.results.views.slices import CurrentSlices
 
 #: Steps between lines of longitude or latitude [degrees].

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.geodesy import to_local
-from replay_kit.results.report.colors import scale
-from replay_kit.results.report.section import column, times
+from replay_kit.results.page.colors import scale
+from replay_kit.results.page.section import column, times
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.surfacings import outlines_of
 from replay_kit.results.views.track import thinned

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.geodesy import to_local
-from replay_kit.results.report.section import Figure, Section, column, number, table_html
+from replay_kit.results.page.section import Figure, Section, column, number, table_html
 from replay_kit.results.report.sections.waypoint import waypoint_figure
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import thinned

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.results.report.colors import scale
-from replay_kit.results.report.section import Control, Figure, Section, column, pack, times
+from replay_kit.results.page.colors import scale
+from replay_kit.results.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.results.views.along_track import BinsAlongTrack
 from replay_kit.results.views.contents import Contents
 

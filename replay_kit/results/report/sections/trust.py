@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from replay_kit.core.arrays import Array
-from replay_kit.results.report.section import Figure, Section, cm, column, number, table_html
+from replay_kit.results.page.section import Figure, Section, cm, column, number, table_html
 from replay_kit.results.report.sections.trust_figures import calibration_figure, dives_figure, error_figure
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import thinned

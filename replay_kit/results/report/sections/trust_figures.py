@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from replay_kit.results.report.section import Figure, column, times
+from replay_kit.results.page.section import Figure, column, times
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.trust import Calibration, error_through_time, information_by_dive

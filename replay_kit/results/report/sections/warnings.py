@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.results.report.section import number
+from replay_kit.results.page.section import number
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.trust import calibration
 

@@ -8,7 +8,7 @@ import numpy as np
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_local
-from replay_kit.results.report.section import Control, Figure, column, pack
+from replay_kit.results.page.section import Control, Figure, column, pack
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.steering import LEAST_DIVE, STEPS, TRIES, Arrival, Dives, GriddedCurrents, fly_to_waypoints, gridded_currents
 

@@ -1,4 +1,4 @@
-"""What a section of a report is made of: text as HTML, and figures as plotly traces on named columns of data."""
+"""What a section of a page is made of: text as HTML, and figures as plotly traces on named columns of data."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -48,6 +48,7 @@ class Figure:
         packed: Large numeric arrays, see ``pack``.
         flight: What ``flight.js`` flies; empty for other figures.
         readout: Text below the controls, which the script keeps up to date; empty without one.
+        image: A finished picture as a data URL, shown instead of traces; empty without one.
     """
 
     key: str
@@ -61,11 +62,12 @@ class Figure:
     packed: Mapping[str, Any] = field(default_factory=dict)
     flight: Mapping[str, Any] = field(default_factory=dict)
     readout: str = ""
+    image: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A section of a report.
+    """A section of a page.
 
     Attributes:
         key: Unique in the page.

@@ -6,9 +6,16 @@
 //   {"$color": name}                         a colour of the page's style, which changes between light and dark
 // A trace of the type "arrows" becomes lines along u and v.
 const MISSING = -32768;
-const unpacked = async (id) => {
-  const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
-  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+// The loop takes a tenth of the time of Uint8Array.from with a function.
+function bytesOf(base64) {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i += 1) bytes[i] = text.charCodeAt(i);
+  return bytes;
+}
+const unpacked = (id) => {
+  const packed = new Blob([bytesOf(document.getElementById(id).textContent)]);
+  return new Response(packed.stream().pipeThrough(new DecompressionStream("gzip"))).text();
 };
 const styled = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const state = { figures: [], choices: {}, arrays: {} };
@@ -16,8 +23,7 @@ const state = { figures: [], choices: {}, arrays: {} };
 function packedArray(figure, name) {
   const key = `${figure.key}.${name}`;
   if (!state.arrays[key]) {
-    const bytes = Uint8Array.from(atob(figure.packed[name].data), (c) => c.charCodeAt(0));
-    state.arrays[key] = new Int16Array(bytes.buffer);
+    state.arrays[key] = new Int16Array(bytesOf(figure.packed[name].data).buffer);
   }
   return state.arrays[key];
 }
@@ -52,8 +58,8 @@ const OPERATIONS = {
 
 function resolved(figure, value) {
   if (typeof value === "string" && value.startsWith("$")) {
-    const [table, column] = value.slice(1).split(".");
-    return figure.tables[table][column];
+    const dot = value.indexOf(".");
+    return figure.tables[value.slice(1, dot)][value.slice(dot + 1)];
   }
   if (Array.isArray(value)) return value.map((item) => resolved(figure, item));
   if (value === null || typeof value !== "object") return value;
@@ -129,6 +135,7 @@ function fitMap(figure, place, traces, layout) {
 
 async function draw(figure) {
   const place = document.querySelector(`#${figure.key} .plot`);
+  if (!place) return; // a finished picture
   const layout = layoutOf(figure);
   let traces = figure.traces.map((trace) => resolved(figure, trace));
   if (layout.yaxis.scaleanchor && layout.yaxis.range) fitMap(figure, place, traces, layout);
@@ -199,18 +206,23 @@ function set(input, value) {
 }
 
 async function start() {
-  state.figures = JSON.parse(await unpacked("figures"));
+  const [figures, plotly] = await Promise.all(["figures", "plotly"].map(unpacked));
+  state.figures = JSON.parse(figures);
   const inputs = [...document.querySelectorAll("[data-figure][id]")];
   for (const figure of state.figures) {
     state.choices[figure.key] = inputs.filter((input) => input.dataset.figure === figure.key).map((input) => Number(input.value));
   }
   const script = document.createElement("script");
-  script.textContent = await unpacked("plotly");
+  script.textContent = plotly;
   document.head.append(script);
   for (const input of inputs) input.addEventListener("input", () => draw(set(input, Number(input.value))));
   for (const button of document.querySelectorAll("button[data-table]")) button.addEventListener("click", () => save(button));
   const all = async () => { for (const figure of state.figures) await draw(figure); };
-  await all();
+  // the browser shows each figure before the next is drawn
+  for (const figure of state.figures) {
+    await draw(figure);
+    await new Promise((shown) => { requestAnimationFrame(() => setTimeout(shown)); });
+  }
   state.figures.filter(({ flight }) => flight.places).forEach(dragWaypoint);
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", all);
   let due = 0;

@@ -1,0 +1,104 @@
+"""The comparison of methods to files; its page says which method errs least, and which knows how much it errs."""
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from replay_kit.results.page import Section
+from replay_kit.studies.accuracy.report import row_table, to_csv, to_json
+from replay_kit.studies.accuracy.run import AccuracyResult, AccuracyRow
+from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
+from replay_kit.studies.reports.flows import LABELS
+from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
+from replay_kit.studies.reports.write import json_text, number, write_files
+
+FILES = ("accuracy.csv", "accuracy.json", PAGE)
+_PINGS = Axis("pings", log=True)
+#: Key, title, field of the rows, vertical axis, value to compare with, and what to see.
+_CHARTS = (
+    (
+        "error",
+        "Error of each method against the number of pings",
+        "rel_error",
+        Axis("RMSE / RMS speed of the truth [1]", log=True),
+        1.0,
+        "Lower is better. At 1 (dotted) a method is no better than no current at all. Lines that fall fast learn much from few pings.",
+    ),
+    (
+        "coverage",
+        "How many components lie in their 90 % intervals",
+        "coverage90",
+        Axis("share inside [1]"),
+        0.9,
+        "A method that knows how much it errs holds 0.9 (dotted); below it the stated errors are too small. Some methods state none.",
+    ),
+    (
+        "nis",
+        "Errors of predictions over their stated size",
+        "nis_per_dof",
+        Axis("NIS per degree of freedom [1]", log=True),
+        1.0,
+        "Each ping is predicted before it is used. At 1 (dotted) the predictions err as much as they state; above it more, below it less.",
+    ),
+)
+
+
+def write_accuracy(out: Path, result: AccuracyResult) -> None:
+    """Write ``FILES`` into a folder that exists, each whole or not at all; of an unfinished study all but the page."""
+    page = {} if result.unfinished else {PAGE: accuracy_page(result)}
+    write_files(out, {"accuracy.csv": to_csv(result), "accuracy.json": json_text(to_json(result)), **page})
+
+
+def accuracy_page(result: AccuracyResult) -> str:
+    """Return the page of a finished study; of truths in turn it shows the means over them."""
+    rows = [row for row in result.rows if row.truth in (None, "mean")]
+    charts = [
+        Chart(key, title, caption, (_PINGS, axis), series, level)
+        for key, title, field, axis, level, caption in _CHARTS
+        if (series := _series(rows, field))
+    ]
+    lost = [f"{row.method} after {row.pings} pings has no figures: {row.failed}." for row in rows if row.failed]
+    answer = words_html([_conditions(result, rows)]) + list_html([_best(rows, pings) for pings in _counts(rows)])
+    sections = [
+        Section("answer", "In words", answer, missing=lost),
+        Section("errors", "Errors and calibration", figures=[chart_figure(chart) for chart in charts]),
+        Section("table", "Every figure", tables_html([row_table(result)])),
+    ]
+    return study_page("Estimation methods compared", sections, to_json(result))
+
+
+def _series(rows: Sequence[AccuracyRow], field: str) -> tuple[Series, ...]:
+    by_method: dict[str, list[AccuracyRow]] = {}
+    for row in rows:
+        # NaN is unequal to itself: methods without such a figure have no line
+        if (value := getattr(row, field)) == value:
+            by_method.setdefault(row.method, []).append(row)
+    return tuple(
+        Series(LABELS.get(method, method), [row.pings for row in of_method], [getattr(row, field) for row in of_method])
+        for method, of_method in by_method.items()
+    )
+
+
+def _conditions(result: AccuracyResult, rows: Sequence[AccuracyRow]) -> str:
+    methods, seeds = len({row.method for row in rows}), max((len(row.rel_error_by_seed) for row in rows), default=0)
+    truth = "each member in turn" if result.truth == "all" else f"`{result.truth}`"
+    return (
+        f"{methods} methods estimate a truth, {truth}, from the same pings at random places with {result.noise:g} m/s of noise. Errors are "
+        f"over all wet grid points of the truth; figures are means over {seeds} surveys{' of each truth' if result.truth == 'all' else ''}."
+    )
+
+
+def _counts(rows: Sequence[AccuracyRow]) -> list[int]:
+    return sorted({row.pings for row in rows})
+
+
+def _best(rows: Sequence[AccuracyRow], pings: int) -> str:
+    measured = sorted((row for row in rows if row.pings == pings and not row.failed), key=lambda row: row.rel_error)
+    if not measured:
+        return f"After {pings} pings no method has an estimate."
+    best, mean = measured[0], next((row for row in measured if row.method == "ensemble_mean"), None)
+    beside = f"; the ensemble mean, which uses no ping: {number(mean.rel_error)}" if mean is not None and mean is not best else ""
+    return (
+        f"After {pings} pings *{escape(LABELS.get(best.method, best.method))}* errs least: {number(best.rel_error)} of the truth's RMS "
+        f"speed, {number(100.0 * best.rmse, 1)} cm/s{beside}."
+    )

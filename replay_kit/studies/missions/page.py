@@ -1,0 +1,77 @@
+"""The studies on missions to files; their page says which figures keep to their limits, and shows each beside its limits."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from replay_kit.results.page import Section
+from replay_kit.studies.missions.report import study_table, to_csv, to_json
+from replay_kit.studies.missions.rows import MissionRow
+from replay_kit.studies.missions.run import MissionResult
+from replay_kit.studies.reports.charts import Axis, Chart, Series, chart_figure
+from replay_kit.studies.reports.page import PAGE, list_html, study_page, tables_html, words_html
+from replay_kit.studies.reports.write import json_text, limits_text, to_text, write_files
+
+FILES = ("missions.csv", "missions.json", PAGE)
+_TITLES = {
+    "time": "A truth that changes",
+    "relative": "Profiles relative to the vehicle",
+    "dac": "Mean currents of dives alone",
+    "outliers": "Pings that are wrong",
+    "bias": "Instruments with a bias",
+    "coverage": "Whether the stated errors are right",
+}
+_CAPTION = "Dots are single missions, the diamond is all of them together, bars are the limits that it should keep to, where there are any."
+
+
+def write_missions(out: Path, result: MissionResult) -> None:
+    """Write ``FILES`` into a folder that exists, each whole or not at all; of unfinished studies all but the page."""
+    page = {} if result.unfinished else {PAGE: missions_page(result)}
+    write_files(out, {"missions.csv": to_csv(result), "missions.json": json_text(to_json(result)), **page})
+
+
+def missions_page(result: MissionResult) -> str:
+    """Return the page of finished studies: a section each."""
+    sections = [Section("answer", "In words", _answer(result), missing=[f"Left out: {why}." for why in result.lost])]
+    sections += [_section(result, study) for study in result.job.studies]
+    return study_page("The estimator on simulated missions", sections, to_json(result))
+
+
+def _answer(result: MissionResult) -> str:
+    job, limited = result.job, [row for row in result.rows if row.met is not None]
+    not_met = [row for row in limited if not row.met]
+    paragraphs = [
+        f"Gliders fly through {len(result.members)} members of `{result.ensemble}` that the estimator does not know, {job.seeds} for each,"
+        f" with {job.pings} pings of {job.noise:g} m/s noise.",
+        f"{len(limited) - len(not_met)} of {len(limited)} figures that have a limit keep to it{'; these do not:' if not_met else '.'}",
+    ]
+    lines = [
+        f"{row.study}, {row.method}, {row.figure}: *{to_text(row.value)}*, required {limits_text(row.at_least, row.at_most)}"
+        for row in not_met
+    ]
+    return words_html(paragraphs) + (list_html(lines) if lines else "")
+
+
+def _section(result: MissionResult, study: str) -> Section:
+    rows = [row for row in result.rows if row.study == study]
+    by_unit: dict[str, list[MissionRow]] = {}
+    for row in rows:
+        found = re.search(r"\[(.+)\]", row.figure)
+        by_unit.setdefault(found[1] if found else "1", []).append(row)
+    figures = [chart_figure(_chart(study, unit, alike)) for unit, alike in by_unit.items()]
+    missing = () if rows else ("No mission of this study is left.",)
+    return Section(study, _TITLES[study], tables_html([study_table(result, study)]), figures, missing)
+
+
+def _chart(study: str, unit: str, rows: Sequence[MissionRow]) -> Chart:
+    labels = tuple(f"{row.method}: {row.figure.partition(' [')[0]}" for row in rows)
+    missions = [(value, k) for k, row in enumerate(rows) for value in row.by_mission]
+    limits = [(limit, k) for k, row in enumerate(rows) for limit in (row.at_least, row.at_most) if limit == limit]
+    whole = [(row.value, k) for k, row in enumerate(rows)]
+    parts = (("each mission", missions, "circle-open"), ("all missions", whole, "diamond"), ("limit", limits, "line-ns"))
+    series = tuple(Series(name, *zip(*points, strict=True), mode="markers", symbol=symbol) for name, points, symbol in parts if points)
+    key, title = (
+        f"{study}-{re.sub('[^a-z0-9]+', '-', unit)}",
+        f"{_TITLES[study]}: figures in {unit}" if unit != "1" else f"{_TITLES[study]}: ratios",
+    )
+    return Chart(key, title, _CAPTION, (Axis(f"value [{unit}]"), Axis("figure [name]", labels=labels)), series)

@@ -1,0 +1,109 @@
+"""Pages opened in Debian's Chromium: what they ask for, complain of, and when they show their first picture."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+#: Chromium to drive: the one that the environment names, or the one of the search path.
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
+WIDTHS = (1280, 390)
+SCHEMES = ("light", "dark")
+#: Of the tests that need it.
+MARKS = [
+    pytest.mark.full,
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: install Debian's, or name another in the environment as CHROMIUM"),
+]
+# When each figure was drawn and the browser has shown it [ms since the page was opened].
+_WATCH = """
+window.firstShown = {};
+new MutationObserver((changes) => {
+  for (const { target } of changes) {
+    const key = target.closest("figure").id;
+    if (!(key in window.firstShown)) requestAnimationFrame(() => setTimeout(() => { window.firstShown[key] ??= performance.now(); }));
+  }
+}).observe(document, { attributes: true, subtree: true, attributeFilter: ["data-drawn"] });
+"""
+_AXE = """async () => {
+  const { violations, passes } = await axe.run();
+  return [passes.length, violations.map(({ impact, id, nodes }) => [impact, id, nodes[0].html])];
+}"""
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """Yield a browser; without playwright the test is skipped."""
+    # here, so that a run without the extra does not count it as skipped
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'browser')")
+    with sync_api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@contextmanager
+def opened(browser: Any, page: str, width: int = WIDTHS[0], scheme: str = SCHEMES[0]) -> Iterator[Any]:
+    """Yield a tab with all figures of a page drawn; at the end nothing may have been asked for or complained of.
+
+    Args:
+        browser: Of ``chromium``.
+        page: HTML.
+        width: Of the window [px].
+        scheme: ``light`` or ``dark``.
+    """
+    said: list[str] = []
+    asked: list[str] = []
+    tab = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    tab.on("console", lambda message: said.append(message.text) if message.type in ("error", "warning") else None)
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    tab.route("**/*", lambda route: (asked.append(route.request.url), route.abort()))
+    tab.add_init_script(_WATCH)
+    # set, not visited: every request is aborted
+    tab.set_content(page)
+    tab.wait_for_selector("body[data-ready]", timeout=120_000)
+    yield tab
+    assert said == []
+    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == []
+    tab.close()
+
+
+@contextmanager
+def visited(browser: Any, path: Path) -> Iterator[Any]:
+    """Yield a tab in which the page of a file was opened, with all figures drawn."""
+    tab = browser.new_page(viewport={"width": WIDTHS[0], "height": 900})
+    tab.add_init_script(_WATCH)
+    tab.goto(path.as_uri())
+    tab.wait_for_selector("body[data-ready]", timeout=120_000)
+    yield tab
+    tab.close()
+
+
+def check_drawn(tab: Any, width: int) -> int:
+    """Return the number of figures of a page, each of them drawn and within the window."""
+    shown = tab.query_selector_all("figure")
+    for figure in shown:
+        place = figure.query_selector(".plot[data-drawn]") or figure.query_selector("img")
+        assert place, figure.get_attribute("id")
+        box = place.bounding_box()
+        assert box["height"] > 100
+        assert box["width"] <= width
+        # a picture that is not decoded has no width
+        assert figure.query_selector("svg.main-svg") or place.evaluate("(image) => image.naturalWidth > 0")
+    assert tab.evaluate("() => document.documentElement.scrollWidth") <= width
+    return len(shown)
+
+
+def check_accessible(tab: Any) -> None:
+    """Check that axe-core finds nothing serious or critical in a page; skips without it."""
+    pytest.importorskip("axe_playwright_python", reason="axe-core is not installed (extra 'browser')")
+    script = files("axe_playwright_python").joinpath("axe.min.js").read_text(encoding="utf-8")
+    tab.evaluate("(text) => { const own = document.createElement('script'); own.textContent = text; document.head.append(own); }", script)
+    passed, found = tab.evaluate(_AXE)
+    assert passed > 15
+    assert [each for each in found if each[0] in ("serious", "critical")] == []

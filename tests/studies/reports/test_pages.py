@@ -1,0 +1,200 @@
+"""The pages of the studies: what they say and show of results that are written down."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit.studies import accuracy, dives, missions, planning
+from replay_kit.studies.accuracy.page import accuracy_page
+from replay_kit.studies.reports.charts import Axis, Chart, Series, _log_ticks, chart_figure, misses_chart
+from replay_kit.studies.reports.page import words_html
+from replay_kit.studies.reports.pictures import drawn, saved
+from replay_kit.studies.reports.tables import Picture
+from tests.results.page.checks import check_figures
+from tests.results.report.html_of import elements, table, text_of
+from tests.studies.pages import accuracy_result, dives_result, mission_result, planning_result
+
+WRITTEN = [
+    (accuracy.write_accuracy, accuracy_result, ["error", "coverage", "nis"]),
+    (dives.write_dives, dives_result, ["errors-profiles", "errors-mean", "surfacings"]),
+    (missions.write_missions, mission_result, ["outliers-m-s", "outliers-1", "coverage-1"]),
+    (planning.write_planning, planning_result, ["glides-distribution", "glides-pairs"]),
+]
+
+
+@pytest.mark.parametrize(("write", "result", "keys"), WRITTEN)
+def test_a_page_lies_beside_the_tables_and_is_whole(write, result, keys, tmp_path: Path) -> None:
+    write(tmp_path, result())
+    page = (tmp_path / "index.html").read_text()
+    assert list(check_figures(page)) == keys
+    assert [attrs["href"] for attrs, _ in elements(page, "a")] == [f"#{attrs['id']}" for attrs, _ in elements(page, "section")]
+    ids = [attrs["id"] for tag in ("section", "figure") for attrs, _ in elements(page, tag)]
+    assert len(set(ids)) == len(ids)
+    assert ["replay-kit", "0.1.0"] in table(page, "Versions")
+    assert ["ensemble", "ensemble.nc"] in table(page, "Inputs and options")
+    assert len(page) < 1e6
+    (csv, *_) = tmp_path.glob("*.csv")
+    assert csv.read_text().count("\n") > 3
+    (tmp_path / "again").mkdir()
+    write(tmp_path / "again", result())
+    assert (tmp_path / "again" / "index.html").read_text() == page
+
+
+@pytest.mark.parametrize(("write", "result"), [each[:2] for each in WRITTEN[:3]])
+def test_an_unfinished_study_has_no_page(write, result, tmp_path: Path) -> None:
+    write(tmp_path, replace(result(), unfinished=True))
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json"]
+
+
+def test_the_comparison_says_which_method_errs_least_and_which_failed() -> None:
+    page = accuracy_page(accuracy_result())
+    words = text_of(page, "answer")
+    assert "3 methods estimate a truth, truth.nc, from the same pings at random places with 0.09 m/s of noise." in words
+    assert "figures are means over 2 surveys." in words
+    said = "After 5 pings 2.5D default errs least: 0.400 of the truth's RMS speed, 12.0 cm/s; the ensemble mean, which uses no ping: 0.500."
+    assert said in words
+    assert "etkf after 50 pings has no figures: seed 0: LinAlgError: <singular>." in words
+    assert "<singular>" not in page.split("<script")[0]
+    values = check_figures(page)["nis"]["tables"]["values"]
+    assert values == {"2.5D default: pings": [5.0, 50.0], "2.5D default: NIS per degree of freedom [1]": [1.1, 1.1]}
+
+
+def test_of_truths_in_turn_the_means_are_shown() -> None:
+    result = accuracy_result()
+    each = [replace(row, truth=truth, rel_error=row.rel_error + add) for truth, add in ((3, 9.0), ("mean", 0.0)) for row in result.rows]
+    page = accuracy_page(replace(result, rows=tuple(each), truth="all"))
+    values = check_figures(page)["error"]["tables"]["values"]
+    assert values["ensemble mean: RMSE / RMS speed of the truth [1]"] == [0.5, 0.5]
+    assert "a truth, each member in turn, from" in text_of(page, "answer")
+    assert "means over 2 surveys of each truth." in text_of(page, "answer")
+
+
+def test_dives_say_how_the_estimate_compares(tmp_path: Path) -> None:
+    dives.write_dives(tmp_path, dives_result())
+    page = (tmp_path / "index.html").read_text()
+    words, rms = text_of(page, "answer"), 100.0 * np.sqrt((2 * 0.1**2 + 2 * 0.2**2) / 2.0)
+    assert f"Profiles of the current: the estimate errs by {rms:.1f} cm/s (RMS length), the best of the others, last dive, by" in words
+    assert "Surfacings: 2 of 2 in the predicted ellipse of 90 %; median distance 850 m." in words
+    found = check_figures(page)
+    assert found["errors-profiles"]["tables"]["values"]["estimate: dive [number]"] == [2.0, 3.0]
+    np.testing.assert_allclose(found["errors-profiles"]["tables"]["values"]["estimate: RMS error [cm/s]"], [14.142, 28.284])
+    assert found["surfacings"]["tables"]["values"]["shorter half axis: distance [m]"] == [700.0, 700.0]
+    lines = (tmp_path / "dives.csv").read_text().splitlines()
+    assert lines[:2] == ["dive,kind,method,rmse", "2,profiles,estimate,0.14142135623730953"]
+    assert len(lines) == 7
+
+
+def test_missions_say_what_does_not_keep_to_its_limit(tmp_path: Path) -> None:
+    missions.write_missions(tmp_path, mission_result())
+    page = (tmp_path / "index.html").read_text()
+    words = text_of(page, "answer")
+    assert "1 of 2 figures that have a limit keep to it; these do not:" in words
+    assert "outliers, gate soften, RMSE over that without outliers: 1.2, required <= 1.05" in words
+    assert "Left out: member 5, seed 0, bias: carried away." in words
+    assert text_of(page, "outliers").count("NOT MET") == 1
+    values = check_figures(page)["coverage-1"]["tables"]["values"]
+    assert values["limit: value [1]"] == [0.86, 0.94]
+    assert values["each mission: value [1]"] == [0.89, 0.91]
+    assert values["all missions: value [1]"] == [0.9, None]
+    assert check_figures(page)["coverage-1"]["layout"]["yaxis"]["ticktext"] == ["observed places, now:<br>share inside 90 %<br>intervals"]
+
+
+def test_plans_say_which_criteria_are_not_met(tmp_path: Path) -> None:
+    planning.write_planning(tmp_path, planning_result())
+    page = (tmp_path / "index.html").read_text()
+    words = text_of(page, "answer")
+    assert "1 of 2 criteria are met; these are not:" in words
+    assert "Glides of constant velocity: ratio of medians is 1.4, required <= 1" in words
+    assert "Not done when this was written: infeasible." in words
+    assert "The study failed: PlanError: too little water." in text_of(page, "masked")
+    assert "<em>truth</em> arrive, see <code>glides_cases</code>." in page
+    values = check_figures(page)["glides-distribution"]["tables"]["values"]
+    # 10 cm is drawn at 1 m
+    assert values["truth: miss distance in the truth [m]"] == [1.0, 1.0, 200.0, 300.0]
+    assert values["truth: share of the plans [1]"] == [0.0, 0.33333, 0.66667, 1.0]
+    drawn = check_figures(page)["glides-pairs"]["tables"]["drawn"]
+    assert drawn["x"][-2:] == [2000.0, 1500.0]
+    assert drawn["y"][-2:] == [300.0, 200.0]
+    assert planning.replaced_files(tmp_path, ("glides",)) == sorted(tmp_path.iterdir())
+
+
+def test_a_chart_says_its_data_in_words_and_fills_short_series() -> None:
+    axes = Axis("pings", log=True), Axis("error [m/s]")
+    series = Series("a.b", [1, 10, 100], [3.0, np.nan, 1.0]), Series("c", [2], [5.0]), Series("none", [np.nan], [np.nan])
+    figure = chart_figure(Chart("key", "Title", "What to see.", axes, series, 0.5))
+    assert figure.alternative == "Title: error [m/s] against pings. a.b: 3 at 1 to 1 at 100. c: 5 at 2. none: no values."
+    assert figure.tables["values"]["c: pings"] == [2.0, None, None]
+    assert figure.tables["values"]["a.b: error [m/s]"] == [3.0, None, 1.0]
+    assert figure.traces[0]["x"] == "$values.a.b: pings"
+    assert figure.layout["xaxis"]["type"] == "log"
+    assert figure.layout["xaxis"]["ticktext"] == ["0.5", "1", "2", "5", "10", "20", "50", "100", "200"]
+    assert figure.layout["shapes"][0]["y0"] == 0.5
+    assert len({(str(trace["line"]["color"]), trace["marker"]["symbol"]) for trace in figure.traces}) == 3
+    axes = Axis("value [1]"), Axis("name", labels=("first", "second"))
+    named = chart_figure(Chart("k", "T", "C", axes, (Series("s", [1.0, 2.0], [1, 0]),)))
+    assert named.alternative == "T: name against value [1]. s: second 1; first 2."
+
+
+@pytest.mark.parametrize(
+    ("least", "largest", "expected"),
+    [
+        (3.0, 30.0, [2.0, 5.0, 10.0, 20.0, 50.0]),
+        (0.8, 1.3, [0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0]),
+        (1.0, 1e6, [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]),
+    ],
+)
+def test_a_logarithmic_axis_has_round_ticks(least: float, largest: float, expected: list[float]) -> None:
+    assert _log_ticks(least, largest) == expected
+
+
+def test_words_are_escaped_and_marked() -> None:
+    assert words_html(["*a* < `b` & c_d"]) == "<p><em>a</em> &lt; <code>b</code> &amp; c_d</p>"
+
+
+def test_what_is_drawn_is_listed() -> None:
+    def draw(figure) -> None:
+        left, right = figure.subplots(1, 2)
+        left.plot([1.0, 2.0], [3.0, np.nan], label="line")
+        left.scatter([5.0], [6.0])
+        left.set_title("left\npanel")
+        mesh = right.pcolormesh([0.0, 1.0], [10.0, 20.0], [[1.0, np.nan], [3.0, 4.0]], shading="nearest")
+        right.quiver([0.5], [15.0], [0.25], [-0.125])
+        figure.colorbar(mesh, ax=right)
+
+    picture = drawn(Picture("name", "Caption", (4.0, 3.0), draw))
+    assert picture.files["png"][:4] == b"\x89PNG"
+    data = picture.data
+    assert list(data) == ["panel", "series", "x", "y", "value", "u", "v"]
+    rows = list(zip(*data.values(), strict=True))
+    assert rows[:3] == [
+        ("left panel", "line", 1.0, 3.0, None, None, None),
+        ("left panel", "line", 2.0, None, None, None, None),
+        ("left panel", "", 5.0, 6.0, None, None, None),
+    ]
+    assert rows[3:] == [
+        ("", "colours", 0.0, 10.0, 1.0, None, None),
+        ("", "colours", 0.0, 20.0, 3.0, None, None),
+        ("", "colours", 1.0, 20.0, 4.0, None, None),
+        ("", "arrows", 0.5, 15.0, None, 0.25, -0.125),
+    ]
+
+
+def test_a_line_in_3d_has_three_coordinates() -> None:
+    from matplotlib.figure import Figure
+
+    def make():
+        figure = Figure()
+        figure.add_subplot(projection="3d").plot([1.0], [2.0], [3.0], label="path")
+        return figure
+
+    picture = saved(make, "png", "svg")
+    assert list(picture.files) == ["png", "svg"]
+    assert picture.data == {"series": ["path"], "x": [1.0], "y": [2.0], "z": [3.0]}
+
+
+def test_misses_of_no_plan_are_no_line() -> None:
+    (series,) = misses_chart("k", "t", {"flow": [5.0]}).series
+    assert (series.x, series.y) == ([5.0, 5.0], [0.0, 1.0])
+    assert misses_chart("k", "t", {}).caption.endswith("distances below 1 m are drawn at 1 m.")
