@@ -1,6 +1,6 @@
 """Logs to a smoothed result: at each published time the estimate from the measurements before and after it.
 
-The file is that of a replay (``replay_kit/results/README.md``) with other contents in three places: grids and weights are those of the
+The file is that of a replay (``replay_kit/results/CHANNELS.md``) with other contents in three places: grids and weights are those of the
 smoothed estimate at the published times, and the residual of a measurement is that to the smoothed estimate of the published time before
 it. Innovations, NIS and the gate's decisions stay those of the replay, which did not know later measurements.
 """
@@ -23,9 +23,9 @@ from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.results import ResultWriter
 from replay_kit.results.summary import ReplaySummary
-from replay_kit.workflows.replay.build import Forecasts, build, flow_at, read_forecasts
+from replay_kit.workflows.replay.build import Forecasts, build, flow_at
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, look_ahead, open_readers, reading
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of, open_readers, reading
 from replay_kit.workflows.replay.outputs import Weights, write
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.publishing import depth_slices
@@ -54,7 +54,7 @@ class _Forward:
     statistics: RunStatistics
 
 
-def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> ReplaySummary:
+def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forecasts: Forecasts | None = None) -> ReplaySummary:
     """Write the smoothed result of logs, and return the summary of the replay that it begins with.
 
     An estimator that is static counts all measurements the same at all times: smoothed, it is its last estimate.
@@ -63,6 +63,7 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> Re
         job: Logs, ensemble and result; its goal and its other outputs do not count.
         config: The run's settings; grids are published every ``output.interval``.
         progress: Called with how much is done of each stage.
+        forecasts: What ``forecasts_of`` reads for this job; None reads it.
 
     Raises:
         LogError: A log cannot be opened.
@@ -75,8 +76,7 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> Re
         clock = Stopwatch()
         progress(0, 0, "reading the forecast")
         with clock.stage("forecast"):
-            place_at, near_ns = look_ahead(job.logs, config)
-            forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+            forecasts = forecasts or forecasts_of(job, config)
             estimator = build(forecasts, config, None)
         with clock.stage("estimate"):
             readers = open_readers(job.logs, config)
@@ -168,6 +168,7 @@ def _publish(writer: ResultWriter, estimator: Estimator[Any], config: RunConfig,
 
 
 def _smoothed(estimator: Estimator[Any], state: Any, measurement: Any, innovation: Innovation) -> Innovation:
-    """Return an innovation whose residual is that to a smoothed estimate, for the bins that have one."""
-    residual = estimator.innovation(state, measurement)
-    return replace(innovation, residual=np.where(np.isfinite(innovation.residual), residual, np.nan))
+    """Return an innovation whose residual is that to a smoothed estimate, for the bins that have one; it keeps that of the replay."""
+    replayed = innovation.residual
+    residual = np.where(np.isfinite(replayed), estimator.innovation(state, measurement), np.nan)
+    return replace(innovation, residual=residual, replayed_residual=replayed)

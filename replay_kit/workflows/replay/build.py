@@ -27,11 +27,13 @@ class Forecasts:
         series: The forecast at the times that are used, in order.
         ensemble: The one of them nearest to the log's beginning.
         evolves: Whether the estimate goes through time.
+        near_ns: Time of the logs' first message [ns, UTC]; None without one.
     """
 
     series: tuple[Ensemble, ...]
     ensemble: Ensemble
     evolves: bool
+    near_ns: int | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -71,9 +73,9 @@ def read_forecasts(path: Paths, config: RunConfig, near_ns: int | None, place_at
     if own and (asked or config.time.scale == "auto"):
         series = _warned(read_series(path, config.forecast, near_ns=near_ns, place_at=place_at))
         forecasts = Forecasts(series, series[0], asked or len(series) > 1)
-        return replace(forecasts, ensemble=forecasts.nearest(near_ns))
+        return replace(forecasts, ensemble=forecasts.nearest(near_ns), near_ns=near_ns)
     (ensemble,) = _warned((read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at),))
-    return Forecasts((ensemble,), ensemble, False)
+    return Forecasts((ensemble,), ensemble, False, near_ns)
 
 
 def _warned(series: tuple[Ensemble, ...]) -> tuple[Ensemble, ...]:

@@ -15,7 +15,6 @@ from replay_kit.results import ResultWriter, open_result
 from replay_kit.results.views.along_track import EstimateHistory, bins_along_track, mean_current_topics, mean_currents
 from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.results.views.slices import published_slices, slices_of
-from replay_kit.results.views.surfacings import ellipse_outline
 from replay_kit.results.views.track import thinned, track_of
 from replay_kit.results.views.trust import calibration, error_through_time, information_by_dive
 from tests.results.result_samples import CONFIG, METADATA
@@ -137,8 +136,8 @@ def test_calibration_counts_components() -> None:
 
 def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends() -> None:
     projection, ellipse = Projection(5.0, 62.0), Ellipse(5.1, 62.05, 900.0, 300.0, 30.0)
-    outline = ellipse_outline(projection, (5.1, 62.05), (900.0, 300.0), 30.0)
-    np.testing.assert_allclose(outline[0], outline[-1], atol=1e-6)
+    outline = ellipse.outline(projection)
+    np.testing.assert_array_equal(outline[0], outline[-1])
     centre = np.array(to_local(projection, 5.1, 62.05))
     for scale, inside in ((0.99, True), (1.01, False)):
         places = to_geographic(projection, *(centre + scale * (outline - centre)).T)
