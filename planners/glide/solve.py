@@ -60,8 +60,9 @@ def plan(
     region = region_of(flow.grid)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
     bottom = None if bathymetry is None else bottom_of(region, bathymetry, settings.clearance)
-    for name, point in (("start", begin), ("goal", end)) if bottom is not None else ():
-        bottom.check(name, point)
+    if bottom is not None:
+        bottom.check("start", begin)
+        bottom.check("goal", end)
     task = GlideTask(flow, region, begin, end, settings, bottom)
     turn = float(grid_bearing_of_true_north(flow.grid.projection, start.longitude, start.latitude))
     # No glide beats one that passes the goal, so an earlier plan that still leads there needs no search.

@@ -1,8 +1,9 @@
 """Logs to a smoothed result: at each published time the estimate from the measurements before and after it.
 
-The file is that of a replay (``replay_kit/results/CHANNELS.md``) with other contents in three places: grids and weights are those of the
-smoothed estimate at the published times, and the residual of a measurement is that to the smoothed estimate of the published time before
-it. Innovations, NIS and the gate's decisions stay those of the replay, which did not know later measurements.
+The file is that of a replay (``replay_kit/results/CHANNELS.md``) with other contents in three places: grids are those of the smoothed
+estimate at the published times; weights those at the published times and, carried forward from the one before, at each measurement; the
+residual of a measurement is that to the same, and the replay's stands beside it. Innovations, NIS and the gate's decisions stay those of
+the replay, which did not know later measurements.
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
@@ -146,25 +148,26 @@ def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: E
         due = 0
         for event, innovation in zip(forward.events, forward.innovations, strict=True):
             while due < len(published) and published[due] <= event.time_ns:
-                _publish(writer, estimator, config, states[due], published[due])
+                _write_weights(writer, estimator, states[due], published[due], prior.levels)
+                write(writer, depth_slices(published[due], flow_at(estimator, states[due], published[due]), config.output))
                 due += 1
             if innovation is None:
                 writer.fix(event)  # type: ignore[arg-type]  # a measurement has an innovation
             else:
-                writer.innovation(_smoothed(estimator, states[max(due - 1, 0)], event, innovation))
+                state = estimator.predict(states[max(due - 1, 0)], event.time_ns)
+                writer.innovation(_smoothed(estimator, state, event, innovation))
+                _write_weights(writer, estimator, state, event.time_ns, prior.levels)
         writer.finish(flow_at(estimator, states[-1], published[-1]))
     except BaseException:
         writer.abandon()
         raise
 
 
-def _publish(writer: ResultWriter, estimator: Estimator[Any], config: RunConfig, state: Any, time_ns: int) -> None:
-    """Write weights and grids of a state."""
+def _write_weights(writer: ResultWriter, estimator: Estimator[Any], state: Any, time_ns: int, levels: Array) -> None:
+    """Write the weights of a state, if it has any."""
     (weights,) = estimator.weights([state])
-    flow = flow_at(estimator, state, time_ns)
     if weights is not None:
-        write(writer, Weights(time_ns, weights, flow.levels))
-    write(writer, depth_slices(time_ns, flow, config.output))
+        write(writer, Weights(time_ns, weights, levels))
 
 
 def _smoothed(estimator: Estimator[Any], state: Any, measurement: Any, innovation: Innovation) -> Innovation:

@@ -66,8 +66,10 @@ class GlidePlanner:
     @classmethod
     def of(cls, config: PlannerConfig) -> "GlidePlanner":
         """Return the planner of a configuration."""
-        limits = {"tolerance": config.tolerance, "max_duration": config.max_duration, "clearance": config.clearance}
-        return cls(planners.GlideSettings(speed=config.speed, **limits))
+        settings = planners.GlideSettings(
+            speed=config.speed, tolerance=config.tolerance, max_duration=config.max_duration, clearance=config.clearance
+        )
+        return cls(settings)
 
     def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
         """Return the best glide found from start towards goal."""

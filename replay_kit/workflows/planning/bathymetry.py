@@ -60,7 +60,7 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     axes = [axis for axis in (_axis(dataset, variable, names) for names in (_LONGITUDES, _LATITUDES)) if axis is not None]
     if len(axes) < 2:
         raise _nothing_found(path, dataset)
-    cut = _window(*axes, region)
+    cut = _window(axes[0], axes[1], region)
     # the cut is what is read
     dataset, variable, axes = dataset.isel(cut), variable.isel(cut), [axis.isel(cut, missing_dims="ignore") for axis in axes]
     values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
@@ -100,7 +100,7 @@ def _window(longitude: xr.DataArray, latitude: xr.DataArray, region: Grid) -> di
 def _between(values: Array, least: float, most: float) -> Any:
     """Return the positions of the values between two, and of two beyond on each side, in their order; a slice where they are in a row."""
     order = np.argsort(values, kind="stable")
-    first, last = (int(np.searchsorted(values[order], end, side=side)) for end, side in ((least, "left"), (most, "right")))
+    first, last = int(np.searchsorted(values[order], least)), int(np.searchsorted(values[order], most, side="right"))
     first = min(max(first - _BEYOND, 0), max(values.size - 2, 0))
     kept = order[first : max(last + _BEYOND, first + 2)]
     low, high = int(kept.min()), int(kept.max())
