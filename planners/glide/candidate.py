@@ -14,6 +14,8 @@ AGREEMENT = 1.0
 _REFINEMENTS = 3
 # Dense steps for each of the optimiser's.
 _DENSE = 4
+# How far the path may bend between the ends of its dense steps [m].
+_SKIN = 1.0
 # A polished seed is good to this distance [m], and to this share of what it misses the goal by.
 _POLISHED = 1e-2, 1e-4
 
@@ -24,7 +26,7 @@ class Candidate:
 
     Attributes:
         glide: Heading, glide angle and duration flown.
-        until: When its path leaves the region or meets land [s]; ``duration`` when it does not.
+        until: When its path leaves the region or meets land or the bottom [s]; ``duration`` when it does not.
         time: Of the closest approach until then [s].
         distance: Closest approach until then [m].
         track: The dense path.
@@ -61,9 +63,19 @@ def fly_candidate(task: GlideTask, glide: Glide, refinement: int = _DENSE) -> Ca
     track = fly_glide(task.flow, task.start, velocity, fractions * glide.duration)
     if not np.all(np.isfinite(track.position)):
         return Candidate(glide, 0.0, 0.0, np.inf, track)
-    until = track.allowed_until(task.region.allowed)
+    until = min(track.allowed_until(task.region.allowed), _above_bottom(task, track))
     time, distance = track.closest(task.goal, until)
     return Candidate(glide, until, time, distance, track)
+
+
+def _above_bottom(task: GlideTask, track: Track) -> float:
+    """Return the begin of the first step on which a track comes too near to the bottom [s]; its end when none does."""
+    last = float(track.time[-1])
+    if task.bottom is None:
+        return last
+    ends = np.stack([track.position[:-1], track.position[1:]], axis=1)
+    below = task.bottom.is_below(ends[..., :2], ends[..., 2], np.full(len(ends), _SKIN))
+    return float(track.time[np.argmax(below)]) if below.any() else last
 
 
 def aligned_fractions(task: GlideTask, glide: Glide, n_steps: int) -> Array:
@@ -102,9 +114,14 @@ def optimise(task: GlideTask, guess: Glide) -> Candidate | None:
 
 
 def stops_on_land(task: GlideTask, flown: Candidate) -> bool:
-    """Return whether what cuts a glide short is land, not the region's edge."""
+    """Return whether what cuts a glide short is land or the bottom, not the region's edge."""
     beyond = flown.track.at(np.array([min(flown.until + 1.0, flown.glide.duration)]))
-    return bool(task.region.inside(beyond)[0])
+    return meets_bottom(task, flown) or bool(task.region.inside(beyond)[0])
+
+
+def meets_bottom(task: GlideTask, flown: Candidate) -> bool:
+    """Return whether what cuts a glide short is the bottom of the bathymetry."""
+    return flown.until < flown.track.allowed_until(task.region.allowed)
 
 
 def _approached(task: GlideTask, guess: Glide, n_steps: int) -> Glide:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planners.glide.candidate import Candidate, stops_on_land
+from planners.glide.candidate import Candidate, meets_bottom, stops_on_land
 from planners.glide.transcription import GlideTask
 from replay_kit.core.plan import PlanStatus
 
@@ -30,6 +30,8 @@ def _binding(task: GlideTask, best: Candidate) -> str:
     if float(np.linalg.norm(end - task.start)) < _NEAR:
         return "every glide leads away from the goal: the current is stronger than the vehicle"
     if best.until < best.glide.duration and best.time > best.until - 1.0:
+        if meets_bottom(task, best):
+            return f"the path comes within the clearance of {task.settings.clearance:g} m of the bottom there"
         return "the path meets land there" if stops_on_land(task, best) else "the path leaves the region that the forecast covers there"
     if best.time >= (1.0 - _NEAR_SHARE) * task.settings.max_duration:
         return f"limit: the longest glide considered, max_duration = {task.settings.max_duration:g} s"

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from planners.flow import graph_key
 from planners.glide.settings import GlideSettings
+from planners.route.bottom import Bottom
 from planners.route.region import Region
 from planners.solver import KM, QUIET, Recent
 from planners.track import Integrator, path_function, velocity_through_water
@@ -86,6 +87,7 @@ class GlideTask:
         start: shape (3,) [m], local east, north, depth.
         goal: shape (3,) [m].
         settings: Limits of the glide, effort of the planner.
+        bottom: What limits its depth; None without a bathymetry.
     """
 
     flow: FlowEstimate
@@ -93,6 +95,7 @@ class GlideTask:
     start: Array
     goal: Array
     settings: GlideSettings
+    bottom: Bottom | None = None
 
     @property
     def n_steps(self) -> int:

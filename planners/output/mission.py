@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from planners.mission.odds import MissionOdds
 from planners.mission.values import MissionPlan
 from planners.output.formats import collection_text, csv_text, feature, position
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local
+from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.plan import Plan, PlanStatus
+from replay_kit.core.plan import Odds, Plan
+from replay_kit.core.surfacing import Ellipse
 
 
 def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, float]]:
@@ -113,35 +115,28 @@ def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
 
     They run counter-clockwise, as RFC 7946 asks of the outer ring of a polygon.
     """
-    longitude, latitude, major, minor, bearing_deg = ellipse
-    # the last point is the first to the last bit
-    angle, turn = np.deg2rad(10.0 * (np.arange(37) % 36)), float(grid_bearing_of_true_north(projection, longitude, latitude))
-    bearing = np.deg2rad(bearing_deg) + turn
-    # the second axis to the left of the first, so that the angle grows counter-clockwise
-    along, across = major * np.cos(angle), -minor * np.sin(angle)
-    east, north = to_local(projection, longitude, latitude)
-    outline = east + along * np.sin(bearing) + across * np.cos(bearing), north + along * np.cos(bearing) - across * np.sin(bearing)
-    return np.column_stack(to_geographic(projection, *outline))
+    return np.column_stack(to_geographic(projection, *Ellipse(*ellipse.tolist()).outline(projection).T))
 
 
-def as_glide(plan: MissionPlan, projection: Projection) -> Plan:
+def as_glide(plan: MissionPlan, projection: Projection, odds: MissionOdds | None = None) -> Plan:
     """Return the mission as the plan of its first leg with the whole predicted track: what the result's messages hold of a plan.
 
-    Its statistics name the controls of every leg. A mission that is not safe counts as unreachable, and its message says why.
+    Its statistics name the controls of every leg, with the ellipse of its surfacing where there are samples.
 
     Args:
         plan: The mission.
         projection: The local frame of its track.
+        odds: Of it; None without samples.
     """
-    statuses: dict[str, PlanStatus] = {"reached": "reached", "failed": "failed"}
     legs = len(plan.headings_deg)
     heading, angle = (float(values[0]) if legs else 0.0 for values in (plan.headings_deg, np.deg2rad(plan.glide_angles_deg)))
     along, down = (float(speed) for speed in plan.vehicle.speeds(np, angle if legs else plan.vehicle.angles[0]))
     turn = float(grid_bearing_of_true_north(projection, plan.start.longitude, plan.start.latitude))
     local = np.deg2rad(heading) + turn
-    controls = {f"leg_{int(row['leg']):03d}": json.dumps(row) for row in legs_table(plan, None)}
+    ellipses = None if odds is None else odds.ellipses
+    controls = {f"leg_{int(row['leg']):03d}": json.dumps(row) for row in legs_table(plan, ellipses)}
     return Plan(
-        status=statuses.get(plan.status, "unreachable"),
+        status=plan.status,
         start=plan.start,
         goal=plan.goals[-1],
         start_time_ns=plan.start_time_ns,
@@ -155,4 +150,11 @@ def as_glide(plan: MissionPlan, projection: Projection) -> Plan:
         track=plan.track,
         message=plan.message,
         statistics={**plan.statistics, **controls},
+        energy=plan.energy,
+        odds=None if odds is None else _odds(odds),
     )
+
+
+def _odds(odds: MissionOdds) -> Odds:
+    pilot = odds.corrected
+    return Odds(odds.count, pilot.reached, odds.held.reached, pilot.safe, pilot.miss_median, pilot.miss_90_percent)

@@ -103,8 +103,7 @@ def plan_path(
     areas = tuple(replace(area, surface_only=False) for area in no_go)
     bottom = bottom_of(region, bathymetry, settings.clearance)
     for name, point in (("start", begin), ("goal", end)):
-        if bottom.limit_at(point[None, :2])[0] < point[2]:
-            raise PlanError(f"{name} at {point[2]:g} m is below the bottom less the clearance of {settings.clearance:g} m; move it up")
+        bottom.check(name, point)
     fixed, deep = fixed_rings(region, areas, bottom), float(max(begin[2], end[2]))
     problem = AuvProblem(flow, region, (*fixed, *bottom.rings(deep)), bottom, vehicle, settings, begin, end)
 

@@ -94,6 +94,16 @@ class Bottom:
         np.minimum.at(found, point, limits[cell])
         return found
 
+    def check(self, name: str, point: Array) -> None:
+        """Raise PlanError when a point, shape (3,) [m], of a path is deeper than allowed.
+
+        Args:
+            name: What it is called in the error: ``start`` or ``goal``.
+            point: Local east, north, depth.
+        """
+        if self.limit_at(point[None, :2])[0] < point[2]:
+            raise PlanError(f"{name} at {point[2]:g} m is below the bottom less the clearance of {self.clearance:g} m; move it up")
+
     def is_below(self, segments: Array, depths: Array, skin: Array) -> NDArray[np.bool_]:
         """Return which segments of paths are deeper than allowed somewhere, shape (n,).
 

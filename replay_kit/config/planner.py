@@ -13,8 +13,10 @@ class PlannerConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
-    kind: Annotated[Literal["glide", "mission"], Option("--planner")] = Field(
-        default="glide", description="What is planned: one constant velocity through water, or a mission of dives."
+    kind: Annotated[Literal["auto", "glide", "mission"], Option("--planner")] = Field(
+        default="auto",
+        description="What is planned: a glide, one constant velocity through water, or a mission of dives; auto: for a glider's log a "
+        "mission, for others a glide.",
     )
     when: Literal["interval", "surfacing"] | None = Field(
         default=None,
@@ -37,10 +39,10 @@ class PlannerConfig(BaseModel):
     max_angle: float = Field(default=35.0, gt=0.0, lt=90.0, description="Steepest glide angle of a mission [degrees].")
     margin: float = Field(default=50.0, ge=0.0, description="Distance that a mission keeps from land, shallows and no-go areas [m].")
     bathymetry: Annotated[str | None, Option("--bathymetry", "FILE.nc")] = Field(
-        default=None, description="Depth of the bottom on a grid, above which a mission's dives turn; NetCDF."
+        default=None, description="Depth of the bottom on a grid, above which a mission's dives turn and a glide ends; NetCDF."
     )
     clearance: Annotated[float, Option("--clearance")] = Field(
-        default=20.0, ge=0.0, description="Least height of a mission's dives above the bottom [m]."
+        default=20.0, ge=0.0, description="Least height of a plan above the bottom [m]."
     )
     flight_model: bool = Field(
         default=False, description="Compute a mission's speed from glide angle and buoyancy, instead of a constant speed."
@@ -49,7 +51,9 @@ class PlannerConfig(BaseModel):
         default=43200.0, gt=0.0, description="Time between the estimates that a mission is planned on where the current changes [s]."
     )
     samples: int = Field(
-        default=0, ge=0, description="Number of samples of the estimate that a mission is flown through, for ellipses of its surfacings."
+        default=0,
+        ge=0,
+        description="Number of samples of the estimate that a mission is flown through, for its odds and ellipses of its surfacings.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of the samples.")
 
@@ -65,6 +69,21 @@ class PlannerConfig(BaseModel):
     def bathymetry_path(self) -> Path | None:
         """File of the bathymetry; None without."""
         return None if self.bathymetry is None else Path(self.bathymetry)
+
+    def resolved(self, of_glider: bool, goal_depth: float, deepest: float) -> Self:
+        """Return the settings with a kind for ``auto``, and for a mission with a depth of its dives where none is stated.
+
+        Args:
+            of_glider: Whether the log is a glider's.
+            goal_depth: [m]; the dives reach it.
+            deepest: Level of the forecast [m]; the dives do not pass it.
+        """
+        if self.kind != "auto":
+            return self
+        if not of_glider:
+            return self.model_copy(update={"kind": "glide"})
+        depth = self.depth if "depth" in self.model_fields_set else min(max(self.depth, goal_depth), deepest)
+        return self.model_copy(update={"kind": "mission", "depth": depth})
 
     @property
     def at_surfacings(self) -> bool:

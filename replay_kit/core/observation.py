@@ -235,6 +235,9 @@ class Innovation:
         prior_inflation: Factor by which the estimate's covariance was grown after the observation, as too many lay outside it.
         log_likelihood: Logarithm of the measured values' density under the prediction, with the stated errors, without the constant of
             2 pi; NaN without a usable bin, or when the estimator predicts no variance.
+        mean_current: shape (2,) [m/s], local east and north, what a mean along a path measured; None for a profile.
+        mean_kind: Of the mean along a path, as in ``PathMean``; empty for a profile.
+        replayed_residual: shape (n, 2) [m/s], of a smoothed result: the residual before smoothing; None in others.
     """
 
     time_ns: int
@@ -257,6 +260,9 @@ class Innovation:
     signal_dof: float = float("nan")
     prior_inflation: float = 1.0
     log_likelihood: float = float("nan")
+    mean_current: Array | None = None
+    mean_kind: str = ""
+    replayed_residual: Array | None = None
 
     def __repr__(self) -> str:
         """Return what was done with the observation, and how far it lay from the prediction."""

@@ -23,7 +23,43 @@ class Place:
     depth: float
 
 
-PlanStatus = Literal["reached", "unreachable", "failed"]
+PlanStatus = Literal["reached", "uncertain", "unreachable", "unsafe", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """An area that a plan keeps out of.
+
+    Attributes:
+        name: Its name.
+        surface_only: Whether only surfacing is forbidden in it.
+        corners: Longitude and latitude [degrees] of each, the first not repeated.
+    """
+
+    name: str
+    surface_only: bool
+    corners: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Odds:
+    """A plan flown in samples of the estimate; the shares are with headings corrected at each surfacing where nothing else is said.
+
+    Attributes:
+        n_samples: Number of samples.
+        reached: Share that arrives.
+        reached_held: Share that arrives with headings held.
+        safe: Share that violates no constraint.
+        miss_median: Median distance from the goal at the end [m].
+        miss_90_percent: 90th percentile of that distance [m].
+    """
+
+    n_samples: int
+    reached: float
+    reached_held: float
+    safe: float
+    miss_median: float
+    miss_90_percent: float
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -32,7 +68,8 @@ class Plan:
 
     Attributes:
         status: ``reached`` when the predicted path passes the goal within the tolerance, ``unreachable`` when the best path found
-            does not, ``failed`` when the solver gave no usable path.
+            does not, ``unsafe`` when it or too many samples violate a constraint, ``uncertain`` when too few samples arrive, ``failed``
+            when the solver gave no usable path.
         start: Where it begins.
         goal: Where it should pass.
         start_time_ns: [ns, UTC].
@@ -46,6 +83,11 @@ class Plan:
         track: shape (n, 3) [m], predicted local east, north, depth.
         message: Words for a person, with the limit that binds if any.
         statistics: What the solver did: iterations, starts, return status.
+        energy: [J]; NaN when it is not known.
+        battery: Energy that the vehicle has [J]; NaN when it is not stated.
+        odds: Of arriving; None without samples.
+        areas: That the plan keeps out of.
+        bottom: shape (n,) [m], depth of the bottom under the track; NaN where it is not known, None without a bathymetry.
     """
 
     status: PlanStatus
@@ -62,6 +104,11 @@ class Plan:
     track: Array
     message: str
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
+    energy: float = float("nan")
+    battery: float = float("nan")
+    odds: Odds | None = None
+    areas: tuple[Area, ...] = ()
+    bottom: Array | None = None
 
     def __repr__(self) -> str:
         """Return its ends, what to steer and how it turns out."""

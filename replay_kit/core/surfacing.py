@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replay_kit.core.geodesy import heading_deg, to_local
+from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import grid_bearing_of_true_north, heading_deg, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import VehicleState
 
@@ -34,6 +35,21 @@ class Ellipse:
         along, across = east * np.sin(bearing) + north * np.cos(bearing), east * np.cos(bearing) - north * np.sin(bearing)
         # an ellipse without width holds what lies on it
         return bool((along * self.minor) ** 2 + (across * self.major) ** 2 <= (self.major * self.minor) ** 2)
+
+    def outline(self, projection: Projection) -> Array:
+        """Return its outline in a local frame, shape (37, 2) [m], the last point the first.
+
+        It runs counter-clockwise, as RFC 7946 asks of the outer ring of a polygon.
+        """
+        # the last point is the first to the last bit
+        angle = np.deg2rad(10.0 * (np.arange(37) % 36))
+        bearing = np.deg2rad(self.bearing_deg) + float(grid_bearing_of_true_north(projection, self.longitude, self.latitude))
+        # the second axis to the left of the first, so that the angle grows counter-clockwise
+        along, across = self.major * np.cos(angle), -self.minor * np.sin(angle)
+        east, north = to_local(projection, self.longitude, self.latitude)
+        return np.column_stack(
+            [east + along * np.sin(bearing) + across * np.cos(bearing), north + along * np.cos(bearing) - across * np.sin(bearing)]
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,6 +121,10 @@ class LogFile(AbstractContextManager["LogFile"]):
         channels = JsonChannels()
         yield from map(channels.raw, self.messages())
 
+    def is_gliders(self) -> bool:
+        """Return whether the log is a glider's: it is a file of a glider, or states mean currents of dives."""
+        return False
+
     def frames(self) -> Iterator[RawMessage]:
         """Yield the entries of a telemetry log that the file is or was made of; nothing by default. The statistics stay as they are."""
         return iter(())

@@ -17,6 +17,7 @@ from replay_kit.core.flow.lossless import save_bytes
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
+from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Outcome
 from replay_kit.core.version import __version__
 from replay_kit.results import messages
@@ -24,7 +25,7 @@ from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.journal import Journal
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
-from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message
+from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message, seabed_message
 
 ESTIMATE_NAME = "estimate.nc"
 CONFIG_NAME = "config.toml"
@@ -130,6 +131,10 @@ class ResultWriter(ResultFile):
         self._log("/plan/path", messages.plan_path(plan), time_ns)
         self._log("/plan/geojson", messages.plan_geojson(plan, projection), time_ns)
         self._log_own("/plan/controls", "Plan", messages.plan_controls(plan), time_ns)
+
+    def seabed(self, time_ns: int, seabed: Seabed) -> None:
+        """Write the bottom around the region to ``/plan/seabed``."""
+        self._log("/plan/seabed", seabed_message(time_ns, seabed), time_ns)
 
     def outcome(self, outcome: Outcome) -> None:
         """Write a predicted surfacing with the actual one to ``/plan/outcome``."""

@@ -19,6 +19,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
+from replay_kit.results.legs import plan_legs, planned_ellipses
 from replay_kit.results.schemas import encode
 
 Level = Literal["debug", "info", "warning", "error"]
@@ -36,7 +37,7 @@ _LEVELS = {
 _SECOND = 1_000_000_000
 # attributes that the messages have under the same names
 _OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic signal_dof prior_inflation"
-_OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time"
+_OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time energy battery"
 
 
 def stamp(time_ns: int) -> fox.Timestamp:
@@ -105,6 +106,12 @@ def innovation(value: Innovation) -> bytes:
     }
     for name in ("innovation", "innovation_std", "residual", "prior_innovation"):
         values[f"{name}_east"], values[f"{name}_north"] = getattr(value, name).T
+    if value.replayed_residual is not None:
+        values["replayed_residual_east"], values["replayed_residual_north"] = value.replayed_residual.T
+    if value.mean_current is not None:
+        parts = ("measured", value.mean_current), ("predicted", value.mean_current - value.innovation[0])
+        numbers = {f"{name}_{axis}": part[k] for name, part in parts for k, axis in enumerate(("east", "north"))}
+        values["mean_current"] = {"kind": value.mean_kind, **numbers}
     return encode("Innovation", values | _attributes(value, _OF_INNOVATION))
 
 
@@ -135,7 +142,9 @@ def plan_controls(plan: Plan) -> bytes:
             "track_north": track_north,
             "track_depth": track_depth,
             "statistics": [{"name": name, "value": str(value)} for name, value in sorted(plan.statistics.items())],
+            "track_bottom": () if plan.bottom is None else plan.bottom,
         }
+        | ({} if plan.odds is None else {"odds": asdict(plan.odds)})
         | _attributes(plan, _OF_PLAN),
     )
 
@@ -169,7 +178,10 @@ def plan_path(plan: Plan) -> fox.PosesInFrame:
 
 
 def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
-    """Return the predicted track as a line, and start and goal as points, with the plan's figures as properties."""
+    """Return the predicted track as a line, start and goal as points, ellipses of surfacings and areas to keep out of as polygons.
+
+    The plan's figures are properties of the line.
+    """
 
     def positions(longitude: Array, latitude: Array) -> list[list[float]]:
         # Continuous across the antimeridian, or a map draws the line around the world.
@@ -182,6 +194,13 @@ def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
         _feature("Point", end, {"name": name, "depth_m": _finite(place.depth)})
         for name, end, place in zip(("start", "goal"), ends, places, strict=True)
     ]
+    for number, ellipse in enumerate(planned_ellipses(plan_legs(plan.statistics)), start=1):
+        ring = positions(*to_geographic(projection, *ellipse.outline(projection).T))
+        features.append(_feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"}))
+    for area in plan.areas:
+        corners = np.array([*area.corners, area.corners[0]])
+        about = {"name": area.name, "kind": "no_go", "surface_only": area.surface_only}
+        features.append(_feature("Polygon", [positions(*corners.T)], about))
     # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
     if len(plan.track) > 1:
         line = positions(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-_PLACE = ".replay_kit.Place"
+_OWN = ".replay_kit."
 _LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error"}
 _RMS = ("innovation", "residual", "prior_innovation")
 
@@ -93,7 +93,10 @@ class ResultFile:
 
     @cached_property
     def innovations(self) -> "pd.DataFrame":
-        """Bins of the measurements: a row each, the lists of ``replay_kit.Innovation``; ``observation`` is the row in ``observations``."""
+        """Bins of the measurements: a row each, the lists of ``replay_kit.Innovation``; ``observation`` is the row in ``observations``.
+
+        Values of a list that a measurement does not have are NaN.
+        """
         import pandas as pd
 
         lists = [field.name for field in MESSAGES["Innovation"] if field.repeated]
@@ -102,7 +105,10 @@ class ResultFile:
         times = np.array([value.timestamp.ToNanoseconds() for value in values], dtype="datetime64[ns]")
         of_profile = {"time": times, "observation": range(len(values)), "dive": [value.dive for value in values]}
         columns = {name: np.repeat(np.asarray(column), counts) for name, column in of_profile.items()}
-        columns |= {name: np.concatenate([np.empty(0), *(getattr(value, name) for value in values)]) for name in lists}
+        for name in lists:
+            parts = [getattr(value, name) for value in values]
+            full = (part if len(part) == count else np.full(count, np.nan) for part, count in zip(parts, counts, strict=True))
+            columns[name] = np.concatenate([np.empty(0), *full])
         return pd.DataFrame(columns).astype({"flags": np.int32, "reasons": np.uint32}).set_index("time")
 
     @cached_property
@@ -124,7 +130,10 @@ class ResultFile:
 
     @cached_property
     def plan_tracks(self) -> "pd.DataFrame":
-        """Predicted tracks of the plans: time, longitude and latitude [degrees], depth [m]; ``plan`` is the row in ``plans``."""
+        """Predicted tracks of the plans: time, longitude and latitude [degrees], depth [m]; ``plan`` is the row in ``plans``.
+
+        ``bottom`` is the depth of the bottom under the track [m]; NaN without a bathymetry.
+        """
         with self.path.open("rb") as file:
             frame = next(record.metadata for record in make_reader(file).iter_metadata() if record.name == "frame map")
         projection = Projection(float(frame["longitude"]), float(frame["latitude"]))
@@ -133,8 +142,9 @@ class ResultFile:
             start = plan.timestamp.ToNanoseconds()
             times = start + np.rint(1e9 * np.asarray(plan.track_time)).astype(np.int64)
             places = to_geographic(projection, plan.track_east, plan.track_north)
-            rows += zip(times, *places, plan.track_depth, [number] * len(times), strict=True)
-        return _table(rows, "time longitude latitude depth plan")
+            bottom = plan.track_bottom or [np.nan] * len(times)
+            rows += zip(times, *places, plan.track_depth, [number] * len(times), bottom, strict=True)
+        return _table(rows, "time longitude latitude depth plan bottom")
 
     @cached_property
     def surfacings(self) -> "pd.DataFrame":
@@ -158,20 +168,23 @@ class ResultFile:
                 yield decode(name, message.data)
 
     def _own(self, topic: str, name: str) -> "pd.DataFrame":
-        """Return the single values of the messages of a topic: places as three columns, times as dates."""
+        """Return the single values of the messages of a topic: times as dates, each part of a place and the like as a column.
+
+        Parts that a message does not have are NaN.
+        """
         single = [field for field in MESSAGES[name] if not field.repeated]
-        columns: list[str] = []
-        for field in single:
-            columns += [f"{field.name}_{part}" for part in ("longitude", "latitude", "depth")] if field.type == _PLACE else [field.name]
+        parts = {field.name: [part.name for part in MESSAGES[field.type.removeprefix(_OWN)]] for field in single if _OWN in field.type}
+        columns = [text for field in single for text in ([f"{field.name}_{part}" for part in parts.get(field.name, ())] or [field.name])]
         rows = []
         for value in self._decoded(topic, name):
             row: list[Any] = []
             for field in single:
                 found = getattr(value, field.name)
-                if field.type == TIME:
-                    row.append(np.datetime64(found.ToNanoseconds(), "ns"))
+                if field.name in parts:
+                    known = value.HasField(field.name)
+                    row += [getattr(found, part) if known else np.nan for part in parts[field.name]]
                 else:
-                    row += (found.longitude, found.latitude, found.depth) if field.type == _PLACE else (found,)
+                    row.append(np.datetime64(found.ToNanoseconds(), "ns") if field.type == TIME else found)
             rows.append(row)
         return _table(rows, " ".join(columns).replace("timestamp", "time", 1))
 

@@ -12,7 +12,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 
-CONTRACT_VERSION = 3
+CONTRACT_VERSION = 4
 
 _PACKAGE = "replay_kit"
 TIME = ".google.protobuf.Timestamp"
@@ -70,9 +70,19 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("uint32[]", "reasons"),
         *_fields("string", "decision"),
         *_fields("double", "gate_statistic", "gate_threshold", "signal_dof", "prior_inflation"),
+        *_fields(".replay_kit.MeanCurrent", "mean_current"),
+        *_fields("double[]", "replayed_residual_east", "replayed_residual_north"),
+    ),
+    "MeanCurrent": (
+        *_fields("string", "kind"),
+        *_fields("double", "measured_east", "measured_north", "predicted_east", "predicted_north"),
     ),
     "Place": _fields("double", "longitude", "latitude", "depth"),
     "Statistic": _fields("string", "name", "value"),
+    "Odds": (
+        *_fields("uint32", "n_samples"),
+        *_fields("double", "reached", "reached_held", "safe", "miss_median", "miss_90_percent"),
+    ),
     "Plan": (
         *_fields(TIME, "timestamp"),
         *_fields("string", "status", "message"),
@@ -82,6 +92,9 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("double", "duration", "closest_approach"),
         *_fields("double[]", "track_time", "track_east", "track_north", "track_depth"),
         *_fields(".replay_kit.Statistic[]", "statistics"),
+        *_fields("double", "energy", "battery"),
+        *_fields(".replay_kit.Odds", "odds"),
+        *_fields("double[]", "track_bottom"),
     ),
     "PlanOutcome": (
         *_fields(TIME, "timestamp", "planned_time", "predicted_time"),

@@ -4,7 +4,9 @@ The grid is along the local axes, its spacing the ensemble's own cell, its cells
 south-west corner. Values are for looking at (float32); the lossless flow is in the attachment ``estimate.nc``.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import foxglove.messages as fox
 import numpy as np
@@ -13,6 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import wet_at
 from replay_kit.core.grid import Grid
+from replay_kit.core.seabed import Seabed
 from replay_kit.results.messages import FRAME, orientation, pose, stamp
 
 # The longest arrow of the first slices is this many arrow spacings long.
@@ -81,21 +84,40 @@ def grid_message(time_ns: int, value: Slice) -> fox.Grid:
     """
     speed = np.hypot(value.velocity[..., 0], value.velocity[..., 1])
     errors = [] if value.standard_error is None else [value.standard_error]
-    packed = np.concatenate([value.velocity, speed[..., None], *errors], axis=-1).astype("<f4")
-    names = FIELDS[: packed.shape[-1]]
-    east, north = value.cell
+    packed = np.concatenate([value.velocity, speed[..., None], *errors], axis=-1)
+    return _packed_grid(time_ns, value.east, value.north, -value.depth, dict(zip(FIELDS, np.moveaxis(packed, -1, 0), strict=False)))
+
+
+def seabed_message(time_ns: int, value: Seabed) -> fox.Grid:
+    """Return the bottom as cells of float32 ``depth`` [m], at the surface of the frame."""
+    return _packed_grid(time_ns, value.east, value.north, 0.0, {"depth": value.depth})
+
+
+def _packed_grid(time_ns: int, east: Array, north: Array, height: float, fields: Mapping[str, Array]) -> fox.Grid:
+    """Return fields, each of shape (J, I), as cells of packed float32 about their centres [m]."""
+    packed = np.stack(list(fields.values()), axis=-1).astype("<f4")
+    wide, high = float(east[1] - east[0]), float(north[1] - north[0])
     float32 = fox.PackedElementFieldNumericType.Float32
     return fox.Grid(
         timestamp=stamp(time_ns),
         frame_id=FRAME,
-        pose=pose(value.east[0] - 0.5 * east, value.north[0] - 0.5 * north, -value.depth, fox.Quaternion(w=1.0)),
-        column_count=value.east.size,
-        cell_size=fox.Vector2(x=east, y=north),
+        pose=pose(east[0] - 0.5 * wide, north[0] - 0.5 * high, height, fox.Quaternion(w=1.0)),
+        column_count=east.size,
+        cell_size=fox.Vector2(x=wide, y=high),
         row_stride=packed.strides[0],
         cell_stride=packed.strides[1],
-        fields=[fox.PackedElementField(name=name, offset=4 * index, type=float32) for index, name in enumerate(names)],
+        fields=[fox.PackedElementField(name=name, offset=4 * index, type=float32) for index, name in enumerate(fields)],
         data=packed.tobytes(),
     )
+
+
+def grid_cells(value: Any) -> tuple[Array, Array, dict[str, Array]]:
+    """Return the cell centres [m] and the fields, each of shape (J, I), of a decoded ``foxglove.Grid`` of packed float32."""
+    columns, rows = value.column_count, len(value.data) // value.row_stride
+    cells = np.frombuffer(value.data, "<f4").reshape(rows, columns, value.cell_stride // 4).astype(np.float64)
+    east = value.pose.position.x + value.cell_size.x * (np.arange(columns) + 0.5)
+    north = value.pose.position.y + value.cell_size.y * (np.arange(rows) + 0.5)
+    return east, north, {field.name: cells[..., field.offset // 4] for field in value.fields}
 
 
 def arrow_scale(slices: list[Slice]) -> float | None:

@@ -1,6 +1,7 @@
 """Plans and their predictions of surfacings, as sentences and as JSON."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,14 @@ def plan_json(plan: Plan) -> dict[str, Any]:
         "goal": [plan.goal.longitude, plan.goal.latitude, plan.goal.depth],
         "message": plan.message,
         "statistics": dict(plan.statistics),
+        "energy_j": _finite(plan.energy),
+        "battery_j": _finite(plan.battery),
+        "odds": None if plan.odds is None else asdict(plan.odds),
     }
+
+
+def _finite(number: float) -> float | None:
+    return number if np.isfinite(number) else None
 
 
 def plan_sentence(plan: Plan) -> str:

@@ -65,7 +65,7 @@ def replay(
     file = as_path(out, "out") if folder is None else folder / "result.mcap"
     job = ReplayJob(paths, forecast, file, goal=None if goal is None else place_of(goal, "goal"), overwrite=overwrite)
     try:
-        summary, flow = replay_job(job, config, planner_of(config.planner))
+        summary, flow = replay_job(job, config, planner_of)
     except BaseException:
         if folder is not None:
             shutil.rmtree(folder)
@@ -99,7 +99,7 @@ def plan(estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, setti
     if not isinstance(estimate, FlowEstimate):
         got = type(estimate).__name__
         raise ConfigError(f"estimate: expected a FlowEstimate, got {got}; open one with open_estimate, or take that of a result")
-    planner, begin, end = planner_of(settings_of(settings).planner), place_of(start, "start"), place_of(goal, "goal")
+    planner, begin, end = planner_of(settings_of(settings).planner, estimate.grid), place_of(start, "start"), place_of(goal, "goal")
     planner.check(estimate, end)
     start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
     return planner.plan(estimate, begin, end, start_ns, None).plan

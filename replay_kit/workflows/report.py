@@ -84,7 +84,6 @@ def _version_notes(result: Result) -> tuple[str, ...]:
     if version == str(CONTRACT_VERSION):
         return ()
     return (
-        f"The result has version {version} of the contract, this program version {CONTRACT_VERSION}: what changed "
-        "between them is not shown, or "
-        "under its former name.",
+        f"The result has version {version} of the contract, this program version {CONTRACT_VERSION}: "
+        "what changed between them is not shown, or under its former name.",
     )

@@ -1,8 +1,9 @@
 """Logs to a smoothed result: at each published time the estimate from the measurements before and after it.
 
-The file is that of a replay (``replay_kit/results/README.md``) with other contents in three places: grids and weights are those of the
-smoothed estimate at the published times, and the residual of a measurement is that to the smoothed estimate of the published time before
-it. Innovations, NIS and the gate's decisions stay those of the replay, which did not know later measurements.
+The file is that of a replay (``replay_kit/results/CHANNELS.md``) with other contents in three places: grids are those of the smoothed
+estimate at the published times; weights those at the published times and, carried forward from the one before, at each measurement; the
+residual of a measurement is that to the same, and the replay's stands beside it. Innovations, NIS and the gate's decisions stay those of
+the replay, which did not know later measurements.
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
@@ -23,9 +25,9 @@ from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.results import ResultWriter
 from replay_kit.results.summary import ReplaySummary
-from replay_kit.workflows.replay.build import Forecasts, build, flow_at, read_forecasts
+from replay_kit.workflows.replay.build import Forecasts, build, flow_at
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, look_ahead, open_readers, reading
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of, open_readers, reading
 from replay_kit.workflows.replay.outputs import Weights, write
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.publishing import depth_slices
@@ -54,7 +56,7 @@ class _Forward:
     statistics: RunStatistics
 
 
-def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> ReplaySummary:
+def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forecasts: Forecasts | None = None) -> ReplaySummary:
     """Write the smoothed result of logs, and return the summary of the replay that it begins with.
 
     An estimator that is static counts all measurements the same at all times: smoothed, it is its last estimate.
@@ -63,6 +65,7 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> Re
         job: Logs, ensemble and result; its goal and its other outputs do not count.
         config: The run's settings; grids are published every ``output.interval``.
         progress: Called with how much is done of each stage.
+        forecasts: What ``forecasts_of`` reads for this job; None reads it.
 
     Raises:
         LogError: A log cannot be opened.
@@ -75,8 +78,7 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent) -> Re
         clock = Stopwatch()
         progress(0, 0, "reading the forecast")
         with clock.stage("forecast"):
-            place_at, near_ns = look_ahead(job.logs, config)
-            forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+            forecasts = forecasts or forecasts_of(job, config)
             estimator = build(forecasts, config, None)
         with clock.stage("estimate"):
             readers = open_readers(job.logs, config)
@@ -148,28 +150,30 @@ def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: E
         due = 0
         for event, innovation in zip(forward.events, forward.innovations, strict=True):
             while due < len(published) and published[due] <= event.time_ns:
-                _publish(writer, estimator, config, states[due], published[due])
+                _write_weights(writer, estimator, states[due], published[due], prior.levels)
+                write(writer, depth_slices(published[due], flow_at(estimator, states[due], published[due]), config.output))
                 due += 1
             if innovation is None:
                 writer.fix(event)  # type: ignore[arg-type]  # a measurement has an innovation
             else:
-                writer.innovation(_smoothed(estimator, states[max(due - 1, 0)], event, innovation))
+                state = estimator.predict(states[max(due - 1, 0)], event.time_ns)
+                writer.innovation(_smoothed(estimator, state, event, innovation))
+                _write_weights(writer, estimator, state, event.time_ns, prior.levels)
         writer.finish(flow_at(estimator, states[-1], published[-1]))
     except BaseException:
         writer.abandon()
         raise
 
 
-def _publish(writer: ResultWriter, estimator: Estimator[Any], config: RunConfig, state: Any, time_ns: int) -> None:
-    """Write weights and grids of a state."""
+def _write_weights(writer: ResultWriter, estimator: Estimator[Any], state: Any, time_ns: int, levels: Array) -> None:
+    """Write the weights of a state, if it has any."""
     (weights,) = estimator.weights([state])
-    flow = flow_at(estimator, state, time_ns)
     if weights is not None:
-        write(writer, Weights(time_ns, weights, flow.levels))
-    write(writer, depth_slices(time_ns, flow, config.output))
+        write(writer, Weights(time_ns, weights, levels))
 
 
 def _smoothed(estimator: Estimator[Any], state: Any, measurement: Any, innovation: Innovation) -> Innovation:
-    """Return an innovation whose residual is that to a smoothed estimate, for the bins that have one."""
-    residual = estimator.innovation(state, measurement)
-    return replace(innovation, residual=np.where(np.isfinite(innovation.residual), residual, np.nan))
+    """Return an innovation whose residual is that to a smoothed estimate, for the bins that have one; it keeps that of the replay."""
+    replayed = innovation.residual
+    residual = np.where(np.isfinite(replayed), estimator.innovation(state, measurement), np.nan)
+    return replace(innovation, residual=residual, replayed_residual=replayed)

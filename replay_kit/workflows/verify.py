@@ -5,9 +5,10 @@ The result holds digests of its messages every few hours of log time; the repeat
 
 import re
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from pathlib import Path
@@ -19,13 +20,14 @@ from replay_kit.config.gating import with_current_keys
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
+from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
 from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, first_difference, read_recorded
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.planner import Planner
+from replay_kit.workflows.replay.planner import Planner, PlannerFactory
 from replay_kit.workflows.replay.provenance import file_hash
 from replay_kit.workflows.replay.replay import replay
 
@@ -60,7 +62,7 @@ class _DivergedError(Exception):
     """The repetition gave another digest."""
 
 
-def verify(result: Path, folders: Sequence[Path], planner_of: Callable[[PlannerConfig], Planner], progress: Progress = silent) -> Verdict:
+def verify(result: Path, folders: Sequence[Path], planner_of: PlannerFactory, progress: Progress = silent) -> Verdict:
     """Return the comparison of a result with a new replay of its inputs with its configuration.
 
     Args:
@@ -81,14 +83,14 @@ def verify(result: Path, folders: Sequence[Path], planner_of: Callable[[PlannerC
         config = load_config(settings)
         again = Path(folder) / "again.mcap"
         job = _job(result, recorded, [*folders, result.parent, Path()], again)
-        planner = planner_of(config.planner)
-        made, stopped = _repeat(job, config, planner, recorded.digests, progress)
+        bottom = _bathymetry(result, recorded, [*folders, result.parent, Path()])
+        made, stopped = _repeat(job, config, partial(_planner, planner_of, bottom), recorded.digests, progress)
         difference = None
         if stopped is not None:
             difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages, definitions)
         if stopped is not None and difference is None:
             # the digest itself is what differs: nothing less than everything must be compared
-            made, _ = _repeat(job, config, planner, (), progress)
+            made, _ = _repeat(job, config, partial(_planner, planner_of, bottom), (), progress)
         others: tuple[str, ...] = ()
         if difference is None:
             difference = first_difference(result, again, definitions=definitions)
@@ -128,7 +130,7 @@ def _without_truth(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def _repeat(
-    job: ReplayJob, config: RunConfig, planner: Planner, expected: Sequence[Digest], progress: Progress
+    job: ReplayJob, config: RunConfig, planner_of: PlannerFactory, expected: Sequence[Digest], progress: Progress
 ) -> tuple[int, Digest | None]:
     """Replay until a digest differs; return the number of messages made, and that digest, None when all are the same.
 
@@ -145,7 +147,7 @@ def _repeat(
             raise _DivergedError
 
     with suppress(_DivergedError):
-        replay(job, config, planner, progress, compare)
+        replay(job, config, planner_of, progress, compare)
     return made, other
 
 
@@ -165,6 +167,17 @@ def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -
 def _numbers(key: str) -> list[int]:
     """Return the numbers in an input's key, by which inputs are in their order."""
     return [int(number) for number in re.findall(r"\d+", key)]
+
+
+def _bathymetry(result: Path, recorded: Recorded, folders: Sequence[Path]) -> Path | None:
+    """Return the bathymetry of a result's plans; None without one, and in results of earlier versions, which do not name it."""
+    text = recorded.metadata["replay_kit.inputs"].get("bathymetry")
+    return None if text is None else _find(result, "bathymetry", text, folders)
+
+
+def _planner(planner_of: PlannerFactory, bathymetry: Path | None, config: PlannerConfig, region: Grid) -> Planner:
+    """Return the planner of a configuration, with the bathymetry where it was found and not where it was then."""
+    return planner_of(config if bathymetry is None else config.model_copy(update={"bathymetry": str(bathymetry)}), region)
 
 
 def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Path:

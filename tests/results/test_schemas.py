@@ -6,33 +6,39 @@ import pytest
 import replay_kit.results
 from replay_kit.core.observation import Reason
 from replay_kit.results.schemas import CONTRACT_VERSION, MESSAGES
+from tests.places import SAMPLES
 
-README = (Path(replay_kit.results.__file__).parent / "README.md").read_text(encoding="utf-8")
+FOLDER = Path(replay_kit.results.__file__).parent
+CHANNELS, README = ((FOLDER / name).read_text(encoding="utf-8") for name in ("CHANNELS.md", "README.md"))
 
 
 def documented(message: str) -> list[tuple[str, str]]:
     """Return (field, type) of a message's table in the README."""
-    section = README.split(f"### replay_kit.{message}\n")[1].split("\n#")[0]
+    section = CHANNELS.split(f"### replay_kit.{message}\n")[1].split("\n#")[0]
     rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ([\w.\[\]]+) \| .+ \| .+ \|$", section, flags=re.MULTILINE)
     return [(name, kind) for names, kind in rows for name in re.findall(r"\w+", names)]
 
 
 @pytest.mark.parametrize("message", MESSAGES)
-def test_readme_lists_every_field_in_order(message: str) -> None:
+def test_the_contract_lists_every_field_in_order(message: str) -> None:
     fields = [(field.name, field.type.lstrip(".") + ("[]" if field.repeated else "")) for field in MESSAGES[message]]
     assert documented(message) == fields
 
 
-def test_readme_names_the_contract_version() -> None:
-    assert f"Contract version {CONTRACT_VERSION}." in README
+def test_the_contract_names_the_contract_version() -> None:
+    assert f"Contract version {CONTRACT_VERSION}." in CHANNELS
 
 
-def test_readme_lists_every_reason() -> None:
-    listed = dict(re.findall(r"\b(\d+) \| ([a-z_]+) (?=\|)", README))
+def test_the_contract_lists_every_reason() -> None:
+    listed = dict(re.findall(r"\b(\d+) \| ([a-z_]+) (?=\|)", CHANNELS))
     assert listed == {str(reason.value): str(reason.name).lower() for reason in Reason if reason}
 
 
-def test_readme_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
-    for block in re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL):
-        exec(compile(block, "results/README.md", "exec"), {"__name__": "__readme__"})
+def test_examples_run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "sample_logs").symlink_to(SAMPLES)
+    monkeypatch.chdir(tmp_path)
+    for text in (README, CHANNELS):
+        for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+            exec(compile(block, "results/README.md", "exec"), {"__name__": "__readme__"})
     assert capsys.readouterr().out
+    assert (tmp_path / "map.pdf").stat().st_size > 10_000

@@ -77,9 +77,9 @@ def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_result_of_another_version_says_so(result_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
-    monkeypatch.setattr("replay_kit.workflows.report.CONTRACT_VERSION", 4)
+    monkeypatch.setattr("replay_kit.workflows.report.CONTRACT_VERSION", 5)
     report(result_path, tmp_path / "page.html")
-    assert "The result has version 3 of the contract, this program version 4" in text_of((tmp_path / "page.html").read_text(), "answer")
+    assert "The result has version 4 of the contract, this program version 5" in text_of((tmp_path / "page.html").read_text(), "answer")
 
 
 def test_the_summary_in_the_result_is_that_of_the_run(replayed) -> None:  # type: ignore[no-untyped-def]  # noqa: F811

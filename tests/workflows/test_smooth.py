@@ -8,11 +8,13 @@ from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.evolving.smoother import smooth as smooth_states
 from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
+from replay_kit.results.report import report_html
 from replay_kit.results.views.contents import Contents
 from replay_kit.workflows.library import settings_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from tests.places import SAMPLES
+from tests.results.report.html_of import figures
 
 STATIC_SETTINGS = {
     "logs": {"end": "2018-11-16T05:00:00Z"},
@@ -60,7 +62,15 @@ def test_it_knows_more_of_the_beginning_than_the_replay_and_the_same_of_the_end(
     # decisions are those of the replay, residuals those to the smoothed estimate
     np.testing.assert_array_equal(result.observations["nis"], replayed.observations["nis"])
     assert (result.innovations["residual_east"] != replayed.innovations["residual_east"]).any()
-    assert np.isfinite(Contents(result).bins.estimated).all()
+    # beside them stand those of the replay, in the sections too
+    for axis in ("east", "north"):
+        np.testing.assert_array_equal(result.innovations[f"replayed_residual_{axis}"], replayed.innovations[f"residual_{axis}"])
+    smoothed_bins, replayed_bins = Contents(result).bins, Contents(rk.open_result(replayed.path)).bins
+    assert np.isfinite(smoothed_bins.estimated).all()
+    np.testing.assert_allclose(smoothed_bins.replayed, replayed_bins.estimated, atol=1e-6)
+    assert np.isnan(replayed_bins.replayed).all()
+    (profiles,) = (figure for key, figure in figures(report_html(result)).items() if key == "profiles")
+    assert [note["text"] for note in profiles["layout"]["annotations"]][1:3] == ["estimated before smoothing", "smoothed"]
 
 
 def test_a_static_estimate_is_its_last_at_all_times(tmp_path):

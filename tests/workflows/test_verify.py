@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
@@ -29,10 +30,10 @@ def run(tmp_path_factory) -> Path:
     """A folder with a log, an ensemble, and the result of a replay with a goal."""
     folder = tmp_path_factory.mktemp("run")
     synthetic.write_ocean(folder, 12)
-    config = RunConfig()
+    config = RunConfig(planner=PlannerConfig(kind="glide"))
     make_twin(read_truth(str(folder / "truth.nc"), config.forecast), Twin("glider", 60, 0.05, 1), folder / "glider.mcap")
     job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=Place(152.3, -39.8, 150.0))
-    replay(job, config, planner_of(config.planner))
+    replay(job, config, planner_of)
     return folder
 
 
@@ -239,6 +240,6 @@ def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run
     assert first_difference(run / "out.mcap", old).fields == ("schema: the definitions of replay_kit.Innovation differ",)
     verdict = verify(old, [run], planner_of)
     assert verdict.same, verdict
-    assert verdict.notes == ("made with contract version 2, here it is 3: names of fields were not compared",)
+    assert verdict.notes == ("made with contract version 2, here it is 4: names of fields were not compared",)
     damaged = changed(old, tmp_path / "damaged.mcap", message=(index_of(old, "/flow/innovation"), lambda schema, data: data + b"\x08\x01"))
     assert not verify(damaged, [run], planner_of).same

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from replay_kit.config.run import RunConfig
     from replay_kit.results.summary import ReplaySummary
+    from replay_kit.workflows.replay.build import Forecasts
     from replay_kit.workflows.replay.inputs import ReplayJob
 
 
@@ -79,7 +80,7 @@ def replay(
     from replay_kit.results.summary_json import failure_json
     from replay_kit.workflows.planning import planner_of
     from replay_kit.workflows.replay import dry_run as dry
-    from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs
+    from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of
     from replay_kit.workflows.replay.replay import replay as replay_logs
 
     job = ReplayJob(
@@ -106,23 +107,25 @@ def replay(
         return 0
     try:
         with part_named(outputs.out), progress() as advance:
-            summary, _ = replay_logs(job, config, planner_of(config.planner), advance)
+            advance(0, 0, "reading the forecast")
+            forecasts = forecasts_of(job, config)
+            summary, _ = replay_logs(job, config, planner_of, advance, forecasts=forecasts)
     except (MeasurementError, ForecastError) as error:
         write_json(outputs.json_file, error.answer or failure_json(error))
         raise
-    _smooth(outputs, job, config)
+    _smooth(outputs, job, config, forecasts)
     _answer(outputs, summary, console)
     return summary.exit_code
 
 
-def _smooth(outputs: Outputs, job: "ReplayJob", config: "RunConfig") -> None:
+def _smooth(outputs: Outputs, job: "ReplayJob", config: "RunConfig", forecasts: "Forecasts") -> None:
     """Write the smoothed result if it is asked for."""
     if outputs.smooth is None:
         return
     from replay_kit.workflows.smooth import smooth
 
     with part_named(outputs.smooth), progress() as advance:
-        smooth(replace(job, out=outputs.smooth), config, advance)
+        smooth(replace(job, out=outputs.smooth), config, advance, forecasts)
 
 
 def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:

@@ -25,7 +25,8 @@ from replay_kit.estimator.basis.noise import bin_noise
 from replay_kit.estimator.evolving.extras import Oscillations
 from replay_kit.estimator.update.biases import Biases, relative_velocity
 from replay_kit.estimator.update.compression import Bins
-from replay_kit.estimator.update.path_mean import depth_means, local_mean, mean_noise
+from replay_kit.estimator.update.path_mean import depth_means, mean_noise
+from replay_kit.estimator.update.screening import local_mean
 
 _NS = 1e9
 
@@ -112,4 +113,4 @@ class ObservationOperator:
                 oscillating[c] += self.oscillations.at(knots[k] @ self.oscillations.factor(c), back)
         noise = mean_noise(mean, grid.levels, self.representation_std)
         rows = np.hstack([design.T, oscillating, np.zeros((2, self.biases.size))]) / noise.std[0]
-        return LinearObservation(np.ones((1, 1)), noise, local_mean(mean, self.basis) - known, rows)
+        return LinearObservation(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - known, rows)

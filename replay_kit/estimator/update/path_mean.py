@@ -7,7 +7,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
-from replay_kit.core.geodesy import rotate_to_local, to_local
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import PathMean
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.noise import BinNoise
@@ -15,6 +15,7 @@ from replay_kit.estimator.update.compression import Bins
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.posterior import Posterior, PredictedObservation
 from replay_kit.estimator.update.representation import full_covariance_of
+from replay_kit.estimator.update.screening import local_mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,12 +45,6 @@ def mean_noise(mean: PathMean, levels: Array, representation_std: Array) -> BinN
     return BinNoise(np.array([[1.0 / std]]), np.array([[std]]), float(np.log(std)))
 
 
-def local_mean(mean: PathMean, basis: Basis) -> Array:
-    """Return the mean along the local axes, shape (1, 2) [m/s], rotated at the end of the path."""
-    u, v = rotate_to_local(basis.grid.projection, float(mean.longitude[-1]), float(mean.latitude[-1]), *mean.velocity)
-    return np.array([[float(u), float(v)]])
-
-
 def depth_means(mean: PathMean, basis: Basis) -> Array:
     """Return the weight of each level at each point in the mean, shape (m, Z); above and below the levels the nearest level holds."""
     return np.asarray(mean.weight[:, None] * depth_weights(basis.depth_functions, mean.depth, basis.grid.levels))
@@ -63,7 +58,7 @@ def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRo
     by_level = np.einsum("mz,cmn->czn", depth_means(mean, basis), kernel_rows)
     noise = mean_noise(mean, grid.levels, representation_std)
     offset = np.einsum("czn,nz->c", by_level, basis.offset)
-    return PathRows(np.ones((1, 1)), noise, local_mean(mean, basis) - offset, (by_level @ basis.modes) / noise.std[0])
+    return PathRows(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - offset, (by_level @ basis.modes) / noise.std[0])
 
 
 def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservation[Posterior]:

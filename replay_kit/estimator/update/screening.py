@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import inside_grid, to_local, wet_column
-from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Flag, Innovation, Measurement, Observation, Reason
+from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local, wet_column
+from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.observation import Flag, Innovation, Measurement, Observation, PathMean, Reason
 
 
 def screen(observation: Observation, grid: Grid, relative: bool = False) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
@@ -78,7 +78,16 @@ def screen_measurement(observation: Measurement, grid: Grid, relative: bool = Tr
     """Return a measurement after screening; the arguments are those of ``screen``, for a mean along a path too."""
     profile = to_profile(observation)
     flags, reasons = screen(profile, grid, relative)
-    return Screened(observation, np.flatnonzero(usable(flags)), unused_innovation(profile, flags, reasons))
+    unused = unused_innovation(profile, flags, reasons)
+    if isinstance(observation, PathMean):
+        unused = replace(unused, mean_current=local_mean(observation, grid.projection)[0], mean_kind=observation.kind)
+    return Screened(observation, np.flatnonzero(usable(flags)), unused)
+
+
+def local_mean(mean: PathMean, projection: Projection) -> Array:
+    """Return a mean along a path along the local axes, shape (1, 2) [m/s], rotated at the end of the path."""
+    u, v = rotate_to_local(projection, float(mean.longitude[-1]), float(mean.latitude[-1]), *mean.velocity)
+    return np.array([[float(u), float(v)]])
 
 
 def unused_innovation(observation: Observation, flags: NDArray[np.int8], reasons: NDArray[np.int32]) -> Innovation:

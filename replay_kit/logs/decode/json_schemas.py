@@ -60,6 +60,8 @@ _ADCP_PING = _object(
     "replay_kit.AdcpPing",
 )
 
+#: Schema of the mean current of a dive.
+DIVE_MEAN = "replay_kit.DepthAveragedCurrent"
 _DEPTH_AVERAGED_CURRENT = _object(
     {
         "stamp": _STAMP,
@@ -72,7 +74,7 @@ _DEPTH_AVERAGED_CURRENT = _object(
         "duration": _NUMBER,
         "dac_kind": _STRING,
     },
-    title="replay_kit.DepthAveragedCurrent",
+    title=DIVE_MEAN,
 )
 
 _LOCATION_FIX = _object(
@@ -91,7 +93,7 @@ _LOCATION_FIX = _object(
 
 JSON_SCHEMAS: dict[str, dict[str, Any]] = {
     "replay_kit.AdcpPing": _ADCP_PING,
-    "replay_kit.DepthAveragedCurrent": _DEPTH_AVERAGED_CURRENT,
+    DIVE_MEAN: _DEPTH_AVERAGED_CURRENT,
     "foxglove.LocationFix": _LOCATION_FIX,
 }
 

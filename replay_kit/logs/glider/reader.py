@@ -93,6 +93,10 @@ class GliderReader(LogFile):
         # at one time a position comes before the velocities measured there
         yield from self._by_time([*_fix_entries(self._fixes), *self._positions(), *self._dacs(), *self._adcp])
 
+    def is_gliders(self) -> bool:
+        """Return True."""
+        return True
+
     def _flagged(self, topic: str) -> int:
         return sum(count for at, _, count in self._columns.skipped if at == topic)
 

@@ -13,9 +13,11 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.core.raw import MAVLINK_FRAMES, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
+from replay_kit.logs.decode.json_schemas import DIVE_MEAN
 from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, MAX_SIZE, RECORD_ERRORS, Record, file_records, parse
 from replay_kit.logs.mcap.scanner import MESSAGE, Make, McapScanner
+from replay_kit.logs.mcap.summary import read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block
 from replay_kit.logs.shared.overview import Overview
@@ -89,6 +91,14 @@ class McapReader(LogFile):
             return parse(Header, record.body).profile if record.opcode == Opcode.HEADER and record.whole else None
         except RECORD_ERRORS:
             return None
+
+    def is_gliders(self) -> bool:
+        """Return whether a channel states mean currents of dives; without an index of the channels, whether a message does."""
+        with self._opened() as file:
+            schemas = read_summary(file, os.fstat(file.fileno()).st_size).schemas
+        if schemas:
+            return any(schema.name == DIVE_MEAN for schema in schemas.values())
+        return any(message.schema == DIVE_MEAN for message in self.messages())
 
     def _scan(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
         with self._opened() as file:

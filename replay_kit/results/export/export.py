@@ -19,7 +19,8 @@ ENDINGS = (".nc", ".csv", ".kml", ".geojson")
 def export(contents: Contents, path: Path, places: Sequence[At] = (), table: str | None = None) -> dict[str, int]:
     """Write tables of a result to a file, and return the number of rows of each table written.
 
-    A CSV file has one table; NetCDF has all that have rows; KML and GeoJSON have the track, places, surfacings and the last plan.
+    A CSV file has one table; NetCDF has all that have rows; KML and GeoJSON have the track, places, surfacings, and the last
+    plan with its ellipses and the areas that it keeps out of.
 
     Args:
         contents: Of the result.
@@ -56,5 +57,5 @@ def _text(tables: dict[str, pd.DataFrame], ending: str, contents: Contents) -> s
     if ending == ".csv":
         (rows,) = tables.values()
         return str(rows.to_csv(index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n"))
-    features = features_of(tables, contents.projection)
+    features = features_of(tables, contents.projection, contents.last_plan)
     return geojson_text(features) if ending == ".geojson" else kml_text(features)

@@ -10,6 +10,7 @@ import pandas as pd
 
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
+from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.surfacings import outlines_of
 from replay_kit.results.views.track import thinned
 
@@ -19,14 +20,16 @@ _POINTS = 20_000
 _DIGITS = 7
 
 
-def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection) -> list[dict[str, Any]]:
+def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection, plan: LastPlan | None = None) -> list[dict[str, Any]]:
     """Return features after RFC 7946: the track, the last current at each place, surfacings with their ellipses, the last plan.
 
-    Longitudes are continuous across the antimeridian, as those of ``/plan/geojson``.
+    With the last plan come the ellipses of its surfacings and the areas that it keeps out of. Longitudes are continuous across the
+    antimeridian, as those of ``/plan/geojson``.
 
     Args:
         tables: Those of ``FEATURES`` that are wanted.
         projection: The local frame.
+        plan: The last plan; None without.
     """
     features: list[dict[str, Any]] = []
     for name, label in (("track", "track"), ("plans", "last plan")):
@@ -35,7 +38,9 @@ def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection) -> l
         if len(rows):
             kept = rows.iloc[thinned(len(rows), _POINTS)]
             about: dict[str, Any] = {"name": label, "begin": _time(rows["time"].iloc[0]), "end": _time(rows["time"].iloc[-1])}
+            about |= _outcome(plan) if name == "plans" and plan is not None else {}
             features.append(_feature("LineString", _line(kept["longitude"], kept["latitude"], projection), about))
+    features += _around_plan(plan, projection) if plan is not None and "plans" in tables else []
     series = tables.get("series", pd.DataFrame())
     for number, rows in series.groupby("place") if len(series) else ():
         last = rows.iloc[-1]
@@ -51,8 +56,25 @@ def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection) -> l
             )
     for outline in outlines_of(surfacings, projection):
         ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
-        # counter-clockwise, as GeoJSON wants an outer ring
-        features.append(_feature("Polygon", [ring[::-1]], {"name": "90 % ellipse of a surfacing"}))
+        features.append(_feature("Polygon", [ring], {"name": "90 % ellipse of a surfacing"}))
+    return features
+
+
+def _outcome(plan: LastPlan) -> dict[str, Any]:
+    """Return the figures of a plan; those that the result does not hold are left out."""
+    odds = plan.odds or {}
+    known = {"energy_j": plan.energy, "battery_j": plan.battery, "samples": odds.get("n_samples"), "reached_share": odds.get("reached")}
+    return {"status": str(plan.row["status"]), **{name: value for name, value in known.items() if value is not None}}
+
+
+def _around_plan(plan: LastPlan, projection: Projection) -> list[dict[str, Any]]:
+    features = []
+    for number, outline in enumerate(plan.ellipses, start=1):
+        ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
+        features.append(_feature("Polygon", [ring], {"name": f"90 % ellipse of planned surfacing {number}"}))
+    for area in plan.areas:
+        ring = _line(*np.array([*area.corners, area.corners[0]]).T, projection)
+        features.append(_feature("Polygon", [ring], {"name": f"no-go area {area.name}", "surface_only": area.surface_only}))
     return features
 
 

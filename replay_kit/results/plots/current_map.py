@@ -10,8 +10,9 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
 from replay_kit.core.text import time_text
 from replay_kit.results.plots.panel import Panel, Panels, missing
-from replay_kit.results.plots.style import FOURTH, INK, LAND, SECOND, colorbar, colormap
+from replay_kit.results.plots.style import FIRST, FOURTH, INK, LAND, SECOND, colorbar, colormap
 from replay_kit.results.report.sections.map_frame import coastline
+from replay_kit.results.report.sections.map_hazards import contour_step
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import typical_depth
 from replay_kit.results.views.slices import CurrentSlices, slices_of
@@ -38,7 +39,8 @@ def map_panels(contents: Contents, at: At | None) -> Panels:
     if contents.estimate is None and slices is not None:
         notes.append("The result holds no estimate: the map shows the last published current.")
     if slices is None and contents.track.time_ns.size == 0:
-        return Panels([missing("Map", "The result holds neither a current nor a position.")], notes=notes)
+        also = "; the figure plan shows its plan." if contents.last_plan is not None else "."
+        return Panels([missing("Map", f"The result holds neither a current nor a position{also}")], notes=notes)
     if slices is None:
         notes.append("The result holds no current: the map shows positions alone.")
         return Panels([Panel("track", partial(_marks, contents, None, at), 0.8)], 1, notes)
@@ -138,6 +140,35 @@ def draw_surfacings(contents: Contents, axes: Axes) -> None:
         axes.plot(*degrees(contents, outline[:, 0], outline[:, 1]), color=FOURTH, linewidth=0.7, label=label)
 
 
+def draw_hazards(contents: Contents, axes: Axes) -> None:
+    """Draw the depth of the bottom as contours, the areas that the last plan keeps out of, and the ellipses of its surfacings.
+
+    Args:
+        contents: Of the result.
+        axes: In degrees, with their limits.
+    """
+    seabed, plan = contents.seabed, contents.last_plan
+    if seabed is not None:
+        x, y = degrees(contents, *np.meshgrid(seabed.east, seabed.north))
+        (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+        # only of what is seen, so that labels are in sight
+        shown = np.where((x >= west) & (x <= east) & (y >= south) & (y <= north), seabed.depth, np.nan)
+        span = float(np.ptp(shown[np.isfinite(shown)])) if np.isfinite(shown).any() else 0.0
+        if span > 0.0:
+            step = contour_step(span)
+            levels = np.arange(np.ceil(np.nanmin(shown) / step) * step, float(np.nanmax(shown)), step)
+            lines = axes.contour(x, y, np.ma.masked_invalid(shown), levels=levels[levels > 0.0], colors=INK, linewidths=0.4, alpha=0.7)
+            axes.clabel(lines, fontsize=5.0, fmt="%g m")
+    for k, area in enumerate(plan.areas if plan is not None else ()):
+        longitude, latitude = np.array([*area.corners, area.corners[0]]).T
+        x = unwrap_longitude(longitude, contents.projection.longitude)
+        axes.fill(x, latitude, facecolor="#d5301a", alpha=0.2, zorder=2.5)
+        axes.plot(x, latitude, color="#a02010", linewidth=1.0, label="no-go area" if k == 0 else None)
+    for k, outline in enumerate(plan.ellipses if plan is not None else ()):
+        label = "90 % of planned surfacings" if k == 0 else None
+        axes.plot(*degrees(contents, outline[:, 0], outline[:, 1]), color=FIRST, linewidth=0.6, label=label)
+
+
 def legend(axes: Axes) -> None:
     """Draw the legend below the axes, where it has entries."""
     if axes.get_legend_handles_labels()[0]:
@@ -156,13 +187,14 @@ def _error(contents: Contents, slices: CurrentSlices, at: At | None, axes: Axes)
 
 
 def _marks(contents: Contents, slices: CurrentSlices | None, at: At | None, axes: Axes) -> None:
+    if slices is None:
+        _widen(contents, axes)
+    draw_hazards(contents, axes)
     draw_track(contents, axes)
     draw_surfacings(contents, axes)
     if at is not None:
         x = float(unwrap_longitude(at[0], contents.projection.longitude))
         axes.plot(x, at[1], "*", color="white", markeredgecolor=INK, markersize=8.0, linestyle="none", label="place asked for")
-    if slices is None:
-        _widen(contents, axes)
     frame(axes)
     legend(axes)
 

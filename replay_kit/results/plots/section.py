@@ -11,10 +11,9 @@ from replay_kit.core.arrays import Array
 from replay_kit.results.plots.current_map import At
 from replay_kit.results.plots.panel import Panel, Panels, missing
 from replay_kit.results.plots.style import LAND, colorbar, colormap
-from replay_kit.results.report.sections.sections_along_track import gridded
+from replay_kit.results.report.sections.sections_along_track import gridded, limits_of, quantities_of
 from replay_kit.results.views.contents import Contents
 
-_ROWS = ("measured", "estimated", "measured minus estimated", "standard error")
 _COMPONENTS = ("eastward", "northward")
 # The least width of a section [ns]: one profile has none.
 _LEAST_NS = 600_000_000_000
@@ -36,10 +35,13 @@ def section_panels(contents: Contents, at: At | None) -> Panels:
     if bins.left_out:
         notes.append(f"{bins.left_out} of {bins.left_out + bins.profiles} profiles are left out, evenly spread.")
     edges = (_time_edges(time_ns.size, int(bins.time_ns.min()), int(bins.time_ns.max())), _depth_edges(depths))
-    limits = (_limit(values[:2]), _limit(values[:2]), _limit(values[2]), _limit(values[3]))
+    names, _ = quantities_of(bins)
+    if np.isfinite(bins.replayed).any():
+        notes.append("The result is smoothed: its estimate knows the measurements after each time too.")
+    limits = limits_of(names, values)
     panels = [
-        Panel(f"{row}, {_COMPONENTS[component]}", partial(_panel, edges, values[k, component], limits[k], k == 3), 0.42)
-        for k, row in enumerate(_ROWS)
+        Panel(f"{row}, {_COMPONENTS[component]}", partial(_panel, edges, values[k, component], limits[k], row == "standard error"), 0.42)
+        for k, row in enumerate(names)
         if np.isfinite(values[k]).any()
         for component in range(2)
     ]
@@ -89,8 +91,3 @@ def _time_edges(columns: int, first: int, last: int) -> Any:
 
 def _depth_edges(depths: Array) -> Array:
     return np.linspace(0.0, depths[-1] + depths[0], depths.size + 1)
-
-
-def _limit(values: Array) -> float:
-    known = np.abs(values[np.isfinite(values)])
-    return float(f"{max(np.quantile(known, 0.99), 1e-3):.2g}") if known.size else 1.0

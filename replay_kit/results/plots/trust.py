@@ -72,7 +72,7 @@ def _nis(contents: Contents, axes: Axes) -> None:
     of_dive = used["source_topic"].isin(mean_current_topics(table, contents.result.innovations)).to_numpy(bool)
     for here, marker, color, name in (
         (accepted & ~of_dive, "o", FIRST, "profiles"),
-        (accepted & of_dive, "s", FOURTH, "mean currents of dives"),
+        (accepted & of_dive, "s", FOURTH, "mean currents"),
         (~accepted, "x", SECOND, "rejected"),
     ):
         if here.any():

@@ -28,6 +28,7 @@ class BinsAlongTrack:
         depth: [m], positive down.
         estimated: shape (n, 2) [m/s], local east and north, of the estimate just after the profile; NaN without an estimate.
         residual: shape (n, 2) [m/s], measured minus estimated.
+        replayed: shape (n, 2) [m/s], of a smoothed result the estimate before smoothing; NaN in others.
         standard_error: shape (n, 2) [m/s], of the last estimate there; NaN without one.
         profiles: Number of profiles these bins are of.
         left_out: Number of profiles left out, evenly spread.
@@ -38,6 +39,7 @@ class BinsAlongTrack:
     depth: Array
     estimated: Array
     residual: Array
+    replayed: Array
     standard_error: Array
     profiles: int
     left_out: int
@@ -50,7 +52,8 @@ class MeanCurrents:
     Attributes:
         time_ns: When the dive ended [ns, UTC].
         dive: Number of the dive.
-        estimated: shape (n, 2) [m/s], local east and north: mean of the estimate over the positions of the dive, just after the update.
+        estimated: shape (n, 2) [m/s], local east and north: mean of the estimate along the dive, just after the update. Results before
+            version 4 do not hold what was measured; of them, it is the mean over the positions shown, NaN without an estimate.
         residual: shape (n, 2) [m/s], measured minus estimated.
         standard_error: shape (n, 2) [m/s], standard deviation of the innovation before the update.
     """
@@ -103,12 +106,15 @@ class EstimateHistory:
 
 
 def mean_current_topics(observations: pd.DataFrame, bins: pd.DataFrame) -> list[str]:
-    """Return the topics whose measurements are mean currents of dives: one value a dive, which a profile is not.
+    """Return the topics whose measurements are mean currents: before version 4 those of one value a dive, which a profile is not.
 
     Args:
         observations: ``ResultFile.observations``.
         bins: ``ResultFile.innovations``.
     """
+    # what the measurement itself says, in results of version 4 on
+    if (stated := np.isfinite(observations["mean_current_measured_east"].to_numpy(np.float64))).any():
+        return list(dict.fromkeys(observations["source_topic"].to_numpy()[stated]))
     sizes = bins.groupby("observation").size().reindex(range(len(observations)), fill_value=0).to_numpy()
     topics = []
     for topic in dict.fromkeys(observations["source_topic"]):
@@ -146,16 +152,23 @@ def bins_along_track(
             estimated[here] = flow.velocity(east[here], north[here], depth[here])
     if estimate is not None and estimate.n_modes and depth.size and np.isfinite(east).all():
         error = estimate.standard_error(east, north, depth)
-    return BinsAlongTrack(time_ns, distance, depth, estimated, residual, error, kept.size, wanted.size - kept.size)
+    # measured minus the residual before smoothing
+    replayed = estimated + residual - used[["replayed_residual_east", "replayed_residual_north"]].to_numpy(np.float64)
+    return BinsAlongTrack(time_ns, distance, depth, estimated, residual, replayed, error, kept.size, wanted.size - kept.size)
 
 
 def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) -> MeanCurrents:
     """Return the mean currents of the dives of a result beside the mean through time of its estimate over the positions of each dive."""
     observations, bins = result.observations, result.innovations
-    rows = np.flatnonzero(observations["source_topic"].isin(mean_current_topics(observations, bins)) & (observations["dof"] > 0))
+    of_dive = observations["source_topic"].isin(mean_current_topics(observations, bins)) & (observations["mean_current_kind"] != "drift")
+    rows = np.flatnonzero(of_dive & (observations["dof"] > 0))
     values = bins.set_index("observation").loc[rows]
     dive = observations["dive"].to_numpy(np.int64)[rows]
     end = observations.index.to_numpy().astype("datetime64[ns]").astype(np.int64)[rows]
+    residual, error = (values[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64) for name in ("residual", "innovation_std"))
+    measured = observations[["mean_current_measured_east", "mean_current_measured_north"]].to_numpy(np.float64)[rows]
+    if np.isfinite(measured).all():
+        return MeanCurrents(end, dive, measured - residual, residual, error)
     begin = np.concatenate([track.time_ns[:1], end[:-1]]) if track.time_ns.size else end
     estimated = np.full((rows.size, 2), np.nan)
     for row, (first, last) in enumerate(zip(begin.tolist(), end.tolist(), strict=False)):
@@ -165,7 +178,6 @@ def mean_currents(result: ResultFile, track: Track, history: EstimateHistory) ->
             # by the time about each position, as the measurement is a mean through time
             weight = _time_about(track.time_ns[here])
             estimated[row] = weight @ flow.velocity(track.east[here], track.north[here], track.depth[here])
-    residual, error = (values[[f"{name}_east", f"{name}_north"]].to_numpy(np.float64) for name in ("residual", "innovation_std"))
     return MeanCurrents(end, dive, estimated, residual, error)
 
 

@@ -10,8 +10,10 @@ import numpy as np
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection
+from replay_kit.core.seabed import Seabed
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import BinsAlongTrack, EstimateHistory, MeanCurrents, bins_along_track, mean_currents
+from replay_kit.results.views.last_plan import LastPlan, last_plan, published_seabed
 from replay_kit.results.views.record import RunRecord, read_record, summary_of
 from replay_kit.results.views.slices import CurrentSlices, published_slices, slices_of
 from replay_kit.results.views.track import Track, track_of
@@ -93,6 +95,16 @@ class Contents:
     def mean_currents(self) -> MeanCurrents:
         """Mean currents of the dives."""
         return mean_currents(self.result, self.track, self.history)
+
+    @cached_property
+    def last_plan(self) -> LastPlan | None:
+        """The last plan; None without plans."""
+        return last_plan(self.result, self.projection)
+
+    @cached_property
+    def seabed(self) -> Seabed | None:
+        """The bottom around the region; None without a bathymetry."""
+        return published_seabed(self.result.path)
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

@@ -42,6 +42,11 @@ def read_record(path: Path) -> RunRecord:
     return RunRecord(metadata, attached.get(CONFIG_NAME, b"").decode(), summary)
 
 
+def bathymetry_name(record: RunRecord) -> str:
+    """Return the name of the bathymetry's file; what it is in words for a result that does not name it."""
+    return record.metadata.get("replay_kit.inputs", {}).get("bathymetry", "the bathymetry").partition(" sha256:")[0]
+
+
 def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
     """Return the settings that differ from their defaults: table and key, value, default (None when it has none).
 
@@ -90,22 +95,28 @@ def _bins_rejected(result: ResultFile) -> dict[str, int]:
     return {name: count for name, count in counts.items() if count}
 
 
+def plan_statistics(result: ResultFile) -> dict[str, str]:
+    """Return the statistics of the last plan of a result, which must have one."""
+    with result.path.open("rb") as file:
+        *_, (_, _, message) = make_reader(file).iter_messages(topics="/plan/controls")
+    return {pair.name: pair.value for pair in decode("Plan", message.data).statistics}
+
+
 def _last_plan(result: ResultFile) -> dict[str, Any] | None:
     """Return the last plan of a result as far as its summary would have it; None without plans."""
     if not len(result.plans):
         return None
     plan = result.plans.iloc[-1]
-    with result.path.open("rb") as file:
-        *_, (_, _, message) = make_reader(file).iter_messages(topics="/plan/controls")
-    statistics = {pair.name: pair.value for pair in decode("Plan", message.data).statistics}
     return (
         {name: plan[name] for name in ("status", "message")}
-        | {"statistics": statistics}
+        | {"statistics": plan_statistics(result)}
         | {
             name: float(plan[name])
             for name in ("heading_deg", "glide_angle_deg", "speed", "duration", "closest_approach")
             if np.isfinite(plan[name])
         }
+        | {f"{name}_j": float(plan[name]) for name in ("energy", "battery") if plan[name] > 0.0}
+        | ({"odds": plan.filter(like="odds_").rename(lambda name: name[5:]).to_dict()} if plan["odds_n_samples"] > 0 else {})
     )
 
 

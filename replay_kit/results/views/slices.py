@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.results.slices import Slice, depth_slice
+from replay_kit.results.slices import Slice, depth_slice, grid_cells
 from replay_kit.results.views.track import thinned
 
 #: Of the fields of a slice, those kept: u, v and their standard errors.
@@ -90,11 +90,7 @@ def _read(path: Path, topics: list[str], times: set[int]) -> Iterator[tuple[int,
             decode = decoder.decoder_for("protobuf", schema)
             assert decode is not None
             value = decode(message.data)
-            columns, rows = value.column_count, len(value.data) // value.row_stride
-            cells = np.frombuffer(value.data, "<f4").reshape(rows, columns, value.cell_stride // 4).astype(np.float64)
-            offsets = {field.name: field.offset // 4 for field in value.fields}
-            unknown = np.full((rows, columns), np.nan)
-            fields = np.stack([cells[..., offsets[name]] if name in offsets else unknown for name in KEPT])
-            east = value.pose.position.x + value.cell_size.x * (np.arange(columns) + 0.5)
-            north = value.pose.position.y + value.cell_size.y * (np.arange(rows) + 0.5)
+            east, north, found = grid_cells(value)
+            unknown = np.full((north.size, east.size), np.nan)
+            fields = np.stack([found.get(name, unknown) for name in KEPT])
             yield message.log_time, float(channel.topic.removeprefix(_FOLDER).removesuffix("m")), east, north, fields

@@ -10,49 +10,74 @@ from planners.mission.flights import fly_mission, surfacing_ellipses
 from planners.output.mission import as_glide
 from planners.route.region import locate, region_of
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.core.errors import ConfigError, PlanError
+from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import distance, to_geographic
-from replay_kit.core.plan import Place
+from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.plan import Place, Plan
+from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse, Surfacing
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
+from replay_kit.workflows.planning.request import ACCEPTED_RISK, ARRIVING
+from replay_kit.workflows.planning.seabed import depth_along, seabed_of
 from replay_kit.workflows.replay.planner import Planner, PlanResult
 
 # The estimates that a mission is planned on reach over so many times the way through still water.
 _AHEAD = 1.5
 
 
-def planner_of(config: PlannerConfig) -> Planner:
-    """Return the planner of a configuration.
+def planner_of(config: PlannerConfig, region: Grid) -> Planner:
+    """Return the planner of a configuration: of kind ``auto``, which a replay resolves, that of a glide.
+
+    Args:
+        config: ``[planner]``.
+        region: Of the forecast; the bathymetry is read around it.
 
     Raises:
-        ConfigError: A bathymetry is given for a glide, which does not turn above it.
         ForecastError: The bathymetry is unusable.
         PlanError: The vehicle's numbers are such that nothing glides.
     """
-    if config.kind == "mission":
-        bound = MissionPlanner.of(config)
-        return bound if config.bathymetry_path is None else replace(bound, bathymetry=read_bathymetry(config.bathymetry_path))
-    if config.bathymetry is not None:
-        raise ConfigError("[planner] bathymetry: only a mission turns above the bottom; set kind to mission (--planner mission)")
-    return GlidePlanner.of(config)
+    bound: GlidePlanner | MissionPlanner = MissionPlanner.of(config) if config.kind == "mission" else GlidePlanner.of(config)
+    if config.bathymetry_path is None:
+        return bound
+    bottom = read_bathymetry(config.bathymetry_path, region)
+    return replace(bound, bathymetry=bottom, seabed=seabed_of(bottom, region))
+
+
+def over_bottom(plan: Plan, bathymetry: planners.Bathymetry | None, projection: Projection) -> Plan:
+    """Return a plan with the depth of the bottom under its track; unchanged without a bathymetry."""
+    return plan if bathymetry is None else replace(plan, bottom=depth_along(bathymetry, projection, plan.track))
 
 
 @dataclass(frozen=True, slots=True)
 class GlidePlanner:
-    """The glide planner bound to a configuration."""
+    """The glide planner bound to a configuration.
+
+    Attributes:
+        settings: How it is planned.
+        bathymetry: Bottom depth, which a glide keeps above; None leaves it out of account.
+        seabed: It, as results hold it.
+    """
 
     settings: planners.GlideSettings
+    bathymetry: planners.Bathymetry | None = None
+    seabed: Seabed | None = None
 
     @classmethod
     def of(cls, config: PlannerConfig) -> "GlidePlanner":
         """Return the planner of a configuration."""
-        return cls(planners.GlideSettings(speed=config.speed, tolerance=config.tolerance, max_duration=config.max_duration))
+        settings = planners.GlideSettings(
+            speed=config.speed, tolerance=config.tolerance, max_duration=config.max_duration, clearance=config.clearance
+        )
+        return cls(settings)
 
     def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
         """Return the best glide found from start towards goal."""
         before = None if warm is None else warm.plan
-        return PlanResult(planners.plan(flow, start, goal, settings=self.settings, start_time_ns=start_time_ns, warm=before))
+        made = planners.plan(
+            flow, start, goal, settings=self.settings, start_time_ns=start_time_ns, warm=before, bathymetry=self.bathymetry
+        )
+        return PlanResult(over_bottom(made, self.bathymetry, flow.grid.projection))
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land."""
@@ -72,9 +97,10 @@ class MissionPlanner:
         vehicle: What glides.
         settings: How; its number of legs is that of the first plan.
         flow_step: Between the estimates for later times [s].
-        samples: Of the estimate, for the next surfacing's ellipse; 0 for none.
+        samples: Of the estimate, in which each mission is flown for its odds and ellipses; 0 for none.
         seed: Of the samples.
         bathymetry: Bottom depth; None for the lowest level that is wet in the estimate.
+        seabed: It, as results hold it.
     """
 
     vehicle: planners.Glider
@@ -83,6 +109,7 @@ class MissionPlanner:
     samples: int = 0
     seed: int = 0
     bathymetry: planners.Bathymetry | None = None
+    seabed: Seabed | None = None
 
     @classmethod
     def of(cls, config: PlannerConfig) -> "MissionPlanner":
@@ -113,14 +140,16 @@ class MissionPlanner:
         settings = self.settings
         if before is not None and settings.legs is not None:
             settings = replace(settings, legs=max(1, len(before.headings_deg) - before.legs_flown(start_time_ns)))
-        mission = planners.plan_mission(
-            self._over_time(flow, start, goal, start_time_ns),
-            planners.MissionRequest(
-                start, (goal,), vehicle=self.vehicle, settings=settings, bathymetry=self.bathymetry, start_time_ns=start_time_ns
-            ),
-            warm=before,
+        request = planners.MissionRequest(
+            start, (goal,), vehicle=self.vehicle, settings=settings, bathymetry=self.bathymetry, start_time_ns=start_time_ns
         )
-        return PlanResult(as_glide(mission, flow.grid.projection), self._next_surfacing(flow, mission), mission)
+        currents = self._over_time(flow, start, goal, start_time_ns)
+        mission = planners.plan_mission(currents, request, warm=before)
+        drawn = flow.sample(self.samples, self.seed) if self.samples and len(mission.headings_deg) else ()
+        odds = planners.mission_odds(currents, drawn, mission, request) if drawn else None
+        judged = mission if odds is None else planners.with_odds(mission, odds, ARRIVING, ACCEPTED_RISK)
+        made = over_bottom(as_glide(judged, flow.grid.projection, odds), self.bathymetry, flow.grid.projection)
+        return PlanResult(made, _next_surfacing(flow.grid.projection, mission, drawn), mission)
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
@@ -150,21 +179,17 @@ class MissionPlanner:
         now = flow if flow.time_ns == start_time_ns else flow.at(start_time_ns)
         return [now, after, *(flow.at(start_time_ns + k * step) for k in range(2, steps + 1))]
 
-    def _next_surfacing(self, flow: FlowEstimate, mission: planners.MissionPlan) -> Surfacing | None:
-        """Return where the first leg ends at the surface; None when there is no leg, or it ends below."""
-        if len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
-            return None
-        first = _first_leg(mission)
-        at = [float(np.interp(first.surfacing_times[0], mission.track_time, mission.track[:, k])) for k in (0, 1)]
-        longitude, latitude = to_geographic(flow.grid.projection, *at)
-        time_ns = mission.start_time_ns + round(float(first.surfacing_times[0]) * 1e9)
-        return Surfacing(time_ns, float(longitude), float(latitude), self._ellipse(flow, first))
 
-    def _ellipse(self, flow: FlowEstimate, first: planners.MissionPlan) -> Ellipse | None:
-        if self.samples == 0:
-            return None
-        row = surfacing_ellipses(fly_mission(flow.sample(self.samples, self.seed), first), first)[0]
-        return Ellipse(*(float(value) for value in row))
+def _next_surfacing(projection: Projection, mission: planners.MissionPlan, drawn: Sequence[FlowEstimate]) -> Surfacing | None:
+    """Return where the first leg ends at the surface, with an ellipse where there are samples; None when no leg does."""
+    if len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
+        return None
+    first = _first_leg(mission)
+    at = [float(np.interp(first.surfacing_times[0], mission.track_time, mission.track[:, k])) for k in (0, 1)]
+    longitude, latitude = to_geographic(projection, *at)
+    time_ns = mission.start_time_ns + round(float(first.surfacing_times[0]) * 1e9)
+    ellipse = Ellipse(*surfacing_ellipses(fly_mission(drawn, first), first)[0].tolist()) if drawn else None
+    return Surfacing(time_ns, float(longitude), float(latitude), ellipse)
 
 
 def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:

@@ -1,11 +1,14 @@
 """Depth of the bottom from NetCDF, under the names and signs of GEBCO, ETOPO, NEMO and ROMS files."""
 
+from collections.abc import Hashable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from planners import Bathymetry
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
 from replay_kit.core.grid import Grid
@@ -27,31 +30,45 @@ _DEPTHS = (
 # Of the world's grids (GEBCO: elevation; ETOPO: z, Band1), positive up.
 _HEIGHTS = ("height_above_mean_sea_level", "height_above_geoid", "surface_altitude", "elevation", "altitude", "z", "topo", "band1")
 _LONGITUDES, _LATITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x"), ("latitude", "lat", "nav_lat", "lat_rho", "y")
+# Points kept beyond the ends of a region.
+_BEYOND = 2
 _UNITS = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "km": 1e3, "kilometer": 1e3, "kilometre": 1e3, "cm": 1e-2}
 
 
-def read_bathymetry(path: Path) -> Bathymetry:
-    """Return the depth of the bottom in a NetCDF file.
+def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
+    """Return the depth of the bottom in a NetCDF file, around a region: no more of a grid of the world is read.
 
     It is found by its standard name, or else by its name. The attribute ``positive`` decides the sign; without it names of heights are
     positive up and names of depths positive down. Depths are metres where no unit is stated. Land by ``mask_rho`` of ROMS is unknown depth.
+
+    Args:
+        path: The file.
+        region: Where the depth is wanted.
 
     Raises:
         ForecastError: There is no such variable on longitude and latitude, its unit is not one of length, or it holds no water.
     """
     try:
         with xr.open_dataset(path, engine="h5netcdf") as opened:
-            dataset = opened.load().squeeze()
+            return _in_region(path, opened.squeeze(), region)
     except (OSError, ValueError) as error:
         raise ForecastError(f"{path}: cannot read the bathymetry: {error}") from error
+
+
+def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     variable, up = _depth_variable(path, dataset)
     axes = [axis for axis in (_axis(dataset, variable, names) for names in (_LONGITUDES, _LATITUDES)) if axis is not None]
     if len(axes) < 2:
         raise _nothing_found(path, dataset)
+    cut = _window(axes[0], axes[1], region)
+    # the cut is what is read
+    dataset, variable, axes = dataset.isel(cut), variable.isel(cut), [axis.isel(cut, missing_dims="ignore") for axis in axes]
     values = np.asarray(variable, dtype=np.float64) * _scale(path, variable) * (-1.0 if up else 1.0)
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
         values = np.where(np.asarray(dataset["mask_rho"]) > 0.5, values, np.nan)
-    longitude, latitude = (np.asarray(axis, dtype=np.float64) for axis in axes)
+    # continuous where the region lies across the seam of the file
+    longitude = unwrap_longitude(axes[0].to_numpy(), float(region.longitude.mean()))
+    latitude = np.asarray(axes[1], dtype=np.float64)
     if longitude.ndim == 1:
         # depths lie along the axes in the order of their dimensions
         values = values if variable.dims[0] == axes[1].dims[0] else values.T
@@ -62,6 +79,33 @@ def read_bathymetry(path: Path) -> Bathymetry:
             f'positive = "{"down" if up else "up"}" if its sign is the other one'
         )
     return Bathymetry(longitude, latitude, values)
+
+
+def _window(longitude: xr.DataArray, latitude: xr.DataArray, region: Grid) -> dict[Hashable, Any]:
+    """Return what to keep of each dimension: the points in a region, and two beyond."""
+    x = unwrap_longitude(longitude.to_numpy(), float(region.longitude.mean()))
+    y = np.asarray(latitude, dtype=np.float64)
+    ends = [(float(values.min()), float(values.max())) for values in (region.longitude, region.latitude)]
+    if longitude.ndim == 1:
+        return {axis.dims[0]: _between(values, *end) for axis, values, end in zip((longitude, latitude), (x, y), ends, strict=True)}
+    inside = np.ones(longitude.shape, dtype=bool)
+    for values, (least, most) in zip((x, y.T if latitude.dims != longitude.dims else y), ends, strict=True):
+        inside &= (values >= least) & (values <= most)
+    if not inside.any():
+        return {}
+    each = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+    return {name: slice(max(at[0] - _BEYOND, 0), at[-1] + 1 + _BEYOND) for name, at in zip(longitude.dims, each, strict=True)}
+
+
+def _between(values: Array, least: float, most: float) -> Any:
+    """Return the positions of the values between two, and of two beyond on each side, in their order; a slice where they are in a row."""
+    order = np.argsort(values, kind="stable")
+    first, last = int(np.searchsorted(values[order], least)), int(np.searchsorted(values[order], most, side="right"))
+    first = min(max(first - _BEYOND, 0), max(values.size - 2, 0))
+    kept = order[first : max(last + _BEYOND, first + 2)]
+    low, high = int(kept.min()), int(kept.max())
+    # in the order of the file, unless the region lies across its seam
+    return slice(low, high + 1) if high - low + 1 == kept.size else kept
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:

@@ -5,11 +5,13 @@ from math import inf
 from typing import Any
 
 from planners import (
+    Bathymetry,
     Glider,
     MissionOdds,
     MissionPlan,
     MissionRequest,
     MissionSettings,
+    NoGo,
     Pilot,
     mission_odds,
     plan_scenarios,
@@ -20,7 +22,7 @@ from planners.mission.waypoints import Waypoints
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Projection
+from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.progress import announce
 from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.areas import area_notes, read_areas
@@ -39,18 +41,29 @@ class PlannedMission:
     Attributes:
         plan: The mission.
         projection: The local frame of its track.
-        ellipses: shape (L, 5), of ``surfacing_ellipses``; None without samples or legs.
-        samples: Figures of the flights through samples, as in the JSON; None without samples or legs.
+        odds: Of its flights through samples; None without samples or legs.
+        samples: They as in the JSON; None without samples or legs.
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
         notes: What about the files of areas and of the bottom should be known.
+        no_go: Areas that it keeps out of.
+        bathymetry: Bottom that it stays above; None without.
+        region: Of the estimate.
     """
 
     plan: MissionPlan
     projection: Projection
-    ellipses: Array | None
+    odds: MissionOdds | None
     samples: dict[str, Any] | None
     waypoints: Waypoints | None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
+    no_go: tuple[NoGo, ...]
+    bathymetry: Bathymetry | None
+    region: Grid
+
+    @property
+    def ellipses(self) -> Array | None:
+        """Shape (L, 5), of ``surfacing_ellipses``; None without samples or legs."""
+        return None if self.odds is None else self.odds.ellipses
 
 
 def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
@@ -77,7 +90,7 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
         vehicle=vehicle,
         settings=settings,
         no_go=() if job.no_go is None else read_areas(job.no_go),
-        bathymetry=None if job.bathymetry is None else read_bathymetry(job.bathymetry),
+        bathymetry=None if job.bathymetry is None else read_bathymetry(job.bathymetry, estimates[0].grid),
         start_time_ns=estimates[0].time_ns or 0,
     )
     grid, notes = estimates[0].grid, () if job.no_go is None else area_notes(job.no_go, estimates[0].grid)
@@ -94,11 +107,11 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
     if certain:
         made = replace(made, message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known")
     if not drawn or len(made.headings_deg) == 0:
-        return PlannedMission(made, grid.projection, None, None, few, notes)
+        return PlannedMission(made, grid.projection, None, None, few, notes, request.no_go, request.bathymetry, grid)
     announce("flying the samples")
     odds = mission_odds(flow, drawn, made, request, None if job.kind.mooring is None else job.kind.stay)
     judged = with_odds(made, odds, job.arrive, job.accepted_risk)
-    return PlannedMission(judged, grid.projection, odds.ellipses, _figures(odds, job), few, notes)
+    return PlannedMission(judged, grid.projection, odds, _figures(odds, job), few, notes, request.no_go, request.bathymetry, grid)
 
 
 def _sample_count(estimate: FlowEstimate, config: PlannerConfig) -> tuple[int, bool]:

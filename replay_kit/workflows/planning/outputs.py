@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +13,14 @@ from planners.mission.waypoints import Waypoints
 from planners.output.mission import as_glide, legs_table, to_csv, to_geojson, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.run import RunConfig
+from replay_kit.core.plan import Area, Plan
 from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.results.text import print_table
+from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.mission import PlannedMission, mission_settings
 from replay_kit.workflows.planning.request import PlanJob
+from replay_kit.workflows.planning.seabed import seabed_of
 from replay_kit.workflows.replay.provenance import plan_metadata, run_settings_toml
 
 
@@ -123,7 +128,20 @@ def write_mission(
     about = {**plan_metadata(read, options), "mission": {"status": mission.status, "message": mission.message}, "legs": legs}
     with ResultWriter(path, overwrite) as writer:
         writer.start(planned.projection, mission.start_time_ns, about, run_settings_toml(_effective_config(config, job, planned)))
-        writer.plan(as_glide(mission, planned.projection), planned.projection)
+        if planned.bathymetry is not None:
+            writer.seabed(mission.start_time_ns, seabed_of(planned.bathymetry, planned.region))
+        writer.plan(_published(planned, job.battery), planned.projection)
+
+
+def _published(planned: PlannedMission, battery: float | None) -> Plan:
+    """Return a mission as results hold it, with the bottom under it, the areas and the battery [MJ]."""
+    made = over_bottom(as_glide(planned.plan, planned.projection, planned.odds), planned.bathymetry, planned.projection)
+    areas = tuple(Area(area.name, area.surface_only, _open_ring(area.polygon)) for area in planned.no_go)
+    return replace(made, areas=areas, battery=nan if battery is None else battery * 1e6)
+
+
+def _open_ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    return corners[:-1] if corners[0] == corners[-1] else corners
 
 
 def _effective_config(config: RunConfig, job: PlanJob, planned: PlannedMission) -> RunConfig:

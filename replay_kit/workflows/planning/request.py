@@ -14,6 +14,8 @@ from replay_kit.core.plan import Place
 
 # Share of the samples that may violate a constraint where none is stated.
 ACCEPTED_RISK = 0.1
+# Share of the samples that must arrive where none is stated.
+ARRIVING = 0.9
 # Cost of an hour one kilometre off the line, in hours, when that is not stated.
 _LINE_WEIGHT = 10.0
 
@@ -116,7 +118,7 @@ class PlanJob:
     risk: float | None = None
     waypoints: bool = False
     waypoint_tolerance: float | None = None
-    arrive: float = 0.9
+    arrive: float = ARRIVING
     time_limit: float | None = None
     battery: float | None = None
 

@@ -27,11 +27,13 @@ class Forecasts:
         series: The forecast at the times that are used, in order.
         ensemble: The one of them nearest to the log's beginning.
         evolves: Whether the estimate goes through time.
+        near_ns: Time of the logs' first message [ns, UTC]; None without one.
     """
 
     series: tuple[Ensemble, ...]
     ensemble: Ensemble
     evolves: bool
+    near_ns: int | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -76,7 +78,7 @@ def read_forecasts(path: Paths, config: RunConfig, near_ns: int | None, place_at
     note = _unfitted_spread(config, evolves, series[0].made_from)
     series = (replace(series[0], notes=(*series[0].notes, *note)), *series[1:])
     forecasts = Forecasts(series, series[0], evolves)
-    return replace(forecasts, ensemble=forecasts.nearest(near_ns))
+    return replace(forecasts, ensemble=forecasts.nearest(near_ns), near_ns=near_ns)
 
 
 def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:

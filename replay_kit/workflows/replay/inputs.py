@@ -24,6 +24,7 @@ from replay_kit.logs.reader import LogFile
 from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
 from replay_kit.results.losses import iso_time
+from replay_kit.workflows.replay.build import Forecasts, read_forecasts
 from replay_kit.workflows.replay.planner import Planner
 
 # Messages between two looks at how much is read.
@@ -134,6 +135,34 @@ def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, fl
     if first_ns is not None and start_ns is not None:
         first_ns = max(first_ns, start_ns)
     return place_at, first_ns
+
+
+def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
+    """Return the forecast of a job, at the time of its logs, and where it is asked for at their place.
+
+    Raises:
+        LogError: A log cannot be opened.
+        MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
+        ForecastError: The ensemble cannot be used.
+        ConfigError: An estimator that knows no time is asked for what needs it.
+    """
+    place_at, near_ns = look_ahead(job.logs, config)
+    return read_forecasts(job.ensemble, config, near_ns, place_at)
+
+
+def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunConfig, deepest: float) -> RunConfig:
+    """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
+
+    Args:
+        job: Without a goal, nothing changes.
+        readers: Its opened logs.
+        config: The settings.
+        deepest: Level of the forecast [m].
+    """
+    if job.goal is None or config.planner.kind != "auto":
+        return config
+    gliders = any(isinstance(log, LogFile) and log.is_gliders() for log in readers)
+    return config.model_copy(update={"planner": config.planner.resolved(gliders, job.goal.depth, deepest)})
 
 
 def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:

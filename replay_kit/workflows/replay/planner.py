@@ -1,10 +1,14 @@
 """What a replay needs of a planner, and what a planner returns."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place, Plan
+from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Surfacing
 
 
@@ -26,6 +30,11 @@ class PlanResult:
 class Planner(Protocol):
     """A planner bound to its settings."""
 
+    @property
+    def seabed(self) -> Seabed | None:
+        """The bottom that its plans stay above; None without a bathymetry."""
+        ...
+
     def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
         """Return the best plan found from start towards goal."""
         ...
@@ -37,3 +46,7 @@ class Planner(Protocol):
     def closest_approach(self, flow: FlowEstimate, result: PlanResult) -> float:
         """Return how close [m] a plan comes to its goal when it is flown in a flow."""
         ...
+
+
+#: Makes the planner of a configuration for a region.
+PlannerFactory = Callable[[PlannerConfig, Grid], Planner]

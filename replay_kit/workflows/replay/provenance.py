@@ -8,8 +8,10 @@ from pathlib import Path
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.version import __version__
+from replay_kit.workflows.replay.inputs import ReplayJob
 
 _BLOCK = 1 << 20
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
@@ -24,6 +26,11 @@ def file_hash(path: Path) -> str:
             while block := stream.read(_BLOCK):
                 digest.update(block)
     return digest.hexdigest()
+
+
+def named_hash(path: Path) -> str:
+    """Return the name of an input and its SHA-256, as results record them."""
+    return f"{path.name} sha256:{file_hash(path)}"
 
 
 def run_metadata(
@@ -51,7 +58,7 @@ def run_metadata(
     else:
         files = [path for argument in arguments for path in argument]
         named = {"ensemble" if len(files) == 1 else f"ensemble{number}": path for number, path in enumerate(files)}
-    inputs |= {key: f"{path.name} sha256:{file_hash(path)}" for key, path in named.items()}
+    inputs |= {key: named_hash(path) for key, path in named.items()}
     region = {
         "projection": "azimuthal equidistant, WGS84",
         "centre_longitude": repr(grid.projection.longitude),
@@ -70,6 +77,27 @@ def run_metadata(
     }
 
 
+def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
+    """Return what a run was asked for beyond its configuration, and the basis it chose.
+
+    Args:
+        job: The run.
+        flow: Its estimate.
+    """
+    goal = job.goal
+    return {
+        "goal": "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}",
+        "include_inputs": str(job.include_inputs).lower(),
+        "truth": "" if job.truth is None else Path(job.truth).name,
+        "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
+        "modes": str(flow.n_modes),
+        "depth_functions": flow.depth_functions.kind,
+        "kernel_length_east_m": repr(flow.kernel.length_east),
+        "kernel_length_north_m": repr(flow.kernel.length_north),
+        "kernel_speed": repr(flow.kernel.speed),
+    }
+
+
 def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, Mapping[str, str]]:
     """Return the metadata records of a plan made on its own: its inputs' names and hashes, the options, the versions.
 
@@ -77,7 +105,7 @@ def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, objec
         inputs: What was read, by what it is; None for what was not given.
         options: What was asked for beyond the configuration; None for what was not given.
     """
-    hashes = {name: f"{path.name} sha256:{file_hash(path)}" for name, path in inputs.items() if path is not None}
+    hashes = {name: named_hash(path) for name, path in inputs.items() if path is not None}
     asked = {name: str(value) for name, value in options.items() if value is not None}
     return {"replay_kit.inputs": hashes, "replay_kit.options": asked, "replay_kit.versions": _versions()}
 

@@ -25,7 +25,7 @@ from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import failure_json, to_record
-from replay_kit.workflows.replay.build import Forecasts, build, read_forecasts
+from replay_kit.workflows.replay.build import Forecasts, build
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming, run_identity
 from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
 from replay_kit.workflows.replay.inputs import (
@@ -34,15 +34,16 @@ from replay_kit.workflows.replay.inputs import (
     check_outputs,
     check_span,
     copy_inputs,
+    forecasts_of,
     input_stamps,
-    look_ahead,
     open_readers,
     open_truth,
     reading,
+    with_planner_kind,
 )
-from replay_kit.workflows.replay.planner import Planner
+from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
+from replay_kit.workflows.replay.provenance import named_hash, run_metadata, run_options, run_settings_toml
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
@@ -51,18 +52,20 @@ from replay_kit.workflows.replay.stopwatch import Stopwatch
 def replay(
     job: ReplayJob,
     config: RunConfig,
-    planner: Planner | None = None,
+    planner_of: PlannerFactory | None = None,
     progress: Progress = silent,
     on_digest: Callable[[Digest], None] | None = None,
+    forecasts: Forecasts | None = None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
     """Replay logs through the estimator and return the summary and the final estimate.
 
     Args:
         job: Inputs and outputs.
         config: The run's settings.
-        planner: Makes the plans when the job has a goal.
+        planner_of: Makes the planner, when the job has a goal.
         progress: Called with how much is done of each stage.
         on_digest: Called with each digest of the result.
+        forecasts: What ``forecasts_of`` reads for this job; None reads it.
 
     Raises:
         LogError: A log cannot be opened; or an input changed while it was read.
@@ -73,7 +76,7 @@ def replay(
     """
     check_outputs(job)
     with threadpool_limits(limits=config.output.threads), resuming(job.checkpoint):
-        return _replay(job, config, planner, progress, on_digest)
+        return _replay(job, config, planner_of, progress, on_digest, forecasts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,13 +101,18 @@ class _Inputs:
 
 
 def _replay(
-    job: ReplayJob, config: RunConfig, planner: Planner | None, progress: Progress, on_digest: Callable[[Digest], None] | None
+    job: ReplayJob,
+    config: RunConfig,
+    planner_of: PlannerFactory | None,
+    progress: Progress,
+    on_digest: Callable[[Digest], None] | None,
+    forecasts: Forecasts | None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
     read = input_stamps(job)
-    session, inputs = _prepare(job, config, planner, progress)
+    session, inputs = _prepare(job, config, planner_of, progress, forecasts)
     checkpoints = None
     if job.checkpoint is not None:
-        identity = run_identity(inputs.metadata, run_settings_toml(config))
+        identity = run_identity(inputs.metadata, run_settings_toml(session.config))
         checkpoints = CheckpointFile(job.checkpoint, identity, config.output.checkpoint_interval, session.estimator.common_part)
     try:
         checkpoint = _open_result(session, inputs, checkpoints, on_digest)
@@ -129,26 +137,32 @@ def _replay(
     return summary, flow
 
 
-def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progress: Progress) -> tuple[Session, _Inputs]:
+def _prepare(
+    job: ReplayJob, config: RunConfig, planner_of: PlannerFactory | None, progress: Progress, forecasts: Forecasts | None
+) -> tuple[Session, _Inputs]:
     """Return a replay before its first message, and what was read for it."""
     progress(0, 0, "reading the forecast")
-    place_at, near_ns = look_ahead(job.logs, config)
-    readers = open_readers(job.logs, config)
     clock = Stopwatch()
     with clock.stage("forecast"):
-        forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+        forecasts = forecasts or forecasts_of(job, config)
         ensemble = forecasts.ensemble
         speeds = checked_speeds(ensemble, config)
-        truth = open_truth(job, config, near_ns, ensemble)
+        truth = open_truth(job, config, forecasts.near_ns, ensemble)
+    readers = open_readers(job.logs, config)
+    config = with_planner_kind(job, readers, config, float(ensemble.grid.levels[-1]))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
         prior_flow = estimator.flow(estimator.initial())
     problem = None
-    if job.goal is not None and planner is not None:
+    if job.goal is not None and planner_of is not None:
+        planner = planner_of(config.planner, ensemble.grid)
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    metadata = {} if job.out is None else run_metadata(job.logs, find_sources(job.ensemble).arguments, ensemble, _options(job, prior_flow))
+    arguments = find_sources(job.ensemble).arguments
+    metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow))
+    if metadata and problem is not None and (bottom := config.planner.bathymetry_path) is not None:
+        metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], "bathymetry": named_hash(bottom)}
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
@@ -211,23 +225,9 @@ def _begin_result(session: Session, inputs: _Inputs, time_ns: int) -> None:
         writer.start(inputs.prior_flow.grid.projection, time_ns, inputs.metadata, run_settings_toml(session.config))
         for note in inputs.forecasts.notes:
             writer.log(time_ns, "warning", note)
+        if session.problem is not None and (seabed := session.problem.planner.seabed) is not None:
+            writer.seabed(time_ns, seabed)
         copy_inputs(writer, inputs.job, session.config.logs)
-
-
-def _options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
-    """Return what the run was asked for beyond its configuration, and the basis it chose."""
-    goal = job.goal
-    return {
-        "goal": "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}",
-        "include_inputs": str(job.include_inputs).lower(),
-        "truth": "" if job.truth is None else Path(job.truth).name,
-        "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
-        "modes": str(flow.n_modes),
-        "depth_functions": flow.depth_functions.kind,
-        "kernel_length_east_m": repr(flow.kernel.length_east),
-        "kernel_length_north_m": repr(flow.kernel.length_north),
-        "kernel_speed": repr(flow.kernel.speed),
-    }
 
 
 def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEstimate]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import GlideSettings, fly, plan
+from planners import Bathymetry, GlideSettings, fly, plan
 from planners.glide.seeds import _fans, find_seeds
 from planners.glide.transcription import GlideTask
 from planners.route.region import region_of
@@ -14,7 +14,7 @@ from planners.route.table import tabulate
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import true_north_halfway
+from replay_kit.core.geodesy import to_geographic, true_north_halfway
 from replay_kit.core.plan import Place, Plan
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
 from tests.reference.planner import exhaustive_closest_approach
@@ -248,3 +248,34 @@ def test_a_plan_flown_in_its_own_flow_comes_as_close_and_in_another_differs() ->
     assert time[-1] == pytest.approx(1.5 * result.duration)
     assert track.shape == (time.size, 3)
     assert fly(eddying_flow(23), result)[2] > 250.0
+
+
+def ridge(flow: FlowEstimate, shallowest: float) -> Bathymetry:
+    """A bottom at 1000 m with a ridge of a depth [m] between 4.5 and 5.5 km east of the centre, on points 500 m apart."""
+    x, y = np.meshgrid(np.arange(-30e3, 30.1e3, 500.0), np.arange(-25e3, 25.1e3, 500.0))
+    longitude, latitude = to_geographic(flow.grid.projection, x, y)
+    return Bathymetry(longitude, latitude, np.where((x >= 4.4e3) & (x <= 5.6e3), shallowest, 1000.0))
+
+
+@pytest.mark.parametrize(("shallowest", "reached"), [(221.0, True), (170.0, False)])
+def test_a_glide_ends_where_it_meets_the_bottom(shallowest: float, reached: bool) -> None:
+    """In still water the straight glide to 300 m at 10 km is at 165 m over the ridge's end, 201 m with the step before."""
+    flow = still_flow()
+    start, goal = place(flow, 0.0, 0.0, 0.0), place(flow, 10e3, 0.0, 300.0)
+    made = plan(flow, start, goal, bathymetry=ridge(flow, shallowest))
+    assert (made.status == "reached") == reached
+    if reached:
+        assert made.track == pytest.approx(plan(flow, start, goal).track, abs=1e-6)
+        return
+    assert "the path comes within the clearance of 20 m of the bottom there" in made.message
+    over = (made.track[:, 0] > 4e3) & (made.track[:, 0] < 6e3)
+    assert np.all(made.track[over, 2] <= shallowest - 20.0 + 1e-3)
+
+
+def test_a_glide_s_start_and_goal_lie_above_the_bottom() -> None:
+    flow = still_flow()
+    bottom = ridge(flow, 100.0)
+    with pytest.raises(PlanError, match="goal at 81 m is below the bottom less the clearance of 20 m; move it up"):
+        plan(flow, place(flow, 0.0, 0.0, 0.0), place(flow, 5e3, 0.0, 81.0), bathymetry=bottom)
+    with pytest.raises(PlanError, match="start at 96 m is below the bottom less the clearance of 5 m"):
+        plan(flow, place(flow, 5e3, 0.0, 96.0), place(flow, 0.0, 0.0, 0.0), settings=GlideSettings(clearance=5.0), bathymetry=bottom)

@@ -12,7 +12,10 @@ from replay_kit.results.views.record import leaves
 from tests.results.page.checks import check_figures
 from tests.results.report.html_of import elements, figures, text_of, unpacked
 
-KEYS = ["current-map", "profiles", "mean-currents", "innovations", "calibration", "error", "dives", "plan-profile", "waypoint"]
+KEYS = [
+    *("current-map", "profiles", "mean-currents", "innovations", "calibration", "error", "dives"),
+    *("plan-profile", "waypoint", "surfacing-errors"),
+]
 
 
 def test_the_sections_are_an_answer_from_top_to_bottom(page: str) -> None:
@@ -47,7 +50,7 @@ def test_the_numbers_are_those_of_json(page: str, replayed: rk.Result) -> None:
         assert value == expected[attrs["data-key"] or ""], attrs
         carried.setdefault(attrs["data-key"] or "", set()).add(text)
         shown, _, unit = text.replace(",", "").partition(" ")
-        factor = {"cm/s": 100.0, "%": 100.0}.get(unit, 1.0)
+        factor = {"cm/s": 100.0, "%": 100.0, "kJ": 1e-3, "MJ": 1e-6}.get(unit, 1.0)
         if attrs["data-key"] != "surfacings.delay_median_s":
             digits = len(shown.partition(".")[2]) if "e" not in shown else 17
             assert abs(float(shown) - factor * value) <= 0.5000001 * 10.0**-digits, attrs

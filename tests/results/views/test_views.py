@@ -12,10 +12,10 @@ from replay_kit.core.geodesy import distance, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import ResultWriter, open_result
+from replay_kit.results.report.sections.sections_along_track import QUANTITIES, limits_of, quantities_of
 from replay_kit.results.views.along_track import EstimateHistory, bins_along_track, mean_current_topics, mean_currents
 from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.results.views.slices import published_slices, slices_of
-from replay_kit.results.views.surfacings import ellipse_outline
 from replay_kit.results.views.track import thinned, track_of
 from replay_kit.results.views.trust import calibration, error_through_time, information_by_dive
 from tests.results.result_samples import CONFIG, METADATA
@@ -118,6 +118,61 @@ def test_the_measured_current_is_the_estimate_at_its_time_and_the_residual(
     assert information_by_dive(result.observations).to_dict() == {2: 3 * 3.25, 3: 3.25}
 
 
+def test_mean_currents_are_those_that_the_log_states(flow: FlowEstimate, state, innovation, tmp_path: Path) -> None:
+    """Without an estimate too; the drift at the surface is no mean current of a dive, and profiles have none."""
+    names = ("depth", "innovation", "innovation_std", "residual", "prior_innovation", "flags", "reasons")
+    one = {name: getattr(innovation, name)[:1] for name in names} | {"dof": 2}
+    measured = np.array([0.015, 0.23])
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
+        writer.fix(state)
+        writer.innovation(innovation)
+        for number, kind in enumerate(("dac", "drift", "dac")):
+            source = replace(innovation.source, topic="/dac" if kind == "dac" else "/fix")
+            stated = {"mean_current": measured + number, "mean_kind": kind, "dive": number + 1, "source": source}
+            writer.innovation(replace(innovation, time_ns=TIME_NS + (number + 1) * SECOND, **stated, **one))
+    result = open_result(tmp_path / "out.mcap")
+    table = result.observations
+    assert table["mean_current_kind"].tolist()[1:] == ["dac", "drift", "dac"]
+    assert table.filter(like="mean_current").iloc[0].isna().all()
+    assert table["mean_current_measured_north"].tolist()[1:] == [0.23, 1.23, 2.23]
+    assert table["mean_current_predicted_east"].iloc[1] == 0.015 - innovation.innovation[0, 0]
+    assert table["mean_current_predicted_north"].iloc[3] == 2.23 - innovation.innovation[0, 1]
+    track = track_of(result.fixes, flow.grid.projection)
+    assert mean_current_topics(table, result.innovations) == ["/dac", "/fix"]
+    means = mean_currents(result, track, EstimateHistory(result.path, None))
+    assert means.dive.tolist() == [1, 3]
+    np.testing.assert_allclose(means.estimated + means.residual, [measured, measured + 2.0], rtol=1e-12)
+    np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
+
+
+def test_a_smoothed_result_keeps_the_estimate_before_smoothing(flow: FlowEstimate, state, innovation, weights, tmp_path: Path) -> None:
+    before = innovation.residual + np.array([0.01, -0.02])
+    with ResultWriter(tmp_path / "out.mcap") as writer:
+        writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
+        writer.fix(state)
+        writer.innovation(innovation)
+        writer.innovation(replace(innovation, time_ns=TIME_NS + SECOND, replayed_residual=before))
+        writer.estimate(TIME_NS, weights, flow.levels)
+        writer.finish(flow)
+    result = open_result(tmp_path / "out.mcap")
+    table = result.innovations
+    assert table["replayed_residual_east"].iloc[:4].isna().all()
+    np.testing.assert_array_equal(table["replayed_residual_north"].iloc[4:], before[:, 1])
+    bins = bins_along_track(result, track_of(result.fixes, flow.grid.projection), EstimateHistory(result.path, flow), flow, 10)
+    assert np.isnan(bins.replayed[:3]).all()
+    np.testing.assert_allclose(bins.replayed[3:], bins.estimated[3:] - np.array([0.01, -0.02]), rtol=1e-9)
+    names, values = quantities_of(bins)
+    assert names[1:5] == ("estimated before smoothing", "smoothed", "measured minus before", "measured minus smoothed")
+    np.testing.assert_allclose(values[0], bins.estimated + bins.residual, rtol=1e-12)
+    np.testing.assert_allclose(values[3][3:], before[[0, 1, 3]], rtol=1e-9)
+    np.testing.assert_array_equal(values[4], bins.residual)
+    np.testing.assert_array_equal(values[5], bins.standard_error)
+    assert quantities_of(replace(bins, replayed=np.full_like(bins.replayed, np.nan)))[0] == QUANTITIES
+    limits = limits_of(names, np.stack([np.full((2, 3), value) for value in (0.1, 0.3, np.nan, 0.02, 0.04, 0.005)]))
+    assert limits == [0.3, 0.3, 0.3, 0.04, 0.04, 0.005]
+
+
 def test_calibration_counts_components() -> None:
     bins = pd.DataFrame(
         {
@@ -137,8 +192,8 @@ def test_calibration_counts_components() -> None:
 
 def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends() -> None:
     projection, ellipse = Projection(5.0, 62.0), Ellipse(5.1, 62.05, 900.0, 300.0, 30.0)
-    outline = ellipse_outline(projection, (5.1, 62.05), (900.0, 300.0), 30.0)
-    np.testing.assert_allclose(outline[0], outline[-1], atol=1e-6)
+    outline = ellipse.outline(projection)
+    np.testing.assert_array_equal(outline[0], outline[-1])
     centre = np.array(to_local(projection, 5.1, 62.05))
     for scale, inside in ((0.99, True), (1.01, False)):
         places = to_geographic(projection, *(centre + scale * (outline - centre)).T)

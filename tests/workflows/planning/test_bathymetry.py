@@ -3,20 +3,34 @@
 from dataclasses import replace
 from pathlib import Path
 
+import h5netcdf
 import numpy as np
 import pytest
 import xarray as xr
 
 from planners import Bathymetry
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.workflows.planning import MissionPlanner, planner_of
+from replay_kit.core.errors import ForecastError, PlanError
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.grid import Grid, Projection
+from replay_kit.workflows.planning import GlidePlanner, MissionPlanner, planner_of
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
+from replay_kit.workflows.planning.seabed import depth_along, seabed_of
 from tests.planners.flow_samples import place, still_flow
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 25), np.linspace(-40.5, -39.5, 11)
 DEPTH = np.add.outer(100.0 * np.arange(11.0), 7.0 * np.arange(25.0)) - 50.0
 CURVED = np.meshgrid(LONGITUDE, LATITUDE)
+
+
+def region(longitude, latitude) -> Grid:
+    """A region of 3 x 4 points between two longitudes and two latitudes, continuous."""
+    projection = Projection((np.mean(longitude) + 180.0) % 360.0 - 180.0, float(np.mean(latitude)))
+    x, y = np.meshgrid(np.linspace(*longitude, 4), np.linspace(*latitude, 3))
+    return Grid(projection, x, y, *to_local(projection, x, y), np.array([5.0]), np.full((1, 3, 4), True))
+
+
+WHOLE = region((151.9, 153.1), (-40.5, -39.5))
 
 
 def gebco() -> xr.Dataset:
@@ -58,7 +72,7 @@ def written(path: Path, dataset: xr.Dataset) -> Path:
 
 @pytest.mark.parametrize("make", [gebco, etopo, nemo, static, roms])
 def test_depths_are_positive_down_in_metres(make, tmp_path):
-    read = read_bathymetry(written(tmp_path, make()))
+    read = read_bathymetry(written(tmp_path, make()), WHOLE)
     wet = DEPTH > 0.0
     np.testing.assert_allclose(read.depth[wet], np.maximum(DEPTH, 10.0)[wet] if make is roms else DEPTH[wet], rtol=1e-12)
     assert not np.any(read.depth[~wet] > 0.0)
@@ -70,7 +84,7 @@ def test_the_attribute_positive_decides_the_sign(tmp_path):
     turned = gebco()
     turned["elevation"] = -turned["elevation"].assign_attrs(positive="down")
     turned["elevation"].attrs = {"positive": "down", "units": "m"}
-    np.testing.assert_allclose(read_bathymetry(written(tmp_path, turned)).depth, DEPTH)
+    np.testing.assert_allclose(read_bathymetry(written(tmp_path, turned), WHOLE).depth, DEPTH)
 
 
 @pytest.mark.parametrize(
@@ -84,16 +98,16 @@ def test_attributes_that_are_not_understood_are_refused(change, words, tmp_path)
     wrong = gebco()
     wrong["elevation"].attrs |= change
     with pytest.raises(ForecastError, match=words):
-        read_bathymetry(written(tmp_path, wrong))
+        read_bathymetry(written(tmp_path, wrong), WHOLE)
 
 
 def test_a_sign_that_leaves_no_water_and_axes_that_are_missing_are_refused(tmp_path):
     with pytest.raises(ForecastError, match='elevation as a height, positive up, has no water; give it the attribute positive = "down"'):
-        read_bathymetry(written(tmp_path, gebco().assign(elevation=(("lat", "lon"), DEPTH + 60.0))))
+        read_bathymetry(written(tmp_path, gebco().assign(elevation=(("lat", "lon"), DEPTH + 60.0))), WHOLE)
     with pytest.raises(ForecastError, match='depth, positive down, has no water; give it the attribute positive = "up"'):
-        read_bathymetry(written(tmp_path, nemo().assign(Bathymetry=(("y", "x"), -DEPTH - 60.0))))
+        read_bathymetry(written(tmp_path, nemo().assign(Bathymetry=(("y", "x"), -DEPTH - 60.0))), WHOLE)
     with pytest.raises(ForecastError, match="on longitude and latitude, found z"):
-        read_bathymetry(written(tmp_path, xr.Dataset({"z": (("y", "x"), -DEPTH)})))
+        read_bathymetry(written(tmp_path, xr.Dataset({"z": (("y", "x"), -DEPTH)})), WHOLE)
 
 
 def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():
@@ -114,10 +128,82 @@ def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():
 def test_a_replay_s_missions_turn_above_the_bottom(tmp_path):
     flat = gebco().assign(elevation=(("lat", "lon"), np.full(DEPTH.shape, -100.0)))
     path, flow = written(tmp_path, flat), still_flow()
-    planner = planner_of(PlannerConfig(kind="mission", depth=300.0, bathymetry=str(path), clearance=30.0))
+    planner = planner_of(PlannerConfig(kind="mission", depth=300.0, bathymetry=str(path), clearance=30.0), flow.grid)
     assert isinstance(planner, MissionPlanner)
-    made = planner.plan(flow, place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0), 0, None).memory
+    found = planner.plan(flow, place(flow, -2e3, 0.0, 0.0), place(flow, 2e3, 0.0, 0.0), 0, None)
+    made = found.memory
     assert {max(leg) for leg in made.yo_depths} == {70.0}
     assert made.status == "reached"
-    with pytest.raises(ConfigError, match="only a mission turns above the bottom"):
-        planner_of(PlannerConfig(bathymetry=str(path)))
+    np.testing.assert_allclose(found.plan.bottom, 100.0, rtol=1e-12)
+    assert planner.seabed.depth.shape == (15, 19)
+    np.testing.assert_allclose(planner.seabed.depth, 100.0, rtol=1e-12)
+
+
+def test_a_glide_ends_above_the_bottom(tmp_path):
+    flat = gebco().assign(elevation=(("lat", "lon"), np.full(DEPTH.shape, -100.0)))
+    path, flow = written(tmp_path, flat), still_flow()
+    planner = planner_of(PlannerConfig(bathymetry=str(path), clearance=30.0), flow.grid)
+    assert isinstance(planner, GlidePlanner)
+    start = place(flow, -2e3, 0.0, 0.0)
+    above = planner.plan(flow, start, place(flow, 2e3, 0.0, 69.0), 0, None).plan
+    assert (above.status, above.track[-1, 2]) == ("reached", pytest.approx(69.0, abs=0.1))
+    np.testing.assert_allclose(above.bottom, 100.0, rtol=1e-12)
+    with pytest.raises(PlanError, match="goal at 71 m is below the bottom less the clearance of 30 m; move it up"):
+        planner.plan(flow, start, place(flow, 2e3, 0.0, 71.0), 0, None)
+
+
+def test_no_more_of_a_grid_of_the_world_is_read_than_lies_around_the_region(tmp_path):
+    # as large as GEBCO's: its chunks are not allocated, and to read them all would take 30 GB as float64
+    with h5netcdf.File(tmp_path / "world.nc", "w") as file:
+        file.dimensions = {"lat": 43_200, "lon": 86_400}
+        for name, half in (("lat", 90.0), ("lon", 180.0)):
+            count = file.dimensions[name].size
+            variable = file.create_variable(name, (name,), "f8")
+            variable[:] = -half + 2.0 * half * (np.arange(count) + 0.5) / count
+        heights = file.create_variable("elevation", ("lat", "lon"), "i2", chunks=(240, 240))
+        heights[35_900:36_100, 45_500:45_800] = -4000
+        heights[90:120, :] = -4000
+        heights[100:110, :] = -25
+    step = 1.0 / 240.0
+    here = read_bathymetry(tmp_path / "world.nc", region((10.0, 10.5), (60.0, 60.25)))
+    # half a cell off the ends, and two points beyond
+    assert here.depth.shape == (60 + 4, 120 + 4)
+    assert (here.depth == 4000.0).all()
+    np.testing.assert_allclose(here.longitude[0, [0, -1]], [10.0 - 1.5 * step, 10.5 + 1.5 * step], rtol=1e-12)
+    np.testing.assert_allclose(here.latitude[[0, -1], 0], [60.0 - 1.5 * step, 60.25 + 1.5 * step], rtol=1e-12)
+    seam = read_bathymetry(tmp_path / "world.nc", region((179.9, 180.2), (-89.6, -89.55)))
+    assert seam.depth.shape == (12 + 4, 72 + 4)
+    np.testing.assert_allclose(np.diff(seam.longitude[0]), step, rtol=1e-6)
+    assert seam.longitude[0, 0] == pytest.approx(179.9 - 1.5 * step)
+    assert set(seam.depth[:, 0].tolist()) == {4000.0, 25.0}
+
+
+def test_a_window_of_a_curved_grid_is_cut_by_rows_and_columns(tmp_path):
+    cut = read_bathymetry(written(tmp_path, nemo()), region((152.41, 152.59), (-40.05, -39.95)))
+    # longitudes 152.45 to 152.55 and latitude -40, and two beyond
+    np.testing.assert_allclose(cut.longitude[0], np.arange(152.35, 152.66, 0.05), rtol=1e-9)
+    np.testing.assert_allclose(cut.latitude[:, 0], [-40.2, -40.1, -40.0, -39.9, -39.8], rtol=1e-9)
+    np.testing.assert_allclose(cut.depth, DEPTH[3:8, 9:16])
+    outside = read_bathymetry(written(tmp_path, nemo()), region((10.0, 11.0), (-40.2, -39.9)))
+    assert outside.depth.shape == DEPTH.shape
+
+
+def test_the_bottom_under_a_track_is_linear_between_the_points(tmp_path):
+    bathymetry = read_bathymetry(written(tmp_path, gebco()), WHOLE)
+    longitude, latitude = np.array([152.0, 152.025, 152.333, 151.0]), np.array([-40.0, -40.05, -39.9, -40.0])
+    track = np.column_stack([*to_local(WHOLE.projection, longitude, latitude), np.zeros(4)])
+    found = depth_along(bathymetry, WHOLE.projection, track)
+    expected = -50.0 + 1000.0 * (latitude + 40.5) + 140.0 * (longitude - 151.9)
+    np.testing.assert_allclose(found[:3], expected[:3], atol=0.5)
+    assert np.isnan(found[3])
+    assert depth_along(bathymetry, WHOLE.projection, track[:0]).shape == (0,)
+
+
+def test_the_grid_of_results_has_at_most_160_cells_a_side():
+    x, y = np.meshgrid(np.linspace(151.9, 153.1, 500), np.linspace(-40.5, -39.5, 30))
+    inner = region((152.0, 153.0), (-40.4, -39.6))
+    found = seabed_of(Bathymetry(x, y, 100.0 + 1000.0 * (y + 40.5)), inner)
+    assert found.depth.shape == (160, 160)
+    np.testing.assert_allclose([found.east[0], found.east[-1]], [inner.east.min(), inner.east.max()])
+    latitude = to_geographic(inner.projection, *np.meshgrid(found.east, found.north))[1]
+    np.testing.assert_allclose(found.depth, 100.0 + 1000.0 * (latitude + 40.5), atol=0.01)

@@ -9,6 +9,7 @@ import xarray as xr
 from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
+from tests.planners.flow_samples import still_flow
 
 
 def test_files_that_hold_no_areas_or_depths(tmp_path):
@@ -30,6 +31,6 @@ def test_files_that_hold_no_areas_or_depths(tmp_path):
         read_areas(path)
     xr.Dataset({"speed": (("y", "x"), np.zeros((2, 2)))}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
     with pytest.raises(ForecastError, match="expected one of"):
-        read_bathymetry(tmp_path / "other.nc")
+        read_bathymetry(tmp_path / "other.nc", still_flow().grid)
     with pytest.raises(ForecastError, match="cannot read"):
-        read_bathymetry(tmp_path / "missing.nc")
+        read_bathymetry(tmp_path / "missing.nc", still_flow().grid)

@@ -40,4 +40,4 @@ def run_until(job, config, stop_after):
 
     # a look at each message
     with mock.patch.object(inputs, "_LOOK", 1):
-        return replay(job, config, planner_of(config.planner), progress)
+        return replay(job, config, planner_of, progress)

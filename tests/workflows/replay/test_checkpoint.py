@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import OutputConfig, RunConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, LogError
@@ -29,7 +30,7 @@ from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import verify
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until, truth_in
 
-CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
+CONFIG = RunConfig(planner=PlannerConfig(kind="glide"), output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
 GOAL = Place(152.3, -39.8, 150.0)
 
 
@@ -139,7 +140,7 @@ def test_checkpoints_change_nothing_in_the_result(ocean, tmp_path, whole):
 
 def command_line(ocean, folder, *more):
     """The run of ``whole`` as a command, its result in a folder."""
-    (folder / "run.toml").write_text("[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n")
+    (folder / "run.toml").write_text('[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[planner]\nkind = "glide"\n')
     command = [sys.executable, "-c", "from replay_kit.cli.app import main; main()", "replay", str(ocean / "glider.mcap")]
     options = ["--ensemble", str(ocean / "ensemble.nc"), "--config", str(folder / "run.toml"), "--goal=152.3,-39.8,150", "--overwrite"]
     return [*command, *options, "-o", str(folder / "out.mcap"), *more]

@@ -9,6 +9,7 @@ import xarray as xr
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.core.flow.load import load
@@ -21,13 +22,13 @@ from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.inputs import ReplayJob, open_readers, with_planner_kind
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
 from tests.command import invoke
 
-SETTINGS = RunConfig()
+SETTINGS = RunConfig(planner=PlannerConfig(kind="glide"))
 GOAL = Place(152.3, -39.8, 150.0)
 
 
@@ -44,9 +45,8 @@ def ocean(tmp_path_factory) -> Path:
 
 
 def run(ocean, *logs, out=None, config=SETTINGS, **options):
-    planner = planner_of(config.planner)
     job = ReplayJob(tuple(ocean / log for log in logs), options.pop("ensemble", ocean / "ensemble.nc"), out, **options)
-    return replay(job, config, planner)
+    return replay(job, config, planner_of)
 
 
 def decoded(path):
@@ -84,6 +84,33 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
     loaded = load(tmp_path / "flow.nc")
     np.testing.assert_array_equal(loaded.latent, flow.latent)
     np.testing.assert_array_equal(loaded.weight_cov, flow.weight_cov)
+
+
+@pytest.mark.parametrize(
+    ("log", "asked", "kind", "depth"),
+    [
+        ("glider.mcap", {}, "mission", 300.0),
+        ("glider.mcap", {"depth": 250.0}, "mission", 250.0),
+        ("glider.mcap", {"kind": "glide"}, "glide", 500.0),
+        ("survey.mcap", {}, "glide", 500.0),
+        ("glider.tlog", {}, "glide", 500.0),
+    ],
+)
+def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(ocean, log, asked, kind, depth):
+    """The twin's forecast ends at 300 m, above the default depth of dives."""
+    config = RunConfig(planner=PlannerConfig(**asked))
+    job = ReplayJob((ocean / log,), ocean / "ensemble.nc", goal=GOAL)
+    found = with_planner_kind(job, open_readers(job.logs, config), config, 300.0).planner
+    assert (found.kind, found.depth) == (kind, depth)
+    assert found.at_surfacings == (kind == "mission")
+    without = ReplayJob((ocean / log,), ocean / "ensemble.nc")
+    assert with_planner_kind(without, open_readers(job.logs, config), config, 300.0) is config
+
+
+@pytest.mark.parametrize(("goal_depth", "expected"), [(150.0, 500.0), (600.0, 600.0), (900.0, 700.0)])
+def test_the_dives_of_a_mission_that_is_not_asked_for_reach_its_goal(goal_depth, expected):
+    assert PlannerConfig().resolved(True, goal_depth, 700.0).depth == expected
+    assert PlannerConfig(kind="mission").resolved(True, goal_depth, 700.0).depth == 500.0
 
 
 def test_two_runs_give_the_same_bytes(ocean, tmp_path):
@@ -283,6 +310,8 @@ def test_an_ensemble_without_members(ocean):
 def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
     arguments = ["replay", str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "--goal", "152.3,-39.8,150"]
     arguments += [
+        "--planner",
+        "glide",
         "--truth",
         str(ocean / "truth.nc"),
         "--truth-radius",

@@ -1,5 +1,6 @@
 """The map: the current at a depth and time, its standard error, the track, surfacings and plans."""
 
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ from replay_kit.core.text import time_text
 from replay_kit.results.page.colors import scale
 from replay_kit.results.page.section import Control, Figure, Section, column, pack, times
 from replay_kit.results.report.sections.map_frame import Extent, coastline, graticule
+from replay_kit.results.report.sections.map_hazards import area_marks, seabed_contours
 from replay_kit.results.report.sections.map_marks import DARK, POSITIONS, plan_marks, surfacing_marks, track_marks
 from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
 
 #: Arrows along a side.
@@ -32,7 +35,10 @@ def map_section(contents: Contents) -> Section:
         return Section("map", "Map", missing=missing)
     tables, traces = _field_traces(contents, slices)
     extent = _extent(contents, slices)
-    for more_tables, more_traces in (track_marks(contents), surfacing_marks(contents), plan_marks(contents)):
+    bottom_table, contours, bottom = seabed_contours(contents)
+    tables |= bottom_table
+    traces += contours
+    for more_tables, more_traces in (area_marks(contents), track_marks(contents), surfacing_marks(contents), plan_marks(contents)):
         tables |= more_tables
         traces += more_traces
     lines, labels = graticule(contents.projection, extent)
@@ -40,7 +46,7 @@ def map_section(contents: Contents) -> Section:
     traces += [labels] if slices is not None else [*lines, labels]
     controls = [] if slices is None else _controls(slices, track.time_ns.size > 0)
     east, north = _ranges(contents, extent, slices)
-    packed = {} if slices is None else {"current": pack(slices.fields, _STEP)}
+    packed = {**({} if slices is None else {"current": pack(slices.fields, _STEP)}), **bottom}
     layout = {
         "height": 800,
         "xaxis": {"title": {"text": "local east [km]"}, "constrain": "domain", "range": east, "showgrid": False, "zeroline": False},
@@ -204,6 +210,8 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
         texts.append("The track goes from dark (begin) to light (end); circles are fixes, the rest is dead reckoned.")
     if count > POSITIONS:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
+    if contents.seabed is not None:
+        texts.append(f"Labelled lines are depths of the bottom, of {escape(bathymetry_name(contents.record))}.")
     texts.append("Axes are kilometres along the local frame of the result; thin lines are meridians and parallels.")
     return " ".join(texts)
 

@@ -125,6 +125,8 @@ def _not_used(contents: Contents) -> list[str]:
         f"{number(f'observations.bins_rejected.{name}', n, f'{n:,}')} {escape(name.replace('_', ' '))}" for name, n in bins.items()
     )
     rejected = observations["rejected"]
+    if not observations["used"] + rejected:
+        return ["The result holds no measurement."]
     verb = "measurement was" if rejected == 1 else "measurements were"
     first = f"{number('observations.rejected', rejected, f'{rejected:,}')} {verb} rejected as a whole." + (
         f" Bins not used (a bin can have several reasons): {why}." if why else " Every bin of the others was used."

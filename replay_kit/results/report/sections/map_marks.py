@@ -106,13 +106,12 @@ def surfacing_marks(contents: Contents) -> tuple[dict[str, Any], list[dict[str, 
 
 def plan_marks(contents: Contents) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the last plan's track and its goal; of plans before it only the end is of interest, in the section on plans."""
-    plans, tracks = contents.result.plans, contents.result.plan_tracks
-    if not len(plans):
+    plan = contents.last_plan
+    if plan is None:
         return {}, []
-    last = tracks[tracks["plan"] == len(plans) - 1]
-    last = last.iloc[thinned(len(last), POSITIONS)]
-    east, north = to_local(contents.projection, last["longitude"], last["latitude"])
-    goal = to_local(contents.projection, plans["goal_longitude"].iloc[-1], plans["goal_latitude"].iloc[-1])
+    kept = thinned(len(plan.track), POSITIONS)
+    last, east, north = plan.track.iloc[kept], plan.east[kept], plan.north[kept]
+    goal = to_local(contents.projection, plan.row["goal_longitude"], plan.row["goal_latitude"])
     table = {
         "time": [str(time)[:19] for time in last.index],
         "longitude": column(last["longitude"], 9),

@@ -1,55 +1,40 @@
 """The plans: where to steer, the depth profile over the bottom, and how predicted surfacings turned out."""
 
-import json
 from html import escape
-from typing import Any
 
 import numpy as np
 
-from replay_kit.core.geodesy import to_local
 from replay_kit.results.page.section import Figure, Section, column, number, table_html
+from replay_kit.results.report.sections.last_plan import last_plan_html, profile_figure, what_is_missing
 from replay_kit.results.report.sections.waypoint import waypoint_figure
 from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.last_plan import LastPlan
 from replay_kit.results.views.track import thinned
 
-_POINTS = 3000
 _PLANS = 30
 
 
 def plan_section(contents: Contents) -> Section:
     """Return the last plan, the plans before it, and the surfacings that they predicted."""
-    plans = contents.result.plans
-    if not len(plans):
+    plan = contents.last_plan
+    if plan is None:
         note = (contents.summary.get("plan") or {}).get("message", "")
         why = f"No plan was found: {note}" if note else "The result holds no plan: no goal was given, or none was due"
         return Section("plan", "Plan", missing=[f"{why}; replay-kit plan makes one on this estimate."])
-    figures = [_profile(contents)] if len(_last_track(contents)) else []
+    figures = [profile_figure(contents, plan)] if len(plan.track) else []
     waypoint = waypoint_figure(contents)
     if waypoint is not None:
         figures.append(waypoint)
     if len(contents.result.surfacings):
         figures.append(_surfacings(contents))
-    missing = [
-        "The result holds neither the energy of a plan nor its odds of arriving: replay-kit plan with --objective "
-        "energy and --samples computes them on this "
-        "estimate."
-    ]
-    html = _legs_html(contents) + _plans_html(contents) + _figures_of_surfacings(contents)
-    return Section("plan", "Plan", html, figures, missing)
+    html = last_plan_html(contents, plan) + _legs_html(plan) + _plans_html(contents) + _figures_of_surfacings(contents)
+    return Section("plan", "Plan", html, figures, what_is_missing(plan))
 
 
-def _last_track(contents: Contents) -> Any:
-    tracks = contents.result.plan_tracks
-    return tracks[tracks["plan"] == len(contents.result.plans) - 1]
-
-
-def _legs_html(contents: Contents) -> str:
-    """Return the legs of the last plan of a mission."""
-    plan = contents.summary.get("plan") or {}
-    legs = {name: text for name, text in plan.get("statistics", {}).items() if name.startswith("leg_")}
+def _legs_html(plan: LastPlan) -> str:
+    """Return the legs of a mission."""
     rows = []
-    for name in sorted(legs):
-        leg = json.loads(legs[name])
+    for leg in plan.legs:
         rows.append(
             [
                 str(leg["leg"]),
@@ -101,72 +86,6 @@ def _figures_of_surfacings(contents: Contents) -> str:
     if share is not None:
         text += f"; {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} lie inside the ellipse of 90 %"
     return f"<p>{text}. If the vehicle flew other plans than these, the distances include the difference of the two.</p>"
-
-
-def _profile(contents: Contents) -> Figure:
-    track = _last_track(contents)
-    track = track.iloc[thinned(len(track), _POINTS)]
-    east, north = to_local(contents.projection, track["longitude"], track["latitude"])
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(east), np.diff(north)))]) / 1e3
-    hours = (track.index - track.index[0]).total_seconds().to_numpy() / 3600.0
-    table: dict[str, Any] = {
-        "time": [str(time)[:19] for time in track.index],
-        "hours": column(hours),
-        "distance_km": column(along),
-        "depth_m": column(track["depth"]),
-        "longitude": column(track["longitude"], 9),
-        "latitude": column(track["latitude"], 9),
-    }
-    path = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": "planned depth",
-        "x": "$plan.distance_km",
-        "y": "$plan.depth_m",
-        "text": "$plan.time",
-        "line": {"color": {"$color": "two"}, "width": 1.8},
-        "hovertemplate": "%{text}<br>%{x:.1f} km, %{y:.0f} m<extra></extra>",
-    }
-    traces, bottom = [path], _bottom(contents, east, north)
-    if bottom is not None:
-        table["deepest_wet_level_m"] = column(bottom)
-        line = {"color": {"$color": "ink"}, "width": 1.5, "shape": "hvh"}
-        traces.append({**path, "name": "deepest wet level", "y": "$plan.deepest_wet_level_m", "line": line})
-    layout = {
-        "height": 400,
-        "xaxis": {"title": {"text": "distance along the plan [km]"}},
-        "yaxis": {"title": {"text": "depth [m]"}, "autorange": "reversed"},
-    }
-    caption = f"Depth that the last plan reaches along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. {_below(bottom)}"
-    return Figure(
-        "plan-profile",
-        "Depth profile of the last plan",
-        caption,
-        f"Depth against distance along the last plan, {along[-1]:.0f} km long.",
-        {"plan": table},
-        traces,
-        layout,
-    )
-
-
-def _below(bottom: Any) -> str:
-    """Return what is known of the bottom along a plan."""
-    if bottom is None:
-        return ""
-    if bottom.min() < bottom.max():
-        return "The line below is the deepest level of the forecast that is wet there; the bottom lies between it and the next level."
-    return "The forecast is wet down to its last level all along the plan."
-
-
-def _bottom(contents: Contents, east: Any, north: Any) -> Any:
-    """Return the deepest wet level at the nearest grid points [m]; None without an estimate."""
-    if contents.estimate is None:
-        return None
-    grid = contents.estimate.grid
-    nearest = [int(np.argmin((grid.east - e) ** 2 + (grid.north - n) ** 2)) for e, n in zip(east, north, strict=True)]
-    wet = grid.wet.reshape(grid.levels.size, -1)
-    deepest = np.where(wet.any(axis=0), grid.levels[grid.levels.size - 1 - np.argmax(wet[::-1], axis=0)], 0.0)
-    return deepest[nearest]
 
 
 def _surfacings(contents: Contents) -> Figure:

@@ -1,5 +1,6 @@
 """Sections along the track: measured, estimated, their difference and the standard error; mean currents of dives."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ _COLUMNS, _ROWS, _PROFILES_A_COLUMN = 160, 40, 3
 _STEP = 5e-4
 #: Of a panel, at its upper left.
 _LABEL = {"xref": "paper", "yref": "paper", "x": 0.0, "xanchor": "left", "yanchor": "bottom", "showarrow": False}
-_PANELS = ("measured", "estimated", "measured minus estimated", "standard error")
+#: Quantities of ``gridded``, and those of a smoothed result.
+QUANTITIES = ("measured", "estimated", "measured minus estimated", "standard error")
+_SMOOTHED = ("measured", "estimated before smoothing", "smoothed", "measured minus before", "measured minus smoothed", "standard error")
 
 
 def along_track_section(contents: Contents) -> Section:
@@ -36,6 +39,33 @@ def along_track_section(contents: Contents) -> Section:
     return Section("section", "Section along the track", figures=figures, missing=missing)
 
 
+def quantities_of(bins: BinsAlongTrack) -> tuple[tuple[str, ...], Array]:
+    """Return what sections show of bins, and its values [m/s], shape (quantities, n, 2), local east and north.
+
+    Of a smoothed result the estimate before smoothing stands beside that after it.
+    """
+    measured = bins.estimated + bins.residual
+    if not np.isfinite(bins.replayed).any():
+        return QUANTITIES, np.stack([measured, bins.estimated, bins.residual, bins.standard_error])
+    each = (measured, bins.replayed, bins.estimated, measured - bins.replayed, bins.residual, bins.standard_error)
+    return _SMOOTHED, np.stack(each)
+
+
+def limits_of(names: Sequence[str], values: Array) -> list[float]:
+    """Return the ends of the colours of quantities [m/s]: velocities share one scale, and so do differences.
+
+    Args:
+        names: Of ``quantities_of``.
+        values: shape (quantities, ...) [m/s].
+    """
+    kinds = [_kind(name) for name in names]
+    return [_limit(np.concatenate([values[k].ravel() for k, other in enumerate(kinds) if other == kind])) for kind in kinds]
+
+
+def _kind(name: str) -> str:
+    return "error" if name == "standard error" else "difference" if " minus " in name else "velocity"
+
+
 def gridded(bins: BinsAlongTrack) -> tuple[NDArray[np.int64], Array, Array]:
     """Return the means over cells of time and depth.
 
@@ -43,8 +73,8 @@ def gridded(bins: BinsAlongTrack) -> tuple[NDArray[np.int64], Array, Array]:
         bins: Along the track.
 
     Returns:
-        Times of the columns [ns, UTC], depths of the rows [m], and values [m/s], shape (4, 2, rows, columns): measured, estimated,
-        difference, standard error; each east and north; NaN in empty cells.
+        Times of the columns [ns, UTC], depths of the rows [m], and values [m/s], shape (quantities, 2, rows, columns), those of
+        ``quantities_of``; each east and north; NaN in empty cells.
     """
     first, last = int(bins.time_ns.min()), int(bins.time_ns.max())
     columns = min(_COLUMNS, max(1, bins.profiles // _PROFILES_A_COLUMN if bins.profiles > 60 else bins.profiles))
@@ -53,10 +83,10 @@ def gridded(bins: BinsAlongTrack) -> tuple[NDArray[np.int64], Array, Array]:
     rows = _rows(bins, deepest)
     at = np.minimum(((bins.time_ns - first) / width).astype(np.intp), columns - 1)
     row = np.clip((bins.depth / deepest * rows).astype(np.intp), 0, rows - 1)
-    values = np.stack([bins.estimated + bins.residual, bins.estimated, bins.residual, bins.standard_error])
-    out = np.full((4, 2, rows, columns), np.nan)
+    _, values = quantities_of(bins)
+    out = np.full((len(values), 2, rows, columns), np.nan)
     cell = row * columns + at
-    for panel in range(4):
+    for panel in range(len(values)):
         for axis in range(2):
             known = np.isfinite(values[panel, :, axis])
             count = np.bincount(cell[known], minlength=rows * columns)
@@ -76,29 +106,31 @@ def _rows(bins: BinsAlongTrack, deepest: float) -> int:
 
 def _profiles(contents: Contents, bins: BinsAlongTrack) -> Figure:
     time_ns, depths, values = gridded(bins)
+    names, _ = quantities_of(bins)
     traces: list[dict[str, Any]] = []
-    layout: dict[str, Any] = {"height": 820, "annotations": [], "margin": {"l": 64, "r": 16, "t": 28, "b": 48}}
-    signed = _limit(values[:2] if np.isfinite(values[:2]).any() else values[2:3])
-    limits = (signed, signed, _limit(values[2:3]), _limit(values[3:]))
-    shown = [panel for panel in range(4) if np.isfinite(values[panel]).any()]
+    layout: dict[str, Any] = {"height": 205 * len(names), "annotations": [], "margin": {"l": 64, "r": 16, "t": 28, "b": 48}}
+    limits = limits_of(names, values)
+    shown = [panel for panel in range(len(names)) if np.isfinite(values[panel]).any()]
     height = 1.0 / len(shown)
     for place, panel in enumerate(shown):
         top = 1.0 - place * height
         bottom = top - height * 0.8
         axis = "" if place == 0 else str(place + 1)
         bar = {"len": 0.8 * height, "y": 0.5 * (top + bottom), "thickness": 12, "title": {"text": "m/s", "side": "right"}}
-        traces.append({"x": times(time_ns), "y": column(depths), "yaxis": f"y{axis}", "colorbar": bar, **_panel(panel, limits[panel])})
+        traces.append(
+            {"x": times(time_ns), "y": column(depths), "yaxis": f"y{axis}", "colorbar": bar, **_panel(panel, names[panel], limits[panel])}
+        )
         layout[f"yaxis{axis}"] = {
             "domain": [max(bottom, 0.0), top],
             "autorange": "reversed",
             "title": {"text": "depth [m]"},
             "showgrid": False,
         }
-        layout["annotations"].append({**_LABEL, "text": _PANELS[panel], "y": top})
+        layout["annotations"].append({**_LABEL, "text": names[panel], "y": top})
     layout["xaxis"] = {"title": {"text": "time (UTC)"}, "anchor": f"y{'' if len(shown) == 1 else len(shown)}", "showgrid": False}
     table = {
         "field": "section",
-        "axes": {"quantity": list(_PANELS), "component": ["eastward", "northward"]},
+        "axes": {"quantity": list(names), "component": ["eastward", "northward"]},
         "cells": {"time": [text for _ in depths for text in times(time_ns)], "depth_m": column(np.repeat(depths, time_ns.size))},
         "names": ["velocity_m_s"],
     }
@@ -108,8 +140,7 @@ def _profiles(contents: Contents, bins: BinsAlongTrack) -> Figure:
         "profiles",
         "Profiles along the track",
         _caption(bins),
-        "Four panels of depth against time along the track: the measured and the estimated velocity component, their difference and the "
-        "standard error of the estimate.",
+        f"Depth against time along the track, of a velocity component, in {len(shown)} panels: {', '.join(names[k] for k in shown)}.",
         {"profiles": table},
         traces,
         layout,
@@ -118,9 +149,9 @@ def _profiles(contents: Contents, bins: BinsAlongTrack) -> Figure:
     )
 
 
-def _panel(panel: int, limit: float) -> dict[str, Any]:
+def _panel(panel: int, name: str, limit: float) -> dict[str, Any]:
     """Return what a panel shows [m/s], and the ends of its colours."""
-    is_error = panel == 3
+    is_error = _kind(name) == "error"
     return {
         "type": "heatmap",
         "z": {"$field": "section", "at": [panel, "c0"]},
@@ -128,7 +159,7 @@ def _panel(panel: int, limit: float) -> dict[str, Any]:
         "colorscale": scale("amp" if is_error else "balance"),
         "zmin": 0.0 if is_error else -limit,
         "zmax": limit,
-        "hovertemplate": f"%{{x}}, %{{y:.0f}} m: %{{z:.3f}} m/s<extra>{_PANELS[panel]}</extra>",
+        "hovertemplate": f"%{{x}}, %{{y:.0f}} m: %{{z:.3f}} m/s<extra>{name}</extra>",
         "hoverongaps": False,
     }
 
@@ -140,12 +171,17 @@ def _limit(values: Array) -> float:
 
 def _caption(bins: BinsAlongTrack) -> str:
     thinned = f" Of {bins.profiles + bins.left_out:,} profiles {bins.profiles:,} are shown, evenly spread." if bins.left_out else ""
+    smoothed = (
+        " The result is smoothed: its estimate knows the measurements after each time too; before smoothing it is that of the replay."
+        if np.isfinite(bins.replayed).any()
+        else ""
+    )
     return (
         "Each bin beside the estimate just after it was used, along the local axes; means over cells of time and "
         "depth. Look for structure in the "
         "difference: noise alone leaves none. Stripes that follow the dives point to the instrument or the dead "
         "reckoning, layers to depths "
-        f"that the estimate does not resolve. The standard error is that of the last estimate at these places.{thinned}"
+        f"that the estimate does not resolve. The standard error is that of the last estimate at these places.{smoothed}{thinned}"
     )
 
 

@@ -13,6 +13,14 @@ from replay_kit.results.views.trust import calibration
 _NEUTRAL = ("modes a level", "prior: ", "no goal was given", "could not be decoded")
 
 
+#: What a plan's status asks for; without an entry, its goal is not reached.
+_VERBS = {
+    "reached": "Steer",
+    "uncertain": "The plan is uncertain: too few samples of the estimate arrive. It is to steer",
+    "unsafe": "The plan is unsafe: change the goal or the constraints before a vehicle follows it. It is to steer",
+}
+
+
 def what_looks_wrong(contents: Contents) -> list[str]:
     """Return what a reader should look into, as escaped sentences."""
     summary = contents.summary
@@ -33,7 +41,7 @@ def next_steps(contents: Contents) -> list[str]:
     summary, plans, out = contents.summary, contents.result.plans, []
     plan: dict[str, Any] | None = summary.get("plan")
     if plan and plan.get("heading_deg") is not None and plan["status"] != "failed":
-        verb = "Steer" if plan["status"] == "reached" else "The goal is not reached; the closest way found is to steer"
+        verb = _VERBS.get(plan["status"], "The goal is not reached; the closest way found is to steer")
         out.append(
             f"{verb} {number('plan.heading_deg', plan['heading_deg'], format(plan['heading_deg'], '.0f'))}° true "
             "through water, glide angle "
