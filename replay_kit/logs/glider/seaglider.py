@@ -5,7 +5,7 @@ What the files do not state, and how it was determined:
 * ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up as the
   instrument reports them, and on real dives velZ equals the vertical speed from pressure at pitches of 35 degrees. East and
   north are by the instrument's own compass: they lag the track by the declination, which is thus not applied.
-* The first cell's centre is one blanking and one cell from the instrument, which looks up.
+* The first cell's centre is one blanking and one cell from the instrument, which looks up or down (``orientation.py``).
 * ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units attribute states.
 """
 
@@ -17,6 +17,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.columns import dive_number
 from replay_kit.logs.glider.netcdf import NetcdfFile
+from replay_kit.logs.glider.orientation import orientation
 from replay_kit.logs.glider.pings import FROM_SURFACE, earth_ping
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import PING, number
@@ -24,6 +25,7 @@ from replay_kit.logs.shared.payloads import PING, number
 #: Topic of the absolute profiles.
 INVERTED = "/adcp/inverted"
 _METRES = {"m": 1.0, "meter": 1.0, "meters": 1.0, "cm": 0.01, "mm": 0.001}
+_ENU = 0.0  # of ad2cp_coordinateSystem; 1 along the instrument's axes, 2 along its beams
 _FASTEST_SOUND = 2000.0  # m/s; more than this is stated in tenths
 
 
@@ -48,6 +50,9 @@ def seaglider_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
 def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     if not file.has("ad2cp_time", "ad2cp_velX", "ad2cp_velY", "ad2cp_velZ", "ad2cp_cellSize", "ad2cp_blanking"):
         return
+    if file.has("ad2cp_coordinateSystem") and file.scalar("ad2cp_coordinateSystem") != _ENU:
+        notes.append("ADCP: not read, because its velocities are not east, north and up (ad2cp_coordinateSystem)")
+        return
     time_ns, known = units.time_ns("ad2cp_time", file.variables["ad2cp_time"], file, notes)
     velocity = np.stack([file.array(f"ad2cp_vel{axis}") for axis in "XYZ"], axis=-1)
     cell_size = _metres(file, "ad2cp_cellSize")
@@ -60,11 +65,13 @@ def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     names = ("pressure", "heading", "pitch", "roll", "temperature")
     sensors = {name: file.array(f"ad2cp_{name}") if file.has(f"ad2cp_{name}") else np.full(time_ns.size, np.nan) for name in names}
     sensors["temperature"] = sensors["temperature"] * tenths
+    distance = bin0_distance + cell_size * np.arange(velocity.shape[1], dtype=np.float64)
+    looks = orientation(velocity[..., :2], sensors["pressure"], distance, notes)
     for k in np.flatnonzero(known).tolist():
         payload = earth_ping(int(time_ns[k]), k, dive_number(file) or 0, velocity[k], (cell_size, bin0_distance))
         payload |= {
             "reference": "platform",
-            "orientation": "up",
+            "orientation": looks,
             "bin_mapped": False,
             "sound_speed": number(round(file.scalar("ad2cp_soundspeed") * tenths, 3)),
             "magnetic_declination": declination,

@@ -19,19 +19,20 @@ class Component:
     """One component of a velocity.
 
     Attributes:
-        entry: The mapping that covers it.
+        entry: The mapping that covers it; None while it waits, because a checkpoint holds values alone.
         name: Its name, the mapping's ``east`` or ``north``.
         stamp_ns: By the sender's clock where the message has one, else by the log's [ns].
         value: A number, or a list of one a cell.
     """
 
-    entry: ProfileMap | VelocityMap
+    entry: ProfileMap | VelocityMap | None
     name: str
     stamp_ns: float
     value: Any
 
     def fits(self, other: "Component") -> bool:
-        """Return whether the two are components of one velocity."""
+        """Return whether this one, which has its mapping, and one that waited are components of one velocity."""
+        assert self.entry is not None, "it has just come"
         assert self.entry.join_within is not None, "only such mappings make components"
         return self.name != other.name and abs(self.stamp_ns - other.stamp_ns) <= 1e9 * self.entry.join_within
 
@@ -50,10 +51,11 @@ def component(message: Message, entry: ProfileMap | VelocityMap) -> Component:
     return Component(entry, str(payload["name"]), boot_ms * _NS_PER_MS if boot_ms == boot_ms else float(message.time_ns), held)
 
 
-def joined(first: Component, second: Component) -> StatedPing | str:
-    """Return the velocity of two components, or why there is none."""
-    values: Mapping[str, Any] = {part.name: part.value for part in (first, second)}
-    east, north = values[str(first.entry.east)], values[str(first.entry.north)]
-    found = mapped({"east": east, "north": north}, first.entry.model_copy(update={"east": "east", "north": "north"}))
+def joined(part: Component, other: Component) -> StatedPing | str:
+    """Return the velocity of a component, which has its mapping, and the other; or why there is none."""
+    assert part.entry is not None, "it has just come"
+    values: Mapping[str, Any] = {each.name: each.value for each in (part, other)}
+    east, north = values[str(part.entry.east)], values[str(part.entry.north)]
+    found = mapped({"east": east, "north": north}, part.entry.model_copy(update={"east": "east", "north": "north"}))
     assert isinstance(found, StatedPing | str), "profiles and velocities are pings"
     return found

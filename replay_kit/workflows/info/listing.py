@@ -110,7 +110,7 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
 
 
 def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), config: Path | None = None) -> str:
-    """Return what to type next, in words.
+    """Return what to type next: a line with the command, and for some a line of what to do then.
 
     Args:
         logs: The logs of a mission.
@@ -124,12 +124,13 @@ def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Seque
             missions.setdefault(log.report.mission, []).extend(log.files)
     if len(missions) > 1:
         first, *others = (f"{shlex.quote(str(files[0].parent))}/{pattern(files)}" for files in missions.values())
-        return f"Next: replay-kit info {first}, the files of one of {len(missions)} missions; the others are {', '.join(others)}"
+        rest = f"The logs are of {len(missions)} missions, of which this is one; the others: {', '.join(others)}"
+        return f"Next: replay-kit info {first}\n{rest}"
     given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
     contents = [log.content for log in logs]
     if any(content.bins or content.mean_currents for content in contents):
         settings = "" if config is None else f"--config {shlex.quote(str(config))} "
         return f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"
     if any(log.mappable for log in logs):
-        return f"Next: replay-kit info {given} --suggest map.toml, correct map.toml, then replay-kit info {given} --config map.toml"
-    return f"Next: replay-kit info {given} ANOTHER_LOG, with the log of this mission that has what is missing"
+        return f"Next: replay-kit info {given} --suggest map.toml\nCorrect map.toml, then: replay-kit info {given} --config map.toml"
+    return f"Next: replay-kit info {given} ANOTHER_LOG\nANOTHER_LOG is the log of this mission that has what is missing"

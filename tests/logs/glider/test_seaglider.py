@@ -112,6 +112,22 @@ def test_variables_are_those_that_h5netcdf_reads(tmp_path: Path) -> None:
     _assert_as_h5netcdf_reads(_write_hdf5(tmp_path / "p0010007.nc", _small_dive()))
 
 
+def test_velocities_on_other_axes_than_the_earths_are_not_read(tmp_path: Path) -> None:
+    for system, pings in ((0.0, 3), (1.0, 0)):
+        path = _write_hdf5(tmp_path / f"{system}.nc", _small_dive() | {"ad2cp_coordinateSystem": ((), system, {})})
+        assert len(_topic(_read(path), "/adcp")) == pings
+        told = "ADCP: not read, because its velocities are not east, north and up (ad2cp_coordinateSystem)"
+        assert (told in open_log(path).report().notes) == (pings == 0)
+
+
+@real
+def test_the_adcp_of_real_dives_looks_up() -> None:
+    for path in WITH_ADCP:
+        log = open_log(path)
+        assert {ping.payload["orientation"] for ping in _topic(list(log.messages()), "/adcp")} == {"up"}
+        assert any(note.startswith("ADCP: looks up, by its shears") for note in log.report().notes)
+
+
 @real
 def test_variables_of_a_real_dive_are_those_that_h5netcdf_reads() -> None:
     _assert_as_h5netcdf_reads(WITH_ADCP[0])

@@ -1,5 +1,6 @@
 """Velocities of which each message carries one component: joined by their stamps, suggested by their names."""
 
+import io
 import tomllib
 
 import numpy as np
@@ -10,8 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import Skipped, Used, suggestions
+from replay_kit.measurements import Skipped, Used, initial_state, interpret, suggestions
 from replay_kit.measurements.mapping.suggest import sample_key, suggested_entries
+from replay_kit.workflows.replay.checkpoint import _Dumper, _Loader
 from tests.command import invoke
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.samples import fix, only, run
@@ -56,6 +58,16 @@ def test_a_lost_component_costs_its_own_velocity_alone():
     (observation,) = only(Observation, found)
     np.testing.assert_array_equal(observation.velocity, [[0.25, -0.5]])
     assert [event.reason for event in only(Skipped, found)] == [ALONE, ALONE]
+
+
+def test_a_component_that_waits_is_a_value_that_a_checkpoint_holds():
+    config = MeasurementConfig.model_validate({"map": [VELOCITY]})
+    state, _ = interpret(initial_state(), part("VE", 0.25, 100), config)
+    file = io.BytesIO()
+    _Dumper(file, None).dump(state)
+    file.seek(0)
+    assert _Loader(file, None).load().components == state.components
+    assert [waiting.value for waiting in state.components.values()] == [0.25]
 
 
 def test_an_unknown_reference_stays_unused():

@@ -1,6 +1,7 @@
 """``info`` on what it does not know: what is missing, what it looks like, what to type next, and the mapping that makes it usable."""
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def test_topics_of_unknown_types_are_named_with_what_to_type(tmp_path):
     for cell in (1, 2):
         assert f"Unknown type: /adcp/cell_{cell} looks like a velocity" in said
     assert "Unknown type: 1 more topics" in said
-    step = f"Next: replay-kit info {log} --suggest map.toml, correct map.toml, then replay-kit info {log} --config map.toml"
+    step = f"Next: replay-kit info {log} --suggest map.toml\nCorrect map.toml, then: replay-kit info {log} --config map.toml"
     assert said.rstrip().endswith(step)
 
 
@@ -99,8 +100,21 @@ def test_info_of_a_folder_with_two_missions_ends_with_how_to_choose_one(tmp_path
     done = invoke(["info", str(folder)])
     assert done.exit_code == 0
     assert "Mission: sea063.22\n" in done.stdout
-    step = f"Next: replay-kit info '{folder}'/SEA063.22.gli.sub.*, the files of one of 2 missions; "
-    assert done.stdout.rstrip().endswith(f"{step}the others are '{folder}'/SEA063.23.gli.sub.1")
+    step = f"Next: replay-kit info '{folder}'/SEA063.22.gli.sub.*\nThe logs are of 2 missions, of which this is one; "
+    assert done.stdout.rstrip().endswith(f"{step}the others: '{folder}'/SEA063.23.gli.sub.1")
+
+
+def test_the_command_printed_runs(tmp_path, monkeypatch):
+    log, mapping = _cells(tmp_path / "a b.mcap"), tmp_path / "map.toml"
+    monkeypatch.chdir(tmp_path)
+    first, then = invoke(["info", str(log)]).stdout.splitlines()[-2:]
+    assert invoke(shlex.split(first.removeprefix("Next: replay-kit "))).exit_code == 0
+    mapping.write_text(mapping.read_text().replace('"unknown"', '"earth"'))
+    done = invoke(shlex.split(then.removeprefix("Correct map.toml, then: replay-kit ")))
+    assert invoke(["synthesize", "--ensemble", "FORECAST.nc", "--truth", "T.nc", "--members", "3"]).exit_code == 0
+    command = shlex.split(done.stdout.splitlines()[-1].removeprefix("Next: replay-kit "))
+    assert invoke([*command, "--place-ensemble", "--modes", "5"]).exit_code in (0, 6)
+    assert (tmp_path / "RESULT.mcap").exists()
 
 
 @pytest.mark.parametrize(("write", "ending"), [(made.bodc, "--ensemble FORECAST.nc -o RESULT.mcap"), (made.spray, "-o RESULT.mcap")])
@@ -115,5 +129,6 @@ def test_a_log_without_currents_says_what_to_add(tmp_path):
     folder = tmp_path / "raw"
     made.seaexplorer(folder)
     said = invoke(["info", str(folder)]).stdout
-    assert said.rstrip().endswith(f"Next: replay-kit info {folder} ANOTHER_LOG, with the log of this mission that has what is missing")
+    step = f"Next: replay-kit info {folder} ANOTHER_LOG\nANOTHER_LOG is the log of this mission that has what is missing"
+    assert said.rstrip().endswith(step)
     assert "SeaExplorer raw: 2 files are one log" in said
