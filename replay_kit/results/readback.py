@@ -1,19 +1,28 @@
 """The check that a result file is complete, made before it gets its name."""
 
-import os
+import struct
+import zlib
 from collections import Counter
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, DataEnd
+from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Statistics
+from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from replay_kit.core.errors import ReplayKitError
-from replay_kit.logs.mcap.columns import columns_of
-from replay_kit.logs.mcap.records import MAGIC, RECORD_ERRORS, chunk_contents, file_records, parse, parse_chunk
-from replay_kit.logs.mcap.summary import read_summary
+
+# opcode, length, and the channel when it is a message
+_START = struct.Struct("<BQH")
+_HEAD = 9
+# the summary's checksum and the closing magic bytes
+_TAIL = 12
+_MESSAGE = int(Opcode.MESSAGE)
 
 
 def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> None:
@@ -30,61 +39,82 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
         ReplayKitError: The file does not hold what was written.
     """
     try:
+        found = _Found()
         with path.open("rb") as file:
-            read, topics, attached = _read(file)
-            counts = _stated(file)
-        by_topic, summary = (_by_topic(numbers, topics) for numbers in (read, counts))
-    except (OSError, KeyError, *RECORD_ERRORS) as error:
+            for record in _Records(file, emit_chunks=True, validate_crcs=True, record_size_limit=None).records:
+                found.add(record)
+            found.check_summary(file)
+        read, summary = found.by_topic(found.messages), found.by_topic(found.stated)
+    except (OSError, McapError, CRCValidationError, zstandard.ZstdError, struct.error, ValueError, OverflowError, KeyError) as error:
         raise ReplayKitError(f"{path}: the result does not read back: {error}; is the disk full?") from error
-    if not by_topic == summary == Counter(messages) or attached != attachments:
+    if not read == summary == Counter(messages) or found.attachments != attachments:
         raise ReplayKitError(
-            f"{path}: wrote {sum(messages.values())} messages and {attachments} attachments, but read back {by_topic.total()} and "
-            f"{attached}, and its summary says {summary.total()}; is the disk full?"
+            f"{path}: wrote {sum(messages.values())} messages and {attachments} attachments, but read back {read.total()} and "
+            f"{found.attachments}, and its summary says {summary.total()}; is the disk full?"
         )
 
 
-def _read(file: BinaryIO) -> tuple[Counter[int], dict[int, str], int]:
-    """Return the number of messages of each channel, the channels' topics, and the number of attachments.
+class _Records(StreamReader):
+    """The records of a file without the message indexes, whose entries the library would parse one by one."""
 
-    Raises:
-        struct.error, ValueError: ``RECORD_ERRORS``; the file is not whole.
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
+
+
+class _Found:
+    """What a file holds, counted record by record.
+
+    Attributes:
+        messages: Number of messages, by channel.
+        stated: As the file's own statistics state it.
+        attachments: Number of attachments.
     """
-    read: Counter[int] = Counter()
-    topics: dict[int, str] = {}
-    attached = 0
-    for record in file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size):
-        if not record.whole:
-            raise ValueError(f"no whole record begins at byte {record.offset}")
-        if record.opcode == Opcode.CHUNK:
-            data = chunk_contents(parse_chunk(record.body))
-            found = columns_of(data)
-            if found is None:
-                raise ValueError(f"the chunk at byte {record.offset} holds more than schemas, channels and messages")
-            read.update(dict(enumerate(np.bincount(found.head["channel"]).tolist())))
-            channels = [parse(Channel, data[start:stop]) for opcode, start, stop in found.declared if opcode == Opcode.CHANNEL]
-            topics.update({channel.id: channel.topic for channel in channels})
-        elif record.opcode == Opcode.ATTACHMENT:
-            attached += 1
-        elif record.opcode == Opcode.DATA_END and parse(DataEnd, record.body).data_section_crc != record.crc:
-            raise ValueError("the checksum of its data does not match")
-    return read, topics, attached
 
+    def __init__(self) -> None:
+        self.messages: Counter[int] = Counter()
+        self.stated: Mapping[int, int] = {}
+        self.attachments = 0
+        self._topics: dict[int, str] = {}
+        self._footer: Footer | None = None
 
-def _stated(file: BinaryIO) -> Mapping[int, int]:
-    """Return the number of messages of each channel by the file's own summary.
+    def add(self, record: McapRecord) -> None:
+        if isinstance(record, Chunk):
+            self._add_chunk(record)
+        elif isinstance(record, Channel):
+            self._topics[record.id] = record.topic
+        elif isinstance(record, Message):
+            self.messages[record.channel_id] += 1
+        elif isinstance(record, Attachment):
+            self.attachments += 1
+        elif isinstance(record, Statistics):
+            self.stated = record.channel_message_counts
+        elif isinstance(record, Footer):
+            self._footer = record
 
-    Raises:
-        ValueError: ``RECORD_ERRORS``; there is no sound summary.
-    """
-    summary = read_summary(file, os.fstat(file.fileno()).st_size)
-    if summary.statistics is None:
-        raise ValueError(summary.problem or "it has no summary")
-    return summary.statistics.channel_message_counts
+    def check_summary(self, file: BinaryIO) -> None:
+        """Raise ValueError when the checksum of the summary, which the library does not compare, does not match."""
+        assert self._footer is not None, "the library reads to the footer or raises"
+        file.seek(self._footer.summary_start)
+        if zlib.crc32(file.read()[:-_TAIL]) != self._footer.summary_crc:
+            raise ValueError("the checksum of the summary does not match")
 
+    def by_topic(self, numbers: Mapping[int, int]) -> Counter[str]:
+        found: Counter[str] = Counter()
+        for number, count in numbers.items():
+            found[self._topics[number]] += count
+        return found
 
-def _by_topic(numbers: Mapping[int, int], topics: Mapping[int, str]) -> Counter[str]:
-    found: Counter[str] = Counter()
-    for number, count in numbers.items():
-        if count:
-            found[topics[number]] += count
-    return found
+    def _add_chunk(self, chunk: Chunk) -> None:
+        """Count the messages of a chunk by the lengths of its records: its checksum covers them, no payload is looked at."""
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        data, end, channels = stream.read(size), 0, []
+        while end < size:
+            opcode, length, number = _START.unpack_from(data, end)
+            if opcode == _MESSAGE:
+                channels.append(number)
+            elif opcode == Opcode.CHANNEL:
+                self.add(Channel.read(ReadDataStream(BytesIO(data[end + _HEAD : end + _HEAD + length]))))
+            end += _HEAD + length
+        if end != size:
+            raise ValueError(f"the records of a chunk end at byte {end} of its {size}")
+        self.messages.update(channels)

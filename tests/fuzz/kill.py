@@ -19,7 +19,8 @@ from tests.workflows.replay.interrupted import make_ocean
 _SETTINGS = "[output]\ncheckpoint_interval = 600.0\ninterval = 3600.0\n[estimator]\nmodes = 4\n"
 #: What lies under the final name before some of the runs.
 _EARLIER = b"an earlier output"
-_KINDS = ("replay", "replay --checkpoint", "convert")
+#: The commands.
+KINDS = ("replay", "replay --checkpoint", "convert")
 
 
 @dataclass
@@ -83,11 +84,6 @@ def kill(kind: str, folder: Path, count: int, seed: int) -> Killed:
         if beside:
             found.wrong.append(f"{kind}, killed after {instant:.3f} s: after the next run there are {', '.join(beside)}")
     return found
-
-
-def kill_all(folder: Path, count: int, seed: int) -> dict[str, Killed]:
-    """Return what came of so many kills of each command."""
-    return {kind: kill(kind, folder, count, seed + number) for number, kind in enumerate(_KINDS)}
 
 
 def _run(arguments: list[str]) -> None:

@@ -22,26 +22,30 @@ class Outputs(Answer):
     ] = None
 
 
+_Ensemble = Annotated[
+    tuple[Path, ...],
+    option(
+        "--ensemble",
+        f"Ensemble forecast, which is described, and against which a log's axes, signs, units and depths are checked: {ENSEMBLE_HELP}",
+        metavar="FILE...",
+        group=INPUTS,
+    ),
+]
+_Full = Annotated[
+    bool,
+    option(
+        "--full",
+        "Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.",
+        group=INPUTS,
+    ),
+]
+
+
 @takes_settings("logs.clock", "logs.system", "logs.remap", "measurements", *PART_OF_FORECAST)
 def info(
     *logs: LogIfAny,
-    ensemble: Annotated[
-        tuple[Path, ...],
-        option(
-            "--ensemble",
-            f"Ensemble forecast, which is described, and against which a log's axes, signs, units and depths are checked: {ENSEMBLE_HELP}",
-            metavar="FILE...",
-            group=INPUTS,
-        ),
-    ] = (),
-    full: Annotated[
-        bool,
-        option(
-            "--full",
-            "Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.",
-            group=INPUTS,
-        ),
-    ] = False,
+    ensemble: _Ensemble = (),
+    full: _Full = False,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
     settings: Settings,
 ) -> int:
