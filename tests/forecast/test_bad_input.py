@@ -7,6 +7,7 @@ import xarray as xr
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.forecast import read_ensemble
+from replay_kit.forecast.describe import describe_ensemble
 from tests import synthetic
 from tests.forecast import forms
 from tests.forecast.test_forms import save
@@ -169,3 +170,12 @@ def test_other_times_of_u_and_v_are_refused(tmp_path):
     save(dated(ds[["vo"]], ["2020-01-01", "2020-01-02"]), tmp_path / "v.nc")
     with pytest.raises(ForecastError, match=r"v\.nc: its times \(2 from 2020-01-01T.*\) are not those of .*u\.nc \(1 from"):
         read_ensemble(tmp_path, ForecastConfig(members="files"))
+
+
+def test_long_lists_of_variables_are_shortened(tmp_path):
+    grid = xr.Dataset({f"e{k}": (("y", "x"), np.ones((2, 3))) for k in range(9)})
+    path = save(grid, tmp_path / "mesh.nc")
+    use = describe_ensemble(path, ForecastConfig()).use
+    assert use.startswith("no current: a file of the grid or of other variables (e0, e1, e2, e3, e4, e5 and 3 more); give it beside")
+    with pytest.raises(ForecastError, match=r"no current found; .*; got e0, e1, e2, e3, e4, e5 and 3 more$"):
+        read_ensemble(path, ForecastConfig())
