@@ -1,5 +1,6 @@
 """Short texts of values for people: times, places and ranges."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import numpy as np
@@ -9,6 +10,17 @@ from numpy.typing import ArrayLike
 def time_text(time_ns: int | None) -> str:
     """Return a time [ns, UTC] to the second, such as ``2018-11-16 03:20:00Z``; without one ``no time``."""
     return "no time" if time_ns is None else f"{datetime.fromtimestamp(time_ns // 10**9, UTC):%Y-%m-%d %H:%M:%SZ}"
+
+
+def count_text(count: int, noun: str) -> str:
+    """Return a number of things, such as ``1 file`` or ``3 files``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def some_text(names: Sequence[str], most: int = 6) -> str:
+    """Return the first names of a list, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def span_text(values: ArrayLike, digits: int = 4) -> str:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.text import count_text
 
 #: Beginning of the notes that say that something is probably wrong.
 WARNING = "WARNING: "
@@ -34,8 +35,8 @@ def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple
     notes: tuple[str, ...] = ()
     if missing.any():
         notes = (
-            f"{int(np.count_nonzero(missing))} of {len(labels)} members miss values where others have them, '{labels[worst]}' most "
-            f"({int(missing[worst])} of {int(anywhere.sum())} points): {int((anywhere & ~wet).sum())} points were taken for land",
+            f"taken for land: {count_text(int((anywhere & ~wet).sum()), 'point')} without values in {int(np.count_nonzero(missing))} of "
+            f"{len(labels)} members, most in '{labels[worst]}' ({int(missing[worst])} of {int(anywhere.sum())} points)",
         )
     return velocity if wet.all() else np.where(wet, velocity, np.nan), wet, notes
 
@@ -57,7 +58,7 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
     if len(labels) > 1 and len(seen) == 1:
         raise ForecastError(f"{source}: all {len(labels)} members are the same; give members that differ")
     if same:
-        notes.append(f"{WARNING}{len(same)} members are copies of others, such as {same[0]}, and count twice: leave them out")
+        notes.append(f"{WARNING}members that are copies of others count twice: {len(same)}, such as {same[0]}; leave them out")
     rms = float(np.sqrt(np.nanmean(velocity**2)))
     if not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
         notes.append(f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities")

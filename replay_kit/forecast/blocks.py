@@ -10,10 +10,22 @@ import xarray as xr
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Paths
+from replay_kit.core.text import some_text
+from replay_kit.forecast.agreement import WARNING
 from replay_kit.forecast.files import open_file
 from replay_kit.forecast.layout import U, V
 from replay_kit.forecast.members import MemberRule, is_background, label_files, usual_labels
-from replay_kit.forecast.names import MEMBER_NAMES, Axes, Current, find_current, find_member, find_time, no_current, suffixes
+from replay_kit.forecast.names import (
+    MEMBER_NAMES,
+    Axes,
+    Current,
+    find_current,
+    find_member,
+    find_time,
+    no_current,
+    suffixes,
+    without_partner,
+)
 from replay_kit.forecast.pairs import OpenedFile, Part, pair_files
 from replay_kit.forecast.sources import find_sources, natural
 
@@ -82,7 +94,10 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
                 for path in argument
             ]
             files, rule = _identified(opened, rule)
-            yield _collected(files, rule, sources.notes)
+            of_suffix = opened if rule is not None and rule.kind == "suffix" else ()
+            alone = [f"{path.name}: {name}" for _, path, ds in of_suffix for name in without_partner(ds)]
+            notes = (f"{WARNING}members of one component alone were left out: {some_text(alone)}; add the other",) if alone else ()
+            yield _collected(files, rule, (*sources.notes, *notes))
     # values of unexpected kinds and damaged data blocks are found where they are used
     except _FOREIGN as error:
         names, words = ", ".join(map(str, sources.files[:3])), " ".join(str(error).split())[:200]
@@ -145,7 +160,7 @@ def _labelled(holders: list[OpenedFile], rule: MemberRule | None) -> list[Opened
     kind = None if rule is None else rule.kind
     if rule is not None and kind == "files":
         labels = label_files([file.path for file in holders], rule.name)
-        whole = all(file.current is not None and file.current.u and file.current.v for file in holders)
+        whole = any(file.current is not None and file.current.u and file.current.v for file in holders)
         if len(set(labels.values())) == len(holders) and not whole:
             # a file of u and one of v to each member, whose names say no member: paired in their order
             us, vs = (
@@ -189,6 +204,11 @@ def _blocks(parts: tuple[Part, ...], rule: MemberRule | None, label: str) -> lis
             raise ForecastError(
                 f"{part.paths[0]}: no member dimension{' ' + rule.name if rule.name else ''}; expected one of "
                 f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes}"
+            )
+        if (of_v := f"{member}_of_v") in part.ds[V].dims:
+            sizes = f"{part.ds.sizes[member]} of {part.current.u} and {part.ds.sizes[of_v]} of {part.current.v} along {member}"
+            raise ForecastError(
+                f"{part.paths[-1]}: its members are not those of {part.paths[0]}: {sizes}; give files with the same members"
             )
         if member not in part.ds[V].dims:
             raise ForecastError(f"{part.paths[-1]}: {part.current.v} has no dimension {member}, which {part.current.u} has; mend the file")

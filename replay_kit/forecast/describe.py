@@ -7,6 +7,7 @@ from pathlib import Path
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
+from replay_kit.core.text import some_text
 from replay_kit.forecast.axes import AxesCheck
 from replay_kit.forecast.blocks import Collection, open_collection
 from replay_kit.forecast.files import open_file
@@ -55,7 +56,7 @@ def describe_ensemble(path: Paths, config: ForecastConfig, near_ns: int | None =
     """
     files = find_sources(path).files
     if (variables := _without_current(files)) is not None:
-        use = f"no current: a file of the grid or of other variables ({', '.join(variables)}); give it beside files with velocities"
+        use = f"no current: a file of the grid or of other variables ({some_text(variables)}); give it beside files with velocities"
         return Description(_named(files), files, "", None, ("", ""), "", None, use)
     with open_collection(path, parse_rule(config.members)) as found:
         if found.rule is None:

@@ -11,6 +11,8 @@ from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
 
 _HINT = "give the path of a NetCDF file or a Zarr store"
+# What nanoseconds in 64 bits can hold.
+_FIRST, _LAST = np.datetime64("1678-01-01", "us"), np.datetime64("2262-01-01", "us")
 _CIVIL = ("standard", "gregorian", "proleptic_gregorian", "")
 
 
@@ -76,7 +78,9 @@ def _dated(variable: xr.Variable) -> xr.Variable | None:
             warnings.simplefilter("error")
             coder = xr.coders.CFDatetimeCoder(use_cftime=not civil)
             decoded = coder.decode(variable, name="time").values
-        dates = decoded if civil else np.array([moment.isoformat() for moment in decoded.ravel()], "M8[ns]").reshape(decoded.shape)
+        dates = decoded if civil else np.array([moment.isoformat() for moment in decoded.ravel()], "M8[us]").reshape(decoded.shape)
+        if np.any((dates < _FIRST) | (dates > _LAST)):
+            return None
         left_out = ("units", "calendar") if civil else ("units",)
         attributes = {key: value for key, value in variable.attrs.items() if key not in left_out}
         return xr.Variable(variable.dims, dates.astype("M8[ns]"), attributes)

@@ -8,6 +8,7 @@ import xarray as xr
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.text import count_text
 from replay_kit.forecast.grid import columns_round
 from replay_kit.forecast.names import ANGLES, Axes, Coordinates, Current, find_coordinates, find_depth, find_lead, find_member, find_time
 
@@ -80,7 +81,7 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
     face = _first_faces(ds, kind, (u_dims, v_dims), centre)
     if not flat:
         x, y, filled = _filled(x, y)
-        notes = (f"{filled} points without coordinates were taken for land",) if filled else ()
+        notes = (f"taken for land: {count_text(filled, 'point')} without coordinates",) if filled else ()
     if face is not None and kind.dialect == "NEMO" and x_name.startswith("nav_lon"):
         x, y = _before(x), _before(y)
         notes += ("cell centres were taken midway between the points of u, as no file of the grid (glamt, gphit) was given",)

@@ -7,6 +7,7 @@ from typing import Literal
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.text import some_text
 
 Axes = Literal["true", "grid"]
 
@@ -131,12 +132,25 @@ def find_current(ds: xr.Dataset, where: str) -> Current | None:
 
 def suffixes(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
     """Return the components of members that differ by the suffix of their names, by suffix; statistics are left out."""
+    return {ending: pair for ending, pair in _with_suffix(ds).items() if all(name in ds.variables for name in pair)}
+
+
+def without_partner(ds: xr.Dataset) -> list[str]:
+    """Return names of components whose suffix the other component has not, where several members are told by suffixes."""
+    pairs = _with_suffix(ds).values() if len(suffixes(ds)) > 1 else ()
+    return [f"{name} without {other}" for pair in pairs for name, other in (pair, pair[::-1]) if other not in ds.variables]
+
+
+def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
+    """Return the names of both components by suffix, where one of them is in a file."""
     found: dict[str, tuple[str, str]] = {}
-    for u, v, _ in _VELOCITY_SHORT_NAMES:
+    for pair in ((u, v) for u, v, _ in _VELOCITY_SHORT_NAMES):
         for name in map(str, ds.data_vars):
-            ending = name.removeprefix(f"{u}_")
-            if ending != name and f"{v}_{ending}" in ds.variables and ending.lower() not in _NO_MEMBERS:
-                found.setdefault(ending, (name, f"{v}_{ending}"))
+            for part in pair:
+                ending = name.removeprefix(f"{part}_")
+                whole = all(f"{one}_{ending}" in ds.variables for one in pair)
+                if ending != name and ending.lower() not in _NO_MEMBERS and (whole or ending not in found):
+                    found[ending] = (f"{pair[0]}_{ending}", f"{pair[1]}_{ending}")
     return found
 
 
@@ -146,7 +160,7 @@ def no_current(ds: xr.Dataset, where: str) -> ForecastError:
     return ForecastError(
         f"{where}: no current found{unstructured}; expected variables with standard names eastward_/northward_sea_water_velocity or "
         f"sea_water_x_/y_velocity, or named {', '.join(f'{u}/{v}' for u, v, _ in _VELOCITY_SHORT_NAMES)}; got "
-        f"{sorted(map(str, ds.data_vars))}"
+        f"{some_text(sorted(map(str, ds.data_vars))) or 'no variable'}"
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.text import count_text, some_text
 from replay_kit.forecast.layout import STAGGERED, U, V
 from replay_kit.forecast.names import Current, find_time
 from replay_kit.forecast.sources import natural
@@ -61,9 +62,10 @@ def pair_files(files: Sequence[OpenedFile], grids: Sequence[OpenedFile]) -> tupl
     if len(us) != len(vs):
         more, name, missing = (us, "u", "v") if len(us) > len(vs) else (vs, "v", "u")
         assert more[0].current is not None
+        as_member = f" as member {more[0].label}" if more[0].label else ""
         raise ForecastError(
-            f"{more[0].path}: holds {more[0].current.u or more[0].current.v} and no {missing}; {len(us)} files of u and {len(vs)} of v "
-            f"belong together{' as member ' + more[0].label if more[0].label else ''}: give a file of {missing} for each file of {name}"
+            f"{more[0].path}: holds {more[0].current.u or more[0].current.v} and no {missing}; {count_text(len(us), 'file')} of u and "
+            f"{len(vs)} of v belong together{as_member}: give a file of {missing} for each file of {name}"
         )
     in_order = [sorted(group, key=lambda file: natural(file.path)) for group in (us, vs)]
     pairs = [(file, file) for file in both] + list(zip(*in_order, strict=True))
@@ -91,7 +93,7 @@ def _joined(u: OpenedFile, v: OpenedFile, grids: Sequence[OpenedFile]) -> tuple[
     for grid in grids:
         ds, fits = _with_grid(ds, grid.ds)
         if not fits:
-            sizes = ", ".join(f"{dim} = {size}" for dim, size in grid.ds.sizes.items())
+            sizes = some_text([f"{dim} = {size}" for dim, size in grid.ds.sizes.items()])
             notes.append(f"{grid.path.name} holds no current, and its sizes ({sizes}) are not those of the velocities: it was not used")
     return Part(ds, current, (u.path,) if u is v else (u.path, v.path)), tuple(notes)
 

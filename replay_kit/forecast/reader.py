@@ -12,6 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.paths import Paths
+from replay_kit.core.text import count_text
 from replay_kit.forecast.agreement import common_water, unusual_members
 from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.blocks import Block, Collection, open_collection
@@ -171,7 +172,7 @@ def read_selection(
     for k, values in zip(alike, np.split(turned, ends), strict=True):
         fields[k] = values
     if moved:
-        notes.append(f"{moved} members were interpolated to the grid of the first (bilinear; linear in depth)")
+        notes.append(f"{count_text(moved, 'member')} interpolated to the grid of the first (bilinear; linear in depth)")
     velocity = np.concatenate(fields) if moved else turned
     if selection.change is not None:
         velocity, changed = selection.change(velocity)

@@ -1,6 +1,6 @@
 """Which fields of an ensemble's files become members, at which time, and what is made of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.text import count_text
 from replay_kit.core.time import parse_time
+from replay_kit.forecast.agreement import WARNING
 from replay_kit.forecast.blocks import Block, Collection
 from replay_kit.forecast.layout import U
 from replay_kit.forecast.names import find_lead, find_time
@@ -83,10 +85,7 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
         fields.append(field)
         times.append(time_ns)
         notes += told
-    distinct = {time for time in times if time is not None}
-    if len(distinct) > 1:
-        first, last = (_date(np.datetime64(time, "ns")) for time in (min(distinct), max(distinct)))
-        notes.append(f"members are of different times, {first} to {last}: choose one that all have with forecast.time")
+    notes += _unequal_times(fields, times)
     change: Change | None = None
     if kind == "models":
         means = [_fields_of_all_times(block) for block in found.blocks]
@@ -112,6 +111,21 @@ def _at_time(block: Block, config: ForecastConfig, near_ns: int | None) -> tuple
     if len(block.parts) > 1:
         notes = (f"{part.names}, one of {len(block.parts)} files of other times, was used", *notes)
     return Selected(part, ds, block.member, _labels(part, block.member, block.label)), time_ns, notes
+
+
+def _unequal_times(fields: Sequence[Selected], times: Sequence[int | None]) -> list[str]:
+    """Return warnings of members of different times, and of members without a date among others that have one."""
+    notes, dated = [], [time for time in times if time is not None]
+    if len(set(dated)) > 1:
+        first, last = (_date(np.datetime64(time, "ns")) for time in (min(dated), max(dated)))
+        notes.append(f"{WARNING}members are of different times, {first} to {last}: choose one that all have with forecast.time")
+    if 0 < len(dated) < len(times):
+        without = [field.part.names for field, time in zip(fields, times, strict=True) if time is None]
+        notes.append(
+            f"{WARNING}{count_text(len(without), 'member')} of {len(times)} without a date that can be aligned with the others, such as "
+            f"{without[0]}: check the attributes units and calendar of its times"
+        )
+    return notes
 
 
 def _labels(part: Part, member: str | None, label: str) -> tuple[str, ...]:
@@ -186,8 +200,8 @@ def _of_season(found: Collection, days: float, config: ForecastConfig, near_ns: 
                 fields.append(_one_time(part, time, f"{part.names} {_date(time)}, as an anomaly about {_date(forecast)}"))
     if len(fields) < 2:
         raise ForecastError(
-            f"{found.source}: {len(fields)} fields lie within {days:g} days of the season of {_date(forecast)}; at least 2 are needed: "
-            "widen the window, or give more files"
+            f"{found.source}: {count_text(len(fields), 'field')} within {days:g} days of the season of {_date(forecast)}; at least 2 are "
+            "needed: widen the window, or give more files"
         )
     assert own is not None
     note = f"members: the forecast of {_date(forecast)} plus the anomalies of {len(fields)} fields within {days:g} days of its season"

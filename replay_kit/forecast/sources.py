@@ -7,6 +7,7 @@ from pathlib import Path
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Paths, as_groups
+from replay_kit.core.text import count_text
 
 _ENDINGS = (".nc", ".nc4", ".nc3", ".cdf", ".netcdf", ".zarr")
 _STORE_MARKS = (".zgroup", ".zmetadata", ".zattrs", "zarr.json")
@@ -51,8 +52,8 @@ def find_sources(given: Paths) -> Sources:
             found, left_out = _files_of(path)
             files += found
             if left_out:
-                some = f"{len(left_out)} files of results ({left_out[0].name} ...)"
-                notes.append(f"{path}: {some} were left out; give them by name if they are the members")
+                some = f"{count_text(len(left_out), 'file')} of results left out ({left_out[0].name} ...)"
+                notes.append(f"{path}: {some}; give them by name if they are the members")
         arguments.append(files)
     seen: set[Path] = set()
     for file in (file for argument in arguments for file in argument):

@@ -13,6 +13,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.text import count_text
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.grid import Block, region_block
 from replay_kit.forecast.layout import Layout, U, V
@@ -219,14 +220,14 @@ def _at_centres(
         constants = {0.0, float(source.ds[component].attrs.get("replay_kit_offset", 0.0))}
         raw.append(values)
         constant.append(never_changing(values, constants))
-    notes = [f"{odd} values beyond {_NO_SPEED:g} m/s were taken for missing"] if odd else []
+    notes = [f"taken for missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
     if face is None:
         dry = constant[0] & constant[1]
         velocity = np.stack(raw, axis=1)
         velocity[:, :, dry] = np.nan
         columns = int(dry.all(axis=0).sum())
         exactly = "exactly zero" if np.all(raw[0][:, dry] == 0.0) else "one constant value"
-        notes += [f"{columns} columns whose current is {exactly} in every member were taken for land"] if columns else []
+        notes += [f"taken for land: {count_text(columns, 'column')} whose current is {exactly} in every member"] if columns else []
         return velocity, tuple(notes)
     means = []
     for axis, values, dry, names_of in ((-1, raw[0], constant[0], layout.kind.mask_u), (-2, raw[1], constant[1], layout.kind.mask_v)):

@@ -9,7 +9,7 @@ import pytest
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, PathMean, Source
-from replay_kit.core.text import place_text, span_text, time_text
+from replay_kit.core.text import count_text, place_text, some_text, span_text, time_text
 from replay_kit.core.time import to_time_ns
 from tests.synthetic_flow import TIME_NS
 
@@ -85,3 +85,14 @@ def test_measurements_say_what_they_are() -> None:
     unused = replace(innovation, innovation=misfit * np.nan, residual=misfit * np.nan, decision="unusable")
     assert "unusable" in repr(unused)
     assert "RMS - m/s before and - m/s after" in repr(unused)
+
+
+def test_numbers_of_things():
+    assert [count_text(n, "file") for n in (0, 1, 2)] == ["0 files", "1 file", "2 files"]
+
+
+def test_long_lists_end_with_how_many_more_there_are():
+    assert some_text(list("abcdef")) == "a, b, c, d, e, f"
+    assert some_text(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
+    assert some_text(list("abc"), 1) == "a and 2 more"
+    assert some_text([]) == ""

@@ -279,7 +279,7 @@ def test_pop_in_centimetres_with_undeclared_fill(tmp_path):
     assert_comes_back(read, 3e-4)
     assert not read.grid.wet[:, 0, 0].any()
     assert read.grid.wet.sum() == u[0].size - 4
-    assert any("24 values beyond 1000 m/s" in note for note in read.notes)
+    assert any("taken for missing: 24 values beyond 1000 m/s" in note for note in read.notes)
 
 
 def test_pop_levels_between_interfaces(tmp_path):

@@ -118,7 +118,7 @@ def test_land_is_missing_or_zero_in_all_members(tmp_path):
     assert read.grid.wet[0, 0, 0]
     assert not read.grid.wet[1:, 0, 0].any()
     assert not read.grid.wet[:, 4, 5].any()
-    assert "1 columns" in read.notes[0]
+    assert read.notes[0] == "taken for land: 1 column whose current is exactly zero in every member"
     assert read.grid.nodes.shape == (29, 2)
 
 
@@ -131,9 +131,7 @@ def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
     np.testing.assert_array_equal(read.grid.wet[:, 0, 0], [True, False, False, False])
     assert np.isnan(read.velocity[:, :, ~read.grid.wet]).all()
     assert np.isfinite(read.velocity[:, :, read.grid.wet]).all()
-    assert read.notes == (
-        "2 of 8 members miss values where others have them, 'e.nc member 5' most (4 of 120 points): 7 points were taken for land",
-    )
+    assert read.notes == ("taken for land: 7 points without values in 2 of 8 members, most in 'e.nc member 5' (4 of 120 points)",)
     ds["uo"][3, 0] = np.nan
     with pytest.raises(ForecastError, match=r"leave no water at the first level; 'none\.nc member 3' misses most \(33 of 120 points\)"):
         read_ensemble(write(ds, tmp_path / "none.nc"), PLAIN)

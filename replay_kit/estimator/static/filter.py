@@ -294,7 +294,7 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingC
     spread = None
     if config.spread == "fit" or (config.spread is None and ensemble.made_from):
         expected = left_out_amplitude(members, settings)
-        spread = SpreadFit(expected, expected, 0, float(np.sqrt(np.prod(cell_size(ensemble.grid)))))
+        spread = SpreadFit(expected, expected, 0, 0.5 * float(np.sqrt(np.prod(cell_size(ensemble.grid)))))
     return ReducedBasisEstimator(
         basis, scaled_prior(prior, config.spread), None, basis.representation_std(config), ensemble.time_ns, gating, spread
     )

@@ -1,9 +1,9 @@
 """The amplitude of the prior's covariance as a log goes on: what it was fitted to, and what the next fit needs.
 
 The first fit is to members left out. Measurements of the log follow, profiles and mean currents: after 8, 16 and 32 of them that lie apart,
-and then after every 32 up to 128, the amplitude is fitted to their innovations from the prior alone, centred on the first fit, and all
+and then a few times up to 128, the amplitude is fitted to their innovations from the prior alone, centred on the first fit, and all
 measurements so far are assimilated again under it. An estimate is thus never made with an amplitude that later measurements had a part in.
-Measurements near one another repeat one innovation of the prior, so they count once.
+Measurements within half a cell, in which no grid has structure, repeat one innovation of the prior, so they count once.
 
 One factor cannot be right at all scales: fields of other times differ by more at large scales than a forecast errs there, and by less at
 small ones. Few measurements tell of the large scales, which they also determine; the more there are, the finer is what is still uncertain,
@@ -23,7 +23,7 @@ from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.path_mean import PathRows
 
 # Numbers of measurements at which the amplitude is fitted.
-_COUNTS = (8, 16, 32, 64, 96, 128)
+_COUNTS = (8, 16, 32, 48, 64, 96, 128)
 # Measurements that are kept for the next fit at most: a vehicle may stay at one place.
 _MOST_KEPT = 1024
 # Innovations that are fitted at most: the cost goes with the cube of their number, some seconds for so many.

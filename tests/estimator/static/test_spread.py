@@ -110,7 +110,7 @@ def test_it_is_fitted_at_these_counts_and_ends_with_the_last():
         if state.spread.fitted_to != before.fitted_to:
             assert state.spread.fitted_to == len(before.apart) + 1
             counts.append(state.spread.fitted_to)
-    assert counts == [8, 16, 32, 64, 96, 128]
+    assert counts == [8, 16, 32, 48, 64, 96, 128]
     assert state.spread.past is None
     assert state.spread.apart == ()
     *_, (at_once, _) = ESTIMATOR.steps(ESTIMATOR.initial(), PROFILES)
@@ -164,10 +164,10 @@ def test_profiles_near_one_another_count_once():
     assert len(fit.after(PROFILES[3], None).apart) == 2
 
 
-def test_the_usual_spacing_is_a_cell():
+def test_the_usual_spacing_is_half_a_cell():
     east, north = GIVEN.grid.east, GIVEN.grid.north
     cell = np.sqrt(np.hypot(*np.diff([east, north], axis=2)[:, 0, 0]) * np.hypot(*np.diff([east, north], axis=1)[:, 0, 0]))
-    assert build_estimator(MADE, CONFIG).spread.spacing == pytest.approx(cell, rel=0.02)
+    assert build_estimator(MADE, CONFIG).spread.spacing == pytest.approx(0.5 * cell, rel=0.02)
 
 
 def test_a_vehicle_that_stays_ends_the_fit():
