@@ -82,14 +82,14 @@ def speed_ratio(counts: SpeedCounts, ping: Observation) -> str:
 
 def unit(explanation: Explanation, mean: PathMean, topic: str) -> Finding:
     """Return the finding of velocities in another unit than the mean currents'."""
-    scale = explanation.map.scale
-    gross = scale >= _GROSS
+    scale, name = explanation.map.scale, explanation.map.unit
+    gross, stated, about = scale >= _GROSS, f' = "{name}"' if name else "", "" if name else "about "
     return Finding(
         UNIT if gross else KNOTS,
         mean.time_ns,
-        f"{topic}: the profiles are {scale:.4g} times as fast as the {_SOURCE[mean.kind]} ({_strength(explanation)})",
-        f"the velocities are in {explanation.map.unit}, taken for m/s",
-        f'state measurements.velocity_unit = "{explanation.map.unit}", or check both sources',
+        f"{topic}: the profiles are {about}{scale:.4g} times as fast as the {_SOURCE[mean.kind]} ({_strength(explanation)})",
+        f"the velocities are in {name}, taken for m/s" if name else "a wrong unit or scale of the profiles",
+        f"state measurements.velocity_unit{stated}, or check both sources",
         "unusable" if gross else "inconsistent",
     )
 

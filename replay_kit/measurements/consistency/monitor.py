@@ -185,7 +185,7 @@ def _after_mean(instrument: Instrument, mean: PathMean, topic: str) -> tuple[Ins
     vehicle = sources.vehicle.explanation(_TURNED, _LEAST_DIVES, _TURN_GAIN) or sources.blocks.explanation(_TURNED, _LEAST_MOTIONS)
     current = sources.drift if mean.kind == "drift" else sources.current
     contradiction = current.explanation(_UNIT, _LEAST_UNITS) or current.explanation(_ANY, _LEAST_MEANS)
-    rival = float(current.gains().max()) if current.pairs else 0.0
+    rival = current.best_gain() if current.pairs else 0.0
     if vehicle is not None and vehicle.gain > rival + _LIKELIER:
         finding = findings.turned(vehicle, findings.OF_VEHICLE, mean.time_ns, topic)
         return replace(instrument, is_believed=False, named=instrument.named | {finding.name}), (finding,)

@@ -32,7 +32,8 @@ _MOST_PAIRS = 128
 # degrees; smaller turns are biases of a compass, which the estimator can estimate, and not faults
 _LEAST_TURN, _STEP = 20, 10
 KNOTS = 1.943844
-_SCALES = ((KNOTS, "knots"), (100.0, "cm/s"), (1000.0, "mm/s"))
+# Ten stands for any factor between those of units.
+_SCALES = ((KNOTS, "knots"), (10.0, ""), (100.0, "cm/s"), (1000.0, "mm/s"))
 _MIRRORS = {0: "the sign of north is wrong", 90: "east and north are exchanged", 180: "the sign of east is wrong"}
 
 
@@ -45,7 +46,7 @@ class LinearMap:
         kind: ``turn``, ``mirror`` or ``unit``.
         angle: A turn's, clockwise [degrees]; a mirror's, twice that of its axis from east to north; 0 for a unit.
         scale: How many times too large the logged vectors are; 1 but for a unit.
-        unit: Its name; empty for a turn or a mirror.
+        unit: Its name; empty for a turn, a mirror or a scale that is no unit's.
     """
 
     name: str
@@ -65,7 +66,7 @@ def linear_maps() -> tuple[tuple[LinearMap, ...], Array]:
     """Return the maps examined, and their matrices, shape (m, 2, 2)."""
     turns = [LinearMap(_turn_name(angle), "turn", angle) for angle in range(_LEAST_TURN, 361 - _LEAST_TURN, _STEP)]
     mirrors = [LinearMap(_mirror_name(angle), "mirror", angle) for angle in range(0, 360, _STEP)]
-    units = [LinearMap(f"in {unit}", "unit", scale=scale, unit=unit) for scale, unit in _SCALES]
+    units = [LinearMap(f"in {unit}" if unit else "several times too fast", "unit", scale=scale, unit=unit) for scale, unit in _SCALES]
     maps = (*turns, *mirrors, *units)
     return maps, np.array([_matrix(each) for each in maps])
 
@@ -184,6 +185,11 @@ class PairStatistics:
         """
         ratio = (self.sums.first + self.sums.second + self.floor) / self._as_logged
         return len(self.pairs) >= least_pairs and ratio >= _LEAST_RATIO and (self.sums.weight + 1.0) * math.log(ratio) >= LEAST_GAIN
+
+    def best_gain(self) -> float:
+        """Return the largest gain of any map, as if there were as many units as turns and mirrors: of many maps one fits by chance."""
+        gains, units = self.gains(), np.array([each.kind == "unit" for each in linear_maps()[0]])
+        return float(max(gains[~units].max(), gains[units].max() + math.log((~units).sum() / units.sum())))
 
     @property
     def _as_logged(self) -> float:

@@ -60,7 +60,7 @@ class SpeedCounts:
         pings: Number of pings.
         fast: Number of those more than eight times as fast as the ensemble, less their stated errors.
         slow: Number of those less than an eighth as fast, errors included.
-        impossible: Number of both that are, besides, faster than the RMS of any region's currents, or slower than any instrument's noise.
+        impossible: Number of both that are, besides, faster than any model's currents, or slower than any instrument's noise.
         log_ratio: Sum of the logarithm of how many times as fast as the ensemble each is.
     """
 
@@ -88,7 +88,7 @@ class SpeedCounts:
             self.pings + 1,
             self.fast + fast,
             self.slow + slow,
-            self.impossible + (fast and measured > _MOST_RMS**2) + (slow and measured < _LEAST_SPEED**2),
+            self.impossible + (fast and measured > _MOST_SPEED**2) + (slow and measured < _LEAST_SPEED**2),
             self.log_ratio + 0.5 * math.log(measured / typical),
         )
 

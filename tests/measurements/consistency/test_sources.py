@@ -132,7 +132,7 @@ def test_a_turned_compass_is_named_after_two_dives(degrees, dives):
 
 
 @pytest.mark.parametrize(
-    ("speed", "names"), [(0.3, []), (1.2, ["log and ensemble contradict each other"]), (1.6, ["unit of the velocities"])]
+    ("speed", "names"), [(0.3, []), (1.2, ["log and ensemble contradict each other"]), (4.1, ["unit of the velocities"])]
 )
 def test_a_tidal_stream_contradicts_a_slow_ensemble_and_ends_nothing(speed, names):
     state, slow = ConsistencyState(), EnsembleSpeeds(np.array([0.0, 100.0]), np.array([0.01, 0.01]))
@@ -150,6 +150,17 @@ def test_a_small_turn_is_no_fault():
 def test_a_unit_is_not_taken_for_a_turned_compass():
     found, _ = findings_after(CURRENTS, lambda current: (KNOTS * current[0], KNOTS * current[1]))
     assert [name for name, _ in found] == [IN_KNOTS]
+
+
+@pytest.mark.parametrize(
+    ("factor", "dives", "words"), [(8.0, 2, "about 10 times"), (20.0, 3, "about 10 times"), (100.0, 1, ": the profiles are 100 times")]
+)
+def test_a_factor_of_eight_or_more_is_unusable(factor, dives, words):
+    found, state = findings_after([(0.3, 0.1)] * 4, lambda current: (factor * current[0], factor * current[1]))
+    assert found == [("unit of the velocities", dives)]
+    assert words in state.findings[0].evidence
+    assert state.findings[0].severity == "unusable"
+    assert state.findings[0].advice.startswith("state measurements.velocity_unit" + (' = "cm/s", or' if factor == 100.0 else ", or"))
 
 
 def test_wrong_axes_are_not_taken_for_a_turned_compass():
