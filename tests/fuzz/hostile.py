@@ -316,10 +316,8 @@ def main() -> int:
             took = measured(arguments, Path(folder))
         wrong = took.code is None or "Traceback" in took.said or took.megabytes > MOST_MB or took.seconds > MOST_S
         bad += wrong
-        last = [line for line in took.said.splitlines() if line.strip()][-4:]
-        told = " / ".join(" ".join(line.split()) for line in last)[-300:]
-        print(
-            f"| {name} | {'none' if took.code is None else took.code} | {took.seconds:.1f} s | {took.megabytes:.0f} MB | {'BAD ' if wrong else ''}{told} |",
-            flush=True,
-        )
+        last = " / ".join(" ".join(line.split()) for line in took.said.splitlines() if line.strip())
+        told = next((line.strip() for line in took.said.splitlines() if "annot" in line or "replay-kit:" in line), last[-200:])[:240]
+        figures = f"{'none' if took.code is None else took.code} | {took.seconds:.1f} s | {took.megabytes:.0f} MB"
+        print(f"| {name} | {figures} | {'BAD ' if wrong else ''}{told} |", flush=True)
     return bad

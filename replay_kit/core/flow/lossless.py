@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.atomic import open_part, part_of
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.field import FlowField
@@ -153,7 +154,8 @@ def write_dataset(dataset: xr.Dataset, path: Path, encoding: dict[str, dict[str,
     Raises:
         ConfigError: The file cannot be written.
     """
-    part = path.with_name(path.name + ".part")
+    part = part_of(path)
+    open_part(path).close()
     try:
         dataset.to_netcdf(part, engine="h5netcdf", encoding=encoding)
         with part.open("rb") as file:

@@ -18,6 +18,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from replay_kit.core.atomic import open_part, part_of
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.observation_space import GrowingCholesky
@@ -166,12 +167,11 @@ class CheckpointFile:
         self._next_ns = state.last_ns + self._interval_ns
         body = io.BytesIO()
         _Dumper(body, self._prior).dump(Checkpoint(state, measurement, messages, self._journal.flushed(), session.writer.state))
-        part = self.path.with_name(self.path.name + ".part")
-        with part.open("wb") as file:
+        with open_part(self.path) as file:
             file.write(_MAGIC + self._identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
             file.flush()
             os.fsync(file.fileno())
-        os.replace(part, self.path)
+        os.replace(part_of(self.path), self.path)
 
     def close(self) -> None:
         """Close the journal; without a checkpoint no run can continue from it, and it is deleted."""

@@ -127,7 +127,7 @@ def test_load_refuses_other_versions_and_damage(flow: FlowEstimate, tmp_path: Pa
 
 
 def test_a_failed_write_leaves_nothing(flow: FlowEstimate, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot write"):
+    with pytest.raises(ConfigError, match="cannot be written"):
         save(flow, tmp_path / "missing" / "flow.nc")
     assert not list(tmp_path.iterdir())
 
