@@ -20,7 +20,7 @@ from replay_kit.logs.shared.statistics import ReadStatistics
 MAGIC = b"\xa3\x95"
 BLOCK = 1 << 20
 _LONGEST = 255
-#: Kinds declared anew with other fields, each of which divides the log; logs put end to end have some hundred, noise as many as it has bytes.
+#: Kinds declared anew with other fields, each of which divides the log: logs put end to end have some hundred, noise has one a record.
 _MOST_CHANGES = 2000
 
 
@@ -105,7 +105,8 @@ def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records
 def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) -> list[tuple[int, int, dict[int, Format]]]:
     """Return (first, last byte, formats) of the parts of a block: a new part begins where a type is declared again and differently."""
     formats = dict(formats)
-    pieces, first = [], 0
+    pieces: list[tuple[int, int, dict[int, Format]]] = []
+    first = 0
     for at in _magic(view, 0, min(searched, view.size - FMT.length + 1)).tolist():
         form = read_format(view[at + HEAD : at + FMT.length].tobytes()) if view[at + 2] == FMT_TYPE else None
         if form is None or form.type == FMT_TYPE or formats.get(form.type) == form:

@@ -16,7 +16,7 @@ MAPPING = 4
 PER_BYTE, FREE = 16, 1024
 #: Largest schema that is parsed, and all that are parsed of one log [bytes]: a schema in use has some kB, and parsed it takes 60 to 250
 #: times its length. What a log may declare in all, schemas and channels [bytes].
-MOST_SCHEMA, MOST_SCHEMAS, MOST_DECLARED = 1 << 18, 1 << 20, 1 << 25
+MOST_SCHEMA, MOST_SCHEMAS, MOST_DECLARED = 1 << 18, 1 << 20, 1 << 23
 
 
 class BudgetError(ReplayKitError, ValueError):
