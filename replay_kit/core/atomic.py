@@ -1,6 +1,7 @@
 """Files that are written completely or not at all."""
 
 import os
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,15 +19,11 @@ def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iter
         check: Called with the complete part on the disk; if it raises, the part is not renamed.
 
     Raises:
-        ConfigError: The file cannot be created.
+        ConfigError: As of ``open_part``.
         ReplayKitError: It cannot be written to its end, as on a full disk.
     """
-    part = path.with_name(path.name + ".part")
-    try:
-        file = open(part, "wb")  # noqa: SIM115 - closed below, before the rename
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}; choose another place") from error
-    with stored(part), file:
+    part = part_of(path)
+    with stored(part), open_part(path) as file:
         yield file
         file.flush()
         os.fsync(file.fileno())
@@ -53,6 +50,32 @@ def stored(path: Path) -> Iterator[None]:
         if error.filename not in (None, str(path)):
             raise
         raise ReplayKitError(f"{path}: cannot be written: {error.strerror or error}; is the disk full? Make room, and run again") from error
+
+
+def part_of(path: Path) -> Path:
+    """Return the name that an output has until it is complete."""
+    return path.with_name(path.name + ".part")
+
+
+def open_part(path: Path) -> BinaryIO:
+    """Return the part of an output, a new file that is open for writing; one left over by an interrupted run is replaced.
+
+    Links are not followed, and what is no file is not written to: who may write in the folder may not choose what else is overwritten.
+
+    Raises:
+        ConfigError: The output, or its part, exists and is no file, or the part cannot be created.
+    """
+    part = part_of(path)
+    if path.exists() and not path.is_file():
+        raise ConfigError(f"{path}: is no file but a folder, device, pipe or socket, which is not replaced; choose another name")
+    try:
+        if os.path.lexists(part):
+            if not stat.S_ISREG(part.lstat().st_mode):
+                raise ConfigError(f"{part}: is no file but a link, folder or device; remove it, or choose another name for {path.name}")
+            part.unlink()
+        return os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666), "wb")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}; choose another place") from error
 
 
 def sync(path: Path) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from replay_kit.core.atomic import part_of
 from replay_kit.core.errors import ConfigError
 
 #: One path, or several, of which those in a sequence of their own belong together.
@@ -24,14 +25,16 @@ def check_paths(
     read = [path for path in inputs if path is not None]
     wanted = [path for path in outputs if path is not None and str(path) != "-"] + kept
     for position, path in enumerate(wanted):
-        names = (path, _part(path)) if path.name else (path,)
+        names = (path, part_of(path)) if path.name else (path,)
         if any(_touches(name, source) for name in names for source in read):
             raise ConfigError(f"{path}: is an input of this run; an input is never overwritten: choose another name")
         earlier = wanted[:position]
-        if any(_same(name, other) for name in names for other in earlier) or any(_same(path, _part(other)) for other in earlier):
+        if any(_same(name, other) for name in names for other in earlier) or any(_same(path, part_of(other)) for other in earlier):
             raise ConfigError(f"{path}: two outputs have this name; choose another for one of them")
         if path.is_dir():
             raise ConfigError(f"{path}: is a folder; give the name of a file")
+        if path.is_socket() or path.is_block_device():
+            raise ConfigError(f"{path}: is a socket or a disk, which is not replaced; give the name of a file")
         if not path.parent.is_dir():
             raise ConfigError(f"{path}: there is no folder {path.parent}; make it, or choose another place")
         if path.exists() and not overwrite and path not in kept and not is_stream(path):
@@ -92,11 +95,6 @@ def is_stream(path: Path) -> bool:
 def truth_path(spec: str | None) -> Path | None:
     """Return the file of a truth given as ``PATH`` or ``PATH#MEMBER``."""
     return None if spec is None else Path(spec.partition("#")[0])
-
-
-def _part(path: Path) -> Path:
-    """Return the name of an output while it is written."""
-    return path.with_name(path.name + ".part")
 
 
 def _same(path: Path, other: Path) -> bool:

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 from mcap.writer import CompressionType, Writer
 
-from replay_kit.core.atomic import sync
+from replay_kit.core.atomic import open_part, part_of, sync
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.raw import OutChannels, RawChannel, RawMessage
 from replay_kit.results.digest import Digest
@@ -56,13 +56,10 @@ class ResultFile:
             ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
         """
         self.path = Path(path)
-        self.part = self.path.with_name(self.path.name + ".part")
+        self.part = part_of(self.path)
         self._overwrite = overwrite
         self._check_target()
-        try:
-            self._file = open(self.part, "wb")  # noqa: SIM115 - closed by close, abandon or discard
-        except OSError as error:
-            raise ConfigError(f"{self.path}: cannot write there: {error.strerror}; choose another place") from error
+        self._file = open_part(self.path)
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True)
         # without the library's version, which says nothing about the content
         self._writer.start(profile="replay-kit", library="replay-kit")
@@ -225,8 +222,6 @@ class ResultFile:
     def _check_target(self) -> None:
         if not self.path.parent.is_dir():
             raise ConfigError(f"{self.path}: the folder {self.path.parent} does not exist; make it or write elsewhere")
-        if self.path.is_dir():
-            raise ConfigError(f"{self.path}: a folder, but the result is a file; give it a name")
         if self.path.exists() and not self._overwrite:
             raise ConfigError(f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere")
 

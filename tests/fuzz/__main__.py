@@ -1,4 +1,7 @@
-"""``python -m tests.fuzz``: every sample and conformance log damaged in many ways; ``... atheris NAME``: guided; ``... kill``: SIGKILL."""
+"""``python -m tests.fuzz``: every sample and conformance log damaged in many ways.
+
+``... atheris NAME``: guided; ``... kill``: SIGKILL; ``... hostile [WORDS]``: inputs made to take time or memory.
+"""
 
 import argparse
 import resource
@@ -14,8 +17,8 @@ _MOST_MB = 300.0
 def main(arguments: list[str] | None = None) -> int:
     """Run, print what is wrong, return the number of logs with something wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("kind", nargs="?", choices=["damage", "atheris", "kill"], default="damage")
-    parser.add_argument("name", nargs="?", help="the parser, for atheris")
+    parser.add_argument("kind", nargs="?", choices=["damage", "atheris", "kill", "hostile"], default="damage")
+    parser.add_argument("name", nargs="?", help="the parser, for atheris; words in the names of hostile inputs")
     parser.add_argument("--places", type=int, default=64, help="cuts, and flips, of each log")
     parser.add_argument("--seconds", type=int, default=600, help="how long atheris runs")
     parser.add_argument("--count", type=int, default=200, help="kills of each command")
@@ -28,6 +31,10 @@ def main(arguments: list[str] | None = None) -> int:
         return run(options.name, options.seconds)
     if options.kind == "kill":
         return _kill(options.count, options.seed)
+    if options.kind == "hostile":
+        from tests.fuzz.hostile import run_all
+
+        return run_all(options.name or "")
     from tests.fuzz import damage, damage_vehicle
 
     begin, bad, count = time.perf_counter(), 0, 0

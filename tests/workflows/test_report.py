@@ -87,3 +87,19 @@ def test_the_summary_in_the_result_is_that_of_the_run(replayed) -> None:  # type
 
     kept = read_record(replayed.path).summary
     assert kept == {key: value for key, value in to_json(replayed.summary).items() if key != "seconds"}
+
+
+def test_names_of_files_topics_and_frames_are_text_in_the_page(tmp_path: Path) -> None:
+    evil = "<img src=x onerror=alert(1)>"
+    topic = "</script><script>alert(1)</script>"
+    logs = [tmp_path / f"{evil}{name}" for name in (".mcap", ".nc")]
+    for sample, log in zip(("survey.mcap", "ensemble.nc"), logs, strict=True):
+        log.write_bytes((SAMPLES / sample).read_bytes())
+    arguments = ["replay", str(logs[0]), "--ensemble", str(logs[1]), "-o", str(tmp_path / f"{evil}out.mcap"), *SHORT]
+    outcome = invoke([*arguments, "--remap", f"/adcp={topic}", "--remap", f"/vehicle/fix={topic}fix", "--report"])
+    assert outcome.exit_code in (0, 6), outcome.stderr
+    made = (tmp_path / f"{evil}out.html").read_text()
+    assert "&lt;img src=x onerror" in made
+    assert "alert(1)" in made
+    assert "<img" not in made
+    assert "<script>alert" not in made

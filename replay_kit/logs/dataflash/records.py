@@ -12,6 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from replay_kit.core.errors import LogError
 from replay_kit.logs.dataflash.formats import FMT, FMT_TYPE, HEAD, Format, read_format
 from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
 from replay_kit.logs.shared.statistics import ReadStatistics
@@ -19,6 +20,8 @@ from replay_kit.logs.shared.statistics import ReadStatistics
 MAGIC = b"\xa3\x95"
 BLOCK = 1 << 20
 _LONGEST = 255
+#: Kinds declared anew with other fields, each of which divides the log: logs put end to end have some hundred, noise has one a record.
+_MOST_CHANGES = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +73,7 @@ def is_dataflash(head: bytes) -> bool:
 def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records]:
     """Yield the records block after block; bytes between them, and a cut last record, are losses."""
     formats: dict[int, Format] = {FMT_TYPE: FMT}
+    changed = 0
     data, offset, sound_end, at_end = b"", 0, 0, False
     while not at_end:
         block = file.read(BLOCK)
@@ -78,7 +82,14 @@ def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records
         searched = len(data) if at_end else max(len(data) - _LONGEST - len(MAGIC), 0)
         view = np.frombuffer(data, dtype=np.uint8)
         used = 0
-        for first, last, known in _pieces(view, searched, formats):
+        pieces = _pieces(view, searched, formats)
+        changed += len(pieces) - 1
+        if changed > _MOST_CHANGES:
+            raise LogError(
+                f"{file.name}: expected each kind of record to be declared once, {changed} are declared again and differently up to byte "
+                f"{offset + len(data)}; is it a DataFlash log?"
+            )
+        for first, last, known in pieces:
             formats = known
             start, end = _records(view, max(first, used), last, formats, at_end, max(sound_end - offset, 0))
             gap = "bad bytes, or records of an unknown type, skipped"
@@ -94,12 +105,13 @@ def read_records(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Records
 def _pieces(view: NDArray[np.uint8], searched: int, formats: dict[int, Format]) -> list[tuple[int, int, dict[int, Format]]]:
     """Return (first, last byte, formats) of the parts of a block: a new part begins where a type is declared again and differently."""
     formats = dict(formats)
-    pieces, first = [], 0
+    pieces: list[tuple[int, int, dict[int, Format]]] = []
+    first = 0
     for at in _magic(view, 0, min(searched, view.size - FMT.length + 1)).tolist():
         form = read_format(view[at + HEAD : at + FMT.length].tobytes()) if view[at + 2] == FMT_TYPE else None
         if form is None or form.type == FMT_TYPE or formats.get(form.type) == form:
             continue
-        if form.type in formats:
+        if form.type in formats and len(pieces) <= _MOST_CHANGES:
             # records before this one are of the earlier declaration
             pieces.append((first, at, formats))
             formats, first = dict(formats), at

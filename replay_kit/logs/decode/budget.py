@@ -14,9 +14,9 @@ MOST_BYTES = 1 << 24
 MAPPING = 4
 #: Values for each byte of a message, and for a message without bytes: what is encoded in bytes has fewer in any encoding.
 PER_BYTE, FREE = 16, 1024
-#: Largest schema that is parsed, and all that are parsed of one log [bytes]: a schema in use has some kB, and parsed it takes 60 to 250 times
-#: its length. What a log may declare in all, schemas and channels [bytes].
-MOST_SCHEMA, MOST_SCHEMAS, MOST_DECLARED = 1 << 18, 1 << 20, 1 << 25
+#: Largest schema that is parsed, and all that are parsed of one log [bytes]: a schema in use has some kB, and parsed it takes 60 to 250
+#: times its length. What a log may declare in all, schemas and channels [bytes].
+MOST_SCHEMA, MOST_SCHEMAS, MOST_DECLARED = 1 << 18, 1 << 20, 1 << 23
 
 
 class BudgetError(ReplayKitError, ValueError):

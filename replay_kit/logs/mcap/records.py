@@ -24,8 +24,8 @@ MAGIC = b"\x89MCAP0\r\n"
 #: Largest record read [bytes]; a larger claim counts as damage.
 MAX_SIZE = 1 << 28
 
-#: Largest chunk decompressed whatever its bytes in the file [bytes], and how many bytes each of them may become beyond that: the uncompressed
-#: size is the file's claim, and may be a decompression bomb.
+#: Largest chunk decompressed whatever its bytes in the file [bytes], and how many bytes each of them may become beyond that: the
+#: uncompressed size is the file's claim, and may be a decompression bomb.
 MAX_CONTENTS, MAX_RATIO = 1 << 25, 8
 
 #: What the record parsers of ``mcap.records`` raise on bytes that are no such record.

@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
 
+from replay_kit.logs.decode.budget import MOST_DECLARED
 from replay_kit.logs.mcap.records import HEAD_SIZE, MAGIC, RECORD_ERRORS, RECORD_HEAD, crc_of_rest, file_records, parse
 
 _FOOTER_SIZE = HEAD_SIZE + 20
@@ -97,7 +98,13 @@ def read_summary(file: BinaryIO, size: int) -> Summary:
 
 def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
     found: dict[int, list[Any]] = {opcode: [] for opcode in _KINDS}
+    declared = 0
+    # of what is there twice the data section's own declarations count where these are left out
     for record in file_records(file, start, size):
+        if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            declared += len(record.body)
+            if declared > MOST_DECLARED:
+                continue
         if record.opcode in _KINDS:
             with suppress(*RECORD_ERRORS):
                 found[record.opcode].append(parse(_KINDS[record.opcode], record.body))

@@ -32,8 +32,8 @@ _HEAD = len(_MAGIC) + 64 + 32
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
 _CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float")}
-# Opcodes that the dumper never writes: memory for a place in the memo that is stated, or for bytes that are not there.
-_FOREIGN = frozenset({"PUT", "BINPUT", "LONG_BINPUT", "BYTEARRAY8", "NEXT_BUFFER", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "GLOBAL"})
+# Opcodes that the dumper never writes: a place in the memo takes memory for all places before it.
+_FOREIGN = frozenset({"PUT", "BINPUT", "LONG_BINPUT", "NEXT_BUFFER", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "GLOBAL"})
 # What stages raise on a state whose parts are of other kinds or sizes.
 _FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, MemoryError, RecursionError)
 

@@ -1,5 +1,6 @@
 """DataFlash logs: as pymavlink's reader gives them, with UTC where GPS has it, and damage counted and stepped over."""
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -226,3 +227,18 @@ def test_converted_to_mcap_it_says_the_same(tmp_path: Path) -> None:
     assert len(again) == len(messages)
     positions = [m.payload for m in messages if m.schema == "dataflash.GPS"]
     assert [dict(m.payload) for m in again if m.schema == "dataflash.GPS"] == positions
+
+
+def test_kinds_declared_anew_again_and_again_are_refused(tmp_path):
+    def declared(k):
+        return struct.pack("<2sBBB4s16s64s", b"\xa3\x95", 128, 10, 12, b"A%03d" % (k % 7), b"Qb", b"TimeUS,V")
+
+    path = tmp_path / "log.BIN"
+    for count, refused in ((2001, False), (2002, True)):
+        path.write_bytes(b"".join(declared(k) for k in range(count)))
+        reader = DataflashReader(path)
+        if refused:
+            with pytest.raises(LogError, match="expected each kind of record to be declared once, 2001 are declared again and differently"):
+                list(reader.messages())
+        else:
+            assert len(list(reader.messages())) == 2001

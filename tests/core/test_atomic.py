@@ -1,0 +1,107 @@
+"""Outputs replace files alone: no device, socket or folder, and nothing that a link at OUT.part names."""
+
+import os
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.core.atomic import atomic_file, open_part
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.flow.lossless import write_dataset
+from replay_kit.core.paths import check_paths
+from replay_kit.results.mcap_file import ResultFile
+from tests.command import invoke
+
+
+def text(path: Path) -> None:
+    with atomic_file(path) as file:
+        file.write(b"new")
+
+
+def dataset(path: Path) -> None:
+    write_dataset(xr.Dataset({"u": ("x", np.zeros(2))}), path, {})
+
+
+def result(path: Path) -> None:
+    ResultFile(path, overwrite=True, journal=None).close()
+
+
+WRITERS = pytest.mark.parametrize("write", [text, dataset, result])
+
+
+@WRITERS
+def test_a_link_in_place_of_the_part_is_not_followed(tmp_path: Path, write: Callable[[Path], None]) -> None:
+    victim, out = tmp_path / "victim", tmp_path / "out"
+    victim.write_text("old")
+    (tmp_path / "out.part").symlink_to(victim)
+    with pytest.raises(ConfigError, match=r"out\.part: is no file but a link"):
+        write(out)
+    assert victim.read_text() == "old"
+    assert not out.exists()
+
+
+@WRITERS
+def test_a_second_name_of_a_file_in_place_of_the_part_keeps_that_file(tmp_path: Path, write: Callable[[Path], None]) -> None:
+    victim, out = tmp_path / "victim", tmp_path / "out"
+    victim.write_text("old")
+    os.link(victim, tmp_path / "out.part")
+    write(out)
+    assert victim.read_text() == "old"
+    assert out.stat().st_size > 0
+
+
+@WRITERS
+def test_devices_folders_pipes_and_sockets_are_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Callable[[Path], None]
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "null").symlink_to("/dev/null")
+    with socket.socket(socket.AF_UNIX) as server:
+        monkeypatch.chdir(tmp_path)
+        server.bind("socket")
+        for name in ("pipe", "folder", "null", "socket"):
+            with pytest.raises(ConfigError, match=f"{name}: is no file but a folder, device, pipe or socket"):
+                write(tmp_path / name)
+            assert not (tmp_path / f"{name}.part").exists()
+        with pytest.raises(ConfigError, match="socket: is a socket or a disk"):
+            check_paths([], [tmp_path / "socket"], overwrite=True)
+
+
+def test_a_device_is_not_replaced_even_by_who_may(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="/dev/null: is no file but a folder, device"):
+        open_part(Path("/dev/null"))
+    assert Path("/dev/null").is_char_device()
+    assert not Path("/dev/null.part").exists()
+
+
+def test_a_part_that_is_a_folder_or_a_pipe_is_said(tmp_path: Path) -> None:
+    (tmp_path / "a.part").mkdir()
+    os.mkfifo(tmp_path / "b.part")
+    for name in ("a", "b"):
+        with pytest.raises(ConfigError, match=rf"{name}\.part: is no file but a link, folder or device; remove it"):
+            open_part(tmp_path / name)
+
+
+def test_a_link_at_the_outputs_own_name_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    victim, out = tmp_path / "victim", tmp_path / "out"
+    victim.write_text("old")
+    out.symlink_to(victim)
+    text(out)
+    assert victim.read_text() == "old"
+    assert out.read_text() == "new"
+    assert not out.is_symlink()
+
+
+@pytest.mark.parametrize("name", ["/dev/null", "/dev/full"])
+@pytest.mark.parametrize("command", [["convert", "LOG", "-o"], ["report", "LOG", "-o"], ["twin", "--truth", "LOG", "-o"]])
+def test_overwrite_refuses_devices(tmp_path: Path, name: str, command: list[str]) -> None:
+    log = tmp_path / "log.mcap"
+    log.write_bytes(b"")
+    outcome = invoke([*(str(log) if word == "LOG" else word for word in command), name, "--overwrite"])
+    assert outcome.exit_code == 2
+    assert Path(name).is_char_device()
