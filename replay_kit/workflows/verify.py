@@ -24,7 +24,7 @@ from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, f
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import Planner
-from replay_kit.workflows.replay.provenance import file_hash
+from replay_kit.workflows.replay.provenance import BATHYMETRY, file_hash, with_bathymetry
 from replay_kit.workflows.replay.replay import replay
 
 _VERSIONS = "replay_kit.versions"
@@ -78,7 +78,10 @@ def verify(result: Path, folders: Sequence[Path], planner_of: Callable[[PlannerC
         settings.write_text(recorded.config_toml, encoding="utf-8")
         config = load_config(settings)
         again = Path(folder) / "again.mcap"
-        job = _job(result, recorded, [*folders, result.parent, Path()], again)
+        found = _inputs(result, recorded, [*folders, result.parent, Path()])
+        if BATHYMETRY in found:
+            config = with_bathymetry(config, found[BATHYMETRY])
+        job = _job(recorded, found, again)
         planner = planner_of(config.planner)
         made, stopped = _repeat(job, config, planner, recorded.digests, progress)
         difference = None
@@ -147,10 +150,13 @@ def _repeat(
     return made, other
 
 
-def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -> ReplayJob:
-    named = recorded.metadata["replay_kit.inputs"]
+def _inputs(result: Path, recorded: Recorded, folders: Sequence[Path]) -> dict[str, Path]:
+    """Return the inputs that a result names, by their keys."""
+    return {key: _find(result, key, text, folders) for key, text in recorded.metadata["replay_kit.inputs"].items()}
+
+
+def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
     options = recorded.metadata.get("replay_kit.options", {})
-    found = {key: _find(result, key, text, folders) for key, text in named.items()}
     logs, ensemble = (tuple(found[key] for key in sorted(found, key=_number) if key.startswith(kind)) for kind in ("log", "ensemble"))
     goal = options.get("goal")
     where = Place(*(float(part) for part in goal.split(","))) if goal else None

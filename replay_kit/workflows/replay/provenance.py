@@ -12,6 +12,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.version import __version__
 
 _BLOCK = 1 << 20
+#: Key of the bathymetry among the inputs.
+BATHYMETRY = "bathymetry"
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
 
 
@@ -27,7 +29,7 @@ def file_hash(path: Path) -> str:
 
 
 def run_metadata(
-    logs: Sequence[Path], ensemble_files: Sequence[Path], ensemble: Ensemble, options: Mapping[str, str]
+    logs: Sequence[Path], ensemble_files: Sequence[Path], ensemble: Ensemble, options: Mapping[str, str], bathymetry: Path | None = None
 ) -> dict[str, Mapping[str, str]]:
     """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
 
@@ -36,6 +38,7 @@ def run_metadata(
         ensemble_files: The ensemble's files and stores.
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
+        bathymetry: The file that the configuration names; None without.
 
     Raises:
         ConfigError: Two logs hold the same bytes.
@@ -49,6 +52,8 @@ def run_metadata(
     for number, path in enumerate(ensemble_files):
         key = "ensemble" if len(ensemble_files) == 1 else f"ensemble{number}"
         inputs[key] = f"{path.name} sha256:{file_hash(path)}"
+    if bathymetry is not None:
+        inputs[BATHYMETRY] = f"{bathymetry.name} sha256:{file_hash(bathymetry)}"
     region = {
         "projection": "azimuthal equidistant, WGS84",
         "centre_longitude": repr(grid.projection.longitude),
@@ -84,11 +89,18 @@ def _versions() -> dict[str, str]:
 
 
 def run_settings_toml(config: RunConfig) -> str:
-    """Return the configuration as TOML, every value given; what is unset is left out, as TOML has no null."""
+    """Return the configuration as TOML, every value given, files by name; what is unset is left out, as TOML has no null."""
     lines: list[str] = []
+    if (bathymetry := config.planner.bathymetry_path) is not None:
+        config = with_bathymetry(config, Path(bathymetry.name))
     for section, values in config.model_dump(mode="json").items():
         lines += [f"[{section}]", *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""]
     return "\n".join(lines)
+
+
+def with_bathymetry(config: RunConfig, path: Path) -> RunConfig:
+    """Return a configuration with another file of the bathymetry."""
+    return config.model_copy(update={"planner": config.planner.model_copy(update={"bathymetry": str(path)})})
 
 
 def _toml(value: object) -> str:

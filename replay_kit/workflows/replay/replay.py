@@ -145,7 +145,8 @@ def _prepare(job: ReplayJob, config: RunConfig, planner: Planner | None, progres
     if job.goal is not None and planner is not None:
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    metadata = {} if job.out is None else run_metadata(job.logs, ensemble_files(job.ensemble), ensemble, _options(job, prior_flow))
+    bathymetry, files = config.planner.bathymetry_path, ensemble_files(job.ensemble)
+    metadata = {} if job.out is None else run_metadata(job.logs, files, ensemble, _options(job, prior_flow), bathymetry)
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
