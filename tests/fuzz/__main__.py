@@ -3,7 +3,10 @@
 import argparse
 import resource
 import sys
+import tempfile
 import time
+from collections import Counter
+from pathlib import Path
 
 #: More memory than this means that something was allocated on a damaged file's word.
 _MOST_MB = 300.0
@@ -16,12 +19,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("name", nargs="?", help="the parser, for atheris")
     parser.add_argument("--places", type=int, default=64, help="cuts, and flips, of each log")
     parser.add_argument("--seconds", type=int, default=600, help="how long atheris runs")
+    parser.add_argument(
+        "--count", type=int, default=0, help="random damages (cut, flip, repeat, splice) over all formats, instead of places"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the random damages")
     options = parser.parse_args(arguments)
     if options.kind == "atheris":
         # imported here, as it must be what first imports the parsers
         from tests.fuzz.guided import run
 
         return run(options.name, options.seconds)
+    if options.count:
+        return _sweep(options.count, options.seed)
     from tests.fuzz import damage, damage_vehicle
 
     begin, bad, count = time.perf_counter(), 0, 0
@@ -33,6 +42,22 @@ def main(arguments: list[str] | None = None) -> int:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     print(f"{count} logs, {options.places} cuts and flips each, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad} bad")
     return bad + (peak > _MOST_MB)
+
+
+def _sweep(count: int, seed: int) -> int:
+    """Damage logs of all formats at random, print what is wrong, and return the number of damages with something wrong."""
+    from tests.fuzz.subjects import sweep
+
+    begin, done, bad = time.perf_counter(), Counter[str](), Counter[str]()
+    with tempfile.TemporaryDirectory() as folder:
+        for name, wrong in sweep(count, seed, Path(folder)):
+            done[name] += 1
+            bad[name] += bool(wrong)
+            print("".join(f"{words}\n" for words in wrong), end="", flush=True)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(", ".join(f"{name} {bad[name]} of {number}" for name, number in done.items()))
+    print(f"{done.total()} damages, seed {seed}, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad.total()} bad")
+    return bad.total()
 
 
 if __name__ == "__main__":
