@@ -5,7 +5,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar, cast
 
 from replay_kit.core.message import Message
 from replay_kit.core.raw import RawMessage
@@ -125,7 +125,8 @@ class Merge(Generic[_T]):
                     self._jumps.append(ClockJump(message.input, last_ns, message.time_ns, settled.offset_ns))
                 time_ns, offset_ns = settled.last_ns, settled.offset_ns
             last_ns = time_ns
-            yield message._replace(time_ns=time_ns) if offset_ns else message
+            # both are tuples, whose copy is of their own kind
+            yield cast(_T, message._replace(time_ns=time_ns)) if offset_ns else message
 
 
 def merge(

@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from pathlib import Path
@@ -17,18 +16,16 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.config.gating import with_current_keys
-from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
-from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
 from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, first_difference, read_recorded
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.planner import Planner, PlannerFactory
-from replay_kit.workflows.replay.provenance import file_hash
+from replay_kit.workflows.replay.planner import PlannerFactory
+from replay_kit.workflows.replay.provenance import BATHYMETRY, file_hash, with_bathymetry
 from replay_kit.workflows.replay.replay import replay
 
 _VERSIONS = "replay_kit.versions"
@@ -82,15 +79,17 @@ def verify(result: Path, folders: Sequence[Path], planner_of: PlannerFactory, pr
         settings.write_text(recorded.config_toml, encoding="utf-8")
         config = load_config(settings)
         again = Path(folder) / "again.mcap"
-        job = _job(result, recorded, [*folders, result.parent, Path()], again)
-        bottom = _bathymetry(result, recorded, [*folders, result.parent, Path()])
-        made, stopped = _repeat(job, config, partial(_planner, planner_of, bottom), recorded.digests, progress)
+        found = _inputs(result, recorded, [*folders, result.parent, Path()])
+        if BATHYMETRY in found:
+            config = with_bathymetry(config, found[BATHYMETRY])
+        job = _job(recorded, found, again)
+        made, stopped = _repeat(job, config, planner_of, recorded.digests, progress)
         difference = None
         if stopped is not None:
             difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages, definitions)
         if stopped is not None and difference is None:
             # the digest itself is what differs: nothing less than everything must be compared
-            made, _ = _repeat(job, config, partial(_planner, planner_of, bottom), (), progress)
+            made, _ = _repeat(job, config, planner_of, (), progress)
         others: tuple[str, ...] = ()
         if difference is None:
             difference = first_difference(result, again, definitions=definitions)
@@ -151,10 +150,13 @@ def _repeat(
     return made, other
 
 
-def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -> ReplayJob:
-    named = recorded.metadata["replay_kit.inputs"]
+def _inputs(result: Path, recorded: Recorded, folders: Sequence[Path]) -> dict[str, Path]:
+    """Return the inputs that a result names, by their keys."""
+    return {key: _find(result, key, text, folders) for key, text in recorded.metadata["replay_kit.inputs"].items()}
+
+
+def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
     options = recorded.metadata.get("replay_kit.options", {})
-    found = {key: _find(result, key, text, folders) for key, text in named.items()}
     logs = tuple(found[key] for key in sorted(found, key=_numbers) if key.startswith("log"))
     # files of one product have its number first
     of_ensemble = [key for key in sorted(found, key=_numbers) if key.startswith("ensemble")]
@@ -167,17 +169,6 @@ def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -
 def _numbers(key: str) -> list[int]:
     """Return the numbers in an input's key, by which inputs are in their order."""
     return [int(number) for number in re.findall(r"\d+", key)]
-
-
-def _bathymetry(result: Path, recorded: Recorded, folders: Sequence[Path]) -> Path | None:
-    """Return the bathymetry of a result's plans; None without one, and in results of earlier versions, which do not name it."""
-    text = recorded.metadata["replay_kit.inputs"].get("bathymetry")
-    return None if text is None else _find(result, "bathymetry", text, folders)
-
-
-def _planner(planner_of: PlannerFactory, bathymetry: Path | None, config: PlannerConfig, region: Grid) -> Planner:
-    """Return the planner of a configuration, with the bathymetry where it was found and not where it was then."""
-    return planner_of(config if bathymetry is None else config.model_copy(update={"bathymetry": str(bathymetry)}), region)
 
 
 def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Path:

@@ -8,6 +8,7 @@ import resource
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 #: More memory than this means that something was allocated on a damaged file's word.
@@ -21,8 +22,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("name", nargs="?", help="the parser, for atheris; words in the names of hostile inputs")
     parser.add_argument("--places", type=int, default=64, help="cuts, and flips, of each log")
     parser.add_argument("--seconds", type=int, default=600, help="how long atheris runs")
-    parser.add_argument("--count", type=int, default=200, help="kills of each command")
-    parser.add_argument("--seed", type=int, default=1, help="of the instants of kills")
+    parser.add_argument("--count", type=int, default=0, help="random damages instead of places; kills of each command (200)")
+    parser.add_argument("--seed", type=int, default=1, help="of random damages, and of the instants of kills")
     options = parser.parse_args(arguments)
     if options.kind == "atheris":
         # imported here, as it must be what first imports the parsers
@@ -30,11 +31,13 @@ def main(arguments: list[str] | None = None) -> int:
 
         return run(options.name, options.seconds)
     if options.kind == "kill":
-        return _kill(options.count, options.seed)
+        return _kill(options.count or 200, options.seed)
     if options.kind == "hostile":
         from tests.fuzz.hostile import run_all
 
         return run_all(options.name or "")
+    if options.count:
+        return _sweep(options.count, options.seed)
     from tests.fuzz import damage, damage_vehicle
 
     begin, bad, count = time.perf_counter(), 0, 0
@@ -60,6 +63,22 @@ def _kill(count: int, seed: int) -> int:
             print("".join(f"{words}\n" for words in result.wrong) + f"{kind}: {said}: {len(result.wrong)} bad", flush=True)
             wrong += len(result.wrong)
     return wrong
+
+
+def _sweep(count: int, seed: int) -> int:
+    """Damage logs of all formats at random, print what is wrong, and return the number of damages with something wrong."""
+    from tests.fuzz.subjects import sweep
+
+    begin, done, bad = time.perf_counter(), Counter[str](), Counter[str]()
+    with tempfile.TemporaryDirectory() as folder:
+        for name, wrong in sweep(count, seed, Path(folder)):
+            done[name] += 1
+            bad[name] += bool(wrong)
+            print("".join(f"{words}\n" for words in wrong), end="", flush=True)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(", ".join(f"{name} {bad[name]} of {number}" for name, number in done.items()))
+    print(f"{done.total()} damages, seed {seed}, {time.perf_counter() - begin:.0f} s, peak {peak:.0f} MB: {bad.total()} bad")
+    return bad.total()
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import pytest
 
 from tests.fuzz import damage_vehicle
 from tests.fuzz.damage import ROOT, damage, logs
+from tests.fuzz.subjects import subjects, sweep
 
 FILES = logs()
 
@@ -27,3 +28,9 @@ def test_a_damaged_telemetry_log_gives_what_is_whole():
 def test_a_damaged_dataflash_log_gives_what_is_whole_before_the_damage():
     (file,) = (file for file in damage_vehicle.logs() if file.suffix == ".BIN")
     assert damage_vehicle.damage(file, 6) == []
+
+
+def test_random_damages_of_every_format(tmp_path):
+    """A share of ``python -m tests.fuzz damage --count N``; NetCDF-4 is left to it, as the library that reads it may hang."""
+    names = [subject.name for subject in subjects(tmp_path) if subject.name != "netcdf"]
+    assert [wrong for _, wrong in sweep(2 * len(names), 3, tmp_path, names) if wrong] == []

@@ -67,8 +67,8 @@ def bottom_tracks(data: bytes, records: Sequence[Record]) -> tuple[dict[str, Bot
 
 def _as_columns(rows: list[tuple[int, Array, Array]]) -> BottomTracks:
     rows = sorted(rows, key=lambda row: row[0])
-    velocity, distance = (_stacked([row[k] for row in rows]) for k in (1, 2))
-    return BottomTracks(np.array([row[0] for row in rows], np.int64), velocity, distance)
+    velocity, distance = _stacked([velocity for _, velocity, _ in rows]), _stacked([distance for _, _, distance in rows])
+    return BottomTracks(np.array([time_ns for time_ns, _, _ in rows], np.int64), velocity, distance)
 
 
 def _stacked(rows: list[Array]) -> Array:
@@ -114,7 +114,7 @@ def _time_ns(body: bytes) -> int | None:
         since = datetime(1900 + year, month + 1, day, hour, minute, second, tzinfo=UTC) - _EPOCH
     except ValueError:
         return None
-    return (since // timedelta(seconds=1)) * 1_000_000_000 + ticks * 100_000
+    return int(since / timedelta(seconds=1)) * 1_000_000_000 + int(ticks) * 100_000
 
 
 def with_bottom(profiles: RawProfiles, tracks: Mapping[str, BottomTracks]) -> RawProfiles:
@@ -136,8 +136,8 @@ def with_bottom(profiles: RawProfiles, tracks: Mapping[str, BottomTracks]) -> Ra
             nearer = np.abs(track.time_ns[after] - profiles.time_ns) < np.abs(track.time_ns[before] - profiles.time_ns)
             nearest = np.where(nearer, after, before)
             beside = np.abs(track.time_ns[nearest] - profiles.time_ns) <= _BESIDE_NS
-            found = (np.where(beside[:, None], values[nearest], np.nan) for values in (velocity, track.distance))
-            return replace(profiles, bottom=tuple(found))
+            found, distance = (np.where(beside[:, None], values[nearest], np.nan) for values in (velocity, track.distance))
+            return replace(profiles, bottom=(found, distance))
     return profiles
 
 

@@ -7,6 +7,7 @@ import os
 import struct
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.logs.adcp.records import AD2CP_TEXT, Record
 
 _AVERAGE, _BURST = 0x16, 0x15
-#: Of a file with one ping; and where a profile's ensemble counter is in its data [bytes].
-_TEXT_AND_PING, _ENSEMBLE = 2, 72
+#: Where a record's kind is in its head, and a profile's ensemble counter in its data [bytes].
+_KIND, _ENSEMBLE = 2, 72
 NO_ENSEMBLE = "no sound ensemble of velocities is in it (checksums); copy it from the instrument again"
 
 
@@ -63,19 +64,26 @@ def read_ad2cp(path: Path, data: bytes, records: Sequence[Record]) -> list[Any]:
         # of two modes MHKiT leaves the file's configuration with the first
         return [dataset.assign_attrs({**datasets[0].attrs, **dataset.attrs}) for dataset in datasets]
 
-    parts = [data[record.start : record.end] for record in _of_use(records)]
-    if len(parts) > _TEXT_AND_PING:
-        return _read(path, b"".join(parts), read)
+    first, *pings = [data[record.start : record.end] for record in _of_use(records)]
     # MHKiT needs a second ping to know how long one is
-    (dataset,) = _read(path, b"".join([*parts, _next_ping(parts[-1])]), read)
-    return [dataset.isel({name: slice(0, 1) for name in dataset.dims if str(name).startswith("time")})]
+    alone = len(pings) == 1
+    datasets = _read(path, b"".join([first, *_numbered(2 * pings if alone else pings)]), read)
+    return [
+        dataset.isel({name: slice(0, 1) for name in dataset.dims if str(name).startswith("time")}) if alone else dataset
+        for dataset in datasets
+    ]
 
 
-def _next_ping(record: bytes) -> bytes:
-    """Return a record of a profile with its ensemble counter one higher; MHKiT does not ask for checksums."""
-    at = record[1] + _ENSEMBLE
-    (number,) = struct.unpack_from("<I", record, at)
-    return record[:at] + struct.pack("<I", (number + 1) % 2**32) + record[at + 4 :]
+def _numbered(pings: Sequence[bytes]) -> Iterator[bytes]:
+    """Yield records of profiles whose ensemble counters go up by one; MHKiT merges or leaves out pings where they do not.
+
+    Checksums are not made anew: MHKiT does not ask for them.
+    """
+    numbers: Counter[int] = Counter()
+    for ping in pings:
+        numbers[ping[_KIND]] += 1
+        at = ping[1] + _ENSEMBLE
+        yield ping[:at] + struct.pack("<I", numbers[ping[_KIND]]) + ping[at + 4 :]
 
 
 def _read(path: Path, content: bytes, read: Callable[[str], list[Any]]) -> list[Any]:

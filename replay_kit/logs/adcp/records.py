@@ -117,9 +117,9 @@ def _ad2cp(data: bytes, values: Bytes) -> Iterator[Record]:
         body, end = start + header_size, start + header_size + size
         if _nortek_checksum(values[start : body - 2]) != header_check or end > len(data):
             continue
-        # a sound header states where the next record begins, even when the content is damaged
-        position = end
+        # where the content is damaged, bytes may be missing in it, and the next record begins before the header says
         if _nortek_checksum(values[body:end]) == data_check:
+            position = end
             yield Record(start, end, kind)
 
 

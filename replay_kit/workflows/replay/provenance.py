@@ -14,6 +14,8 @@ from replay_kit.core.version import __version__
 from replay_kit.workflows.replay.inputs import ReplayJob
 
 _BLOCK = 1 << 20
+#: Key of the bathymetry among the inputs.
+BATHYMETRY = "bathymetry"
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
 
 
@@ -34,7 +36,11 @@ def named_hash(path: Path) -> str:
 
 
 def run_metadata(
-    logs: Sequence[Path], arguments: Sequence[Sequence[Path]], ensemble: Ensemble, options: Mapping[str, str]
+    logs: Sequence[Path],
+    arguments: Sequence[Sequence[Path]],
+    ensemble: Ensemble,
+    options: Mapping[str, str],
+    bathymetry: Path | None = None,
 ) -> dict[str, Mapping[str, str]]:
     """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
 
@@ -43,6 +49,7 @@ def run_metadata(
         arguments: The ensemble's files and stores, argument by argument; those of one belong together where members are models.
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
+        bathymetry: The file that the configuration names; None without.
 
     Raises:
         ConfigError: Two logs hold the same bytes.
@@ -59,6 +66,8 @@ def run_metadata(
         files = [path for argument in arguments for path in argument]
         named = {"ensemble" if len(files) == 1 else f"ensemble{number}": path for number, path in enumerate(files)}
     inputs |= {key: named_hash(path) for key, path in named.items()}
+    if bathymetry is not None:
+        inputs[BATHYMETRY] = named_hash(bathymetry)
     region = {
         "projection": "azimuthal equidistant, WGS84",
         "centre_longitude": repr(grid.projection.longitude),
@@ -115,11 +124,18 @@ def _versions() -> dict[str, str]:
 
 
 def run_settings_toml(config: RunConfig) -> str:
-    """Return the configuration as TOML, every value given; what is unset is left out, as TOML has no null."""
+    """Return the configuration as TOML, every value given, files by name; what is unset is left out, as TOML has no null."""
     lines: list[str] = []
+    if (bathymetry := config.planner.bathymetry_path) is not None:
+        config = with_bathymetry(config, Path(bathymetry.name))
     for section, values in config.model_dump(mode="json").items():
         lines += [f"[{section}]", *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""]
     return "\n".join(lines)
+
+
+def with_bathymetry(config: RunConfig, path: Path) -> RunConfig:
+    """Return a configuration with another file of the bathymetry."""
+    return config.model_copy(update={"planner": config.planner.model_copy(update={"bathymetry": str(path)})})
 
 
 def _toml(value: object) -> str:

@@ -43,7 +43,7 @@ from replay_kit.workflows.replay.inputs import (
 )
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.provenance import named_hash, run_metadata, run_options, run_settings_toml
+from replay_kit.workflows.replay.provenance import run_metadata, run_options, run_settings_toml
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
@@ -159,10 +159,8 @@ def _prepare(
         planner = planner_of(config.planner, ensemble.grid)
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    arguments = find_sources(job.ensemble).arguments
-    metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow))
-    if metadata and problem is not None and (bottom := config.planner.bathymetry_path) is not None:
-        metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], "bathymetry": named_hash(bottom)}
+    arguments, bathymetry = find_sources(job.ensemble).arguments, config.planner.bathymetry_path
+    metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)

@@ -85,11 +85,12 @@ def ensemble(survey: Survey, k: int) -> bytes:
 def nortek_record(kind: int, content: bytes, long: bool = False) -> bytes:
     """Return an AD2CP record with its two checksums."""
     size = struct.pack("<I" if long else "<H", len(content))
-    head = bytes([0xA5, 12 if long else 10, kind, 0x10]) + size + struct.pack("<H", _nortek_sum(content))
-    return head + struct.pack("<H", _nortek_sum(head)) + content
+    head = bytes([0xA5, 12 if long else 10, kind, 0x10]) + size + struct.pack("<H", nortek_sum(content))
+    return head + struct.pack("<H", nortek_sum(head)) + content
 
 
-def _nortek_sum(content: bytes) -> int:
+def nortek_sum(content: bytes) -> int:
+    """Return the checksum of a record's head or content."""
     total = 0xB58C
     for k in range(0, len(content) - 1, 2):
         total += content[k] + 256 * content[k + 1]

@@ -1,0 +1,265 @@
+"""Small sound logs of every format, and what must come of each when it is damaged at random.
+
+Every piece of a log that a checksum covers, and that is whole in the damaged file, must come; nothing may come that no checksum of the
+damaged file covers, save where the report counts it as unchecked; a loss is told. The oracles walk the files by the formats' own rules.
+"""
+
+import os
+import signal
+import struct
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType
+from scipy.io import netcdf_file
+
+from replay_kit.core.errors import LogError
+from replay_kit.logs import open_log
+from tests.fuzz import damage, damage_vehicle
+from tests.fuzz.mishap import Mishap, mishap
+from tests.logs.adcp import ad2cp_samples, raw_adcp_samples
+from tests.logs.dataflash.dataflash_samples import dataflash
+from tests.logs.glider import glider_samples
+from tests.logs.log_samples import json_mcap, tlog
+from tests.logs.mcap.test_broken_mcap import record_offsets
+
+#: More seconds than this for a log of some kilobytes are a hang.
+_MOST_S = 10.0
+#: Start, end, and what the piece says.
+Piece = tuple[int, int, Any]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A sound log.
+
+    Attributes:
+        name: Its format, for a person.
+        data: The file.
+        check: Says what is wrong with what was made of a damaged one.
+    """
+
+    name: str
+    data: bytes
+    check: Callable[[Mishap, Path], list[str]]
+
+
+def sweep(count: int, seed: int, folder: Path, names: Sequence[str] = ()) -> Iterator[tuple[str, list[str]]]:
+    """Yield name and what is wrong for each of many random damages; the subjects take turns.
+
+    Args:
+        count: How many damages.
+        seed: Of the random numbers.
+        folder: Where the damaged files are written.
+        names: Of the subjects; all when empty.
+    """
+    chosen = [subject for subject in subjects(folder) if not names or subject.name in names]
+    path = folder / "damaged"
+    for number in range(count):
+        subject = chosen[number % len(chosen)]
+        harm = mishap(subject.data, number // len(chosen), seed)
+        path.write_bytes(harm.data)
+        begin = time.perf_counter()
+        try:
+            wrong = subject.check(harm, path)
+        # every exception but ours is a finding
+        except Exception as error:
+            wrong = [f"{type(error).__name__}: {error}"]
+        if (seconds := time.perf_counter() - begin) > _MOST_S:
+            wrong.append(f"took {seconds:.0f} s")
+        yield subject.name, [f"{subject.name} {number // len(chosen)}: {harm.what}: {words}" for words in wrong]
+
+
+def subjects(folder: Path) -> list[Subject]:
+    """Return a sound log of every format and of its variants; NetCDF files are made in a folder."""
+    times = range(1000, 1000 + 60 * 10**7, 10**7)
+    mcaps = {
+        "mcap": json_mcap(times),
+        "mcap zstd": json_mcap(times, CompressionType.ZSTD),
+        "mcap lz4": json_mcap(times, CompressionType.LZ4),
+        "mcap one chunk": json_mcap(times, chunk_size=1 << 20),
+        "mcap unchunked": json_mcap(times, use_chunking=False, data_crcs=True),
+    }
+    mcaps |= {
+        f"{name}, no end": mcaps[name][: record_offsets(mcaps[name], Opcode.DATA_END)[0]]
+        for name in ("mcap", "mcap zstd", "mcap unchunked")
+    }
+    vessel = raw_adcp_samples.Survey(n=8, cells=6)
+    changed = raw_adcp_samples.Survey(n=8, cells=4, cell=2.0, system="earth")
+    pd0 = b"".join(raw_adcp_samples.ensemble(vessel if k < 4 else changed, k) for k in range(8))
+    flights = (glider_samples.spray(folder / "spray"), _classic(folder / "classic"), glider_samples.seaexplorer(folder)[0])
+    found = [Subject(name, data, _mcap(data)) for name, data in mcaps.items()]
+    found += [
+        Subject("tlog", data := b"".join(tlog(40)), _covered(damage_vehicle.frames(data), damage_vehicle.frames, _frames_of)),
+        Subject("dataflash", data := b"".join(dataflash(12)), _uncovered),
+        Subject("pd0", pd0, _covered(ensembles(pd0), ensembles, _pings_of)),
+        Subject("ad2cp", data := ad2cp_samples.ad2cp(ad2cp_samples.Survey(), 6), _covered(bursts(data), bursts, _pings_of, 1)),
+    ]
+    checks = (("netcdf", _apart), ("netcdf 3", _uncovered), ("text", _uncovered))
+    return [*found, *(Subject(name, path.read_bytes(), check) for (name, check), path in zip(checks, flights, strict=True))]
+
+
+def _mcap(data: bytes) -> Callable[[Mishap, Path], list[str]]:
+    # the oracle wants an end
+    ended = data if data.endswith(b"MCAP0\r\n") else data + struct.pack("<BQI", Opcode.DATA_END, 4, 0)
+    sound = damage.sound_messages(ended)
+    every, covered = Counter(message.said[1:] for message in sound), any(message.checked for message in sound)
+
+    def check(harm: Mishap, path: Path) -> list[str]:
+        try:
+            said, report = damage.read_raw(path)
+        except LogError:
+            return ["refused although the magic bytes are there"] if harm.data[:8] == data[:8] else []
+        # of a channel whose record is lost the topic is not known
+        came = Counter(message[1:] for message in said)
+        whole = Counter(message.said[1:] for message in sound if harm.keeps(message.start, message.unit_end))
+        lost, new = every - came, sum(count for message, count in came.items() if message not in every)
+        unchecked, told, wrong = sum(report.unchecked.values()), bool(report.losses or report.undecodable), []
+        if covered and (missing := whole - came):
+            wrong.append(f"{missing.total()} messages that are whole under a checksum did not come")
+        if new > unchecked:
+            wrong.append(f"{new} messages came wrong, {unchecked} are said to be unchecked")
+        if lost.total() > (0 if told else unchecked) and not told:
+            wrong.append(f"{lost.total()} messages went without a word")
+        if told and not new and not report.undecodable and all(loss.messages is not None for loss in report.losses):
+            stated = sum(loss.messages or 0 for loss in report.losses)
+            wrong += [f"{stated} messages are said to be lost, {lost.total()} are"] if stated != lost.total() else []
+        return wrong
+
+    return check
+
+
+def _covered(
+    sound: Sequence[Piece], walk: Callable[[bytes], list[Piece]], read: Callable[[Path], tuple[list[Any], bool]], needed: int = 0
+) -> Callable[[Mishap, Path], list[str]]:
+    """Return the check of a format whose pieces have checksums.
+
+    Args:
+        sound: Pieces of the sound file.
+        walk: Finds those of any file.
+        read: What our reader makes of a file, and whether it tells of a loss.
+        needed: Number of pieces at the beginning without which the file may be refused; they say nothing themselves.
+    """
+    edges = {edge for start, end, _ in sound for edge in (start, end)}
+
+    def check(harm: Mishap, path: Path) -> list[str]:
+        here = [what for _, _, what in walk(harm.data)]
+        try:
+            said, told = read(path)
+        except LogError:
+            kept = all(harm.keeps(start, end) for start, end, _ in sound[:needed])
+            return ["refused although a whole piece is in it"] if kept and any(what is not None for what in here[needed:]) else []
+        said_of = Counter(map(repr, said))
+        whole = Counter(repr(what) for start, end, what in sound if what is not None and harm.keeps(start, end))
+        wrong = [f"{(whole - said_of).total()} whole pieces did not come"] if whole - said_of else []
+        if foreign := said_of.keys() - {repr(what) for what in here}:
+            wrong.append(f"{len(foreign)} pieces came that no checksum covers: {next(iter(foreign))[:80]}")
+        every = Counter(repr(what) for _, _, what in sound if what is not None)
+        # what is cut out from the edge of a piece to the edge of another leaves no trace
+        traceless = all(edge in edges for part in harm.kept for edge in part)
+        if every - said_of and not told and not traceless:
+            wrong.append(f"{(every - said_of).total()} pieces went without a word")
+        return wrong
+
+    return check
+
+
+def _uncovered(harm: Mishap, path: Path) -> list[str]:
+    """Return what is wrong with a log without checksums: it is read to its end or refused, and says that nothing covers it."""
+    del harm
+    try:
+        log = open_log(path)
+        read = sum(1 for _ in log.messages())
+        return ["it does not say that no checksum covers it"] if read and not log.report().unchecked else []
+    except LogError:
+        return []
+
+
+def _apart(harm: Mishap, path: Path) -> list[str]:
+    """Return what is wrong with a log that is read by a library in C, which may hang or crash: in a process of its own."""
+    if (child := os.fork()) == 0:
+        signal.alarm(int(_MOST_S))
+        # whatever is raised, the child must not go on as if it were its parent
+        try:
+            wrong = bool(_uncovered(harm, path))
+        except BaseException:
+            wrong = True
+        os._exit(wrong)
+    _, status = os.waitpid(child, 0)
+    if os.WIFSIGNALED(status):
+        return [f"ended by {signal.Signals(os.WTERMSIG(status)).name}"]
+    return ["it does not say that no checksum covers it, or another exception than ours"] if os.WEXITSTATUS(status) else []
+
+
+def _frames_of(path: Path) -> tuple[list[bytes], bool]:
+    said, report = damage_vehicle.read_frames(path)
+    return said, bool(report.losses or report.undecodable)
+
+
+def _pings_of(path: Path) -> tuple[list[Any], bool]:
+    log = open_log(path)
+    said = [_in_mm(message.payload["velocity"]) for message in log.messages() if message.topic == "/adcp"]
+    return said, bool(log.report().losses or log.report().undecodable)
+
+
+def _in_mm(cells: Iterable[Iterable[float | None]]) -> list[list[int | None]]:
+    return [[None if value is None else round(1000 * value) for value in cell] for cell in cells]
+
+
+def ensembles(data: bytes) -> list[Piece]:
+    """Return the PD0 ensembles of any bytes: start, end, and velocities [mm/s]."""
+    found, at = [], 0
+    while (at := data.find(b"\x7f\x7f", at)) >= 0:
+        size = int.from_bytes(data[at + 2 : at + 4], "little")
+        body, check = data[at : at + size], data[at + size : at + size + 2]
+        if size > 8 and len(check) == 2 and sum(body) & 0xFFFF == int.from_bytes(check, "little"):
+            offsets = struct.unpack_from(f"<{body[5]}H", body, 6)
+            blocks = {body[place : place + 2]: place for place in offsets}
+            cells = body[blocks[b"\x00\x00"] + 9]
+            values = np.frombuffer(body, "<i2", 4 * cells, blocks[b"\x00\x01"] + 2).reshape(cells, 4)
+            found.append((at, at + size + 2, _none_if_missing(values)))
+            at += size + 2
+        else:
+            at += 1
+    return found
+
+
+def bursts(data: bytes) -> list[Piece]:
+    """Return the AD2CP records of any bytes: start, end, and a burst's velocities in beam coordinates [mm/s]; None of other records."""
+    found, at = [], 0
+    while (at := data.find(b"\xa5\x0a", at)) >= 0:
+        head = data[at : at + 10]
+        at += 1
+        if len(head) < 10:
+            break
+        size, check, head_check = struct.unpack_from("<HHH", head, 4)
+        body = data[at + 9 : at + 9 + size]
+        if raw_adcp_samples.nortek_sum(head[:8]) == head_check and len(body) == size and raw_adcp_samples.nortek_sum(body) == check:
+            what = None
+            if head[2] == ad2cp_samples.BURST:
+                cells = struct.unpack_from("<H", body, 30)[0] & 1023
+                what = _none_if_missing(np.frombuffer(body, "<i2", 4 * cells, 76).reshape(4, cells).T)
+            found.append((at - 1, at + 9 + size, what))
+            at += 9 + size
+    return found
+
+
+def _none_if_missing(values: np.ndarray) -> list[list[int | None]]:
+    return [[None if value == -32768 else int(value) for value in row] for row in values.tolist()]
+
+
+def _classic(path: Path) -> Path:
+    """Return a NetCDF-3 file with a row for each second."""
+    with netcdf_file(path, "w") as file:
+        file.createDimension("time", 50)
+        for name, values, units in (("time", np.arange(50.0), "seconds since 2020-01-01"), ("speed", np.linspace(0.0, 1.0, 50), "m s-1")):
+            variable = file.createVariable(name, "d", ("time",))
+            variable[:] = values
+            variable.units = units
+    return path
