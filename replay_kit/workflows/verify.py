@@ -7,7 +7,6 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -15,17 +14,15 @@ from typing import Any
 from rich.console import Console
 
 from replay_kit.config.gating import with_current_keys
-from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import LogError
-from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
 from replay_kit.results import CONTRACT_VERSION, Difference, Digest, Recorded, first_difference, read_recorded
 from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
-from replay_kit.workflows.replay.planner import Planner, PlannerFactory
+from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.provenance import file_hash
 from replay_kit.workflows.replay.replay import replay
 
@@ -81,14 +78,13 @@ def verify(result: Path, folders: Sequence[Path], planner_of: PlannerFactory, pr
         config = load_config(settings)
         again = Path(folder) / "again.mcap"
         job = _job(result, recorded, [*folders, result.parent, Path()], again)
-        bottom = _bathymetry(result, recorded, [*folders, result.parent, Path()])
-        made, stopped = _repeat(job, config, partial(_planner, planner_of, bottom), recorded.digests, progress)
+        made, stopped = _repeat(job, config, planner_of, recorded.digests, progress)
         difference = None
         if stopped is not None:
             difference = first_difference(result, again.with_name(again.name + ".part"), stopped.messages, definitions)
         if stopped is not None and difference is None:
             # the digest itself is what differs: nothing less than everything must be compared
-            made, _ = _repeat(job, config, partial(_planner, planner_of, bottom), (), progress)
+            made, _ = _repeat(job, config, planner_of, (), progress)
         others: tuple[str, ...] = ()
         if difference is None:
             difference = first_difference(result, again, definitions=definitions)
@@ -156,18 +152,9 @@ def _job(result: Path, recorded: Recorded, folders: Sequence[Path], out: Path) -
     logs, ensemble = (tuple(found[key] for key in sorted(found, key=_number) if key.startswith(kind)) for kind in ("log", "ensemble"))
     goal = options.get("goal")
     where = Place(*(float(part) for part in goal.split(","))) if goal else None
-    return ReplayJob(logs, ensemble, out, goal=where, include_inputs=options.get("include_inputs") == "true")
-
-
-def _bathymetry(result: Path, recorded: Recorded, folders: Sequence[Path]) -> Path | None:
-    """Return the bathymetry of a result's plans; None without one, and in results of earlier versions, which do not name it."""
-    text = recorded.metadata["replay_kit.inputs"].get("bathymetry")
-    return None if text is None else _find(result, "bathymetry", text, folders)
-
-
-def _planner(planner_of: PlannerFactory, bathymetry: Path | None, config: PlannerConfig, region: Grid) -> Planner:
-    """Return the planner of a configuration, with the bathymetry where it was found and not where it was then."""
-    return planner_of(config if bathymetry is None else config.model_copy(update={"bathymetry": str(bathymetry)}), region)
+    return ReplayJob(
+        logs, ensemble, out, goal=where, include_inputs=options.get("include_inputs") == "true", bathymetry=found.get("bathymetry")
+    )
 
 
 def _number(key: str) -> int:

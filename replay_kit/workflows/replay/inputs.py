@@ -45,6 +45,7 @@ class ReplayJob:
         checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
+        bathymetry: Where the bathymetry of the configuration is now; None for where that says.
     """
 
     logs: tuple[Path, ...]
@@ -58,6 +59,7 @@ class ReplayJob:
     checkpoint: Path | None = None
     overwrite: bool = False
     include_inputs: bool = False
+    bathymetry: Path | None = None
 
 
 def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()) -> None:

@@ -151,13 +151,14 @@ def _prepare(
     with clock.stage("basis"):
         estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
         prior_flow = estimator.flow(estimator.initial())
-    problem = None
+    problem = bottom = None
     if job.goal is not None and planner_of is not None:
-        planner = planner_of(config.planner, ensemble.grid)
+        bottom = job.bathymetry or config.planner.bathymetry_path
+        planner = planner_of(config.planner.model_copy(update={"bathymetry": None if bottom is None else str(bottom)}), ensemble.grid)
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
     metadata = {} if job.out is None else run_metadata(job.logs, ensemble_files(job.ensemble), ensemble, run_options(job, prior_flow))
-    if metadata and problem is not None and (bottom := config.planner.bathymetry_path) is not None:
+    if metadata and problem is not None and bottom is not None:
         metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], "bathymetry": named_hash(bottom)}
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
