@@ -36,8 +36,16 @@ def to_geographic(projection: Projection, east: ArrayLike, north: ArrayLike) -> 
 
 
 def grid_bearing_of_true_north(projection: Projection, longitude: ArrayLike, latitude: ArrayLike) -> Array:
-    """Return the angle [rad], clockwise from the local north axis, in which true north points at each place."""
-    factors = _proj(projection).get_factors(np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64))
+    """Return the angle [rad], clockwise from the local north axis, in which true north points at each place; NaN where a place is NaN."""
+    longitude, latitude = np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
+    known = np.isfinite(longitude) & np.isfinite(latitude)
+    if not known.all() or not known.size:
+        # pyproj takes neither no places nor places that are not numbers
+        turns = np.full(known.shape, np.nan)
+        if known.any():
+            turns[known] = grid_bearing_of_true_north(projection, longitude[known], latitude[known])
+        return turns
+    factors = _proj(projection).get_factors(longitude, latitude)
     return -np.deg2rad(np.asarray(factors.meridian_convergence, dtype=np.float64))
 
 

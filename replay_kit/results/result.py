@@ -1,9 +1,11 @@
 """A result MCAP as a notebook wants it: the estimate, and tables of all else."""
 
 import struct
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,16 +101,20 @@ class ResultFile:
         """
         import pandas as pd
 
-        lists = [field.name for field in MESSAGES["Innovation"] if field.repeated]
-        values = list(self._decoded("/flow/innovation", "Innovation"))
-        counts = [len(value.depth) for value in values]
-        times = np.array([value.timestamp.ToNanoseconds() for value in values], dtype="datetime64[ns]")
-        of_profile = {"time": times, "observation": range(len(values)), "dive": [value.dive for value in values]}
-        columns = {name: np.repeat(np.asarray(column), counts) for name, column in of_profile.items()}
-        for name in lists:
-            parts = [getattr(value, name) for value in values]
-            full = (part if len(part) == count else np.full(count, np.nan) for part, count in zip(parts, counts, strict=True))
-            columns[name] = np.concatenate([np.empty(0), *full])
+        # as plain numbers, because a million messages do not fit into memory
+        found = {field.name: array("d") for field in MESSAGES["Innovation"] if field.repeated}
+        times, dives, counts = array("q"), array("q"), array("q")
+        for value in self._decoded("/flow/innovation", "Innovation"):
+            count = len(value.depth)
+            times.append(value.timestamp.ToNanoseconds())
+            dives.append(value.dive)
+            counts.append(count)
+            for name, numbers in found.items():
+                each = getattr(value, name)
+                numbers.extend(each if len(each) == count else repeat(np.nan, count))
+        of_profile = {"time": np.array(times, dtype="datetime64[ns]"), "observation": np.arange(len(times)), "dive": np.array(dives)}
+        columns = {name: np.repeat(column, counts) for name, column in of_profile.items()}
+        columns |= {name: np.array(numbers) for name, numbers in found.items()}
         return pd.DataFrame(columns).astype({"flags": np.int32, "reasons": np.uint32}).set_index("time")
 
     @cached_property

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from replay_kit.core.geodesy import (
     distance,
+    grid_bearing_of_true_north,
     heading_deg,
     inside_grid,
     rotate_to_geographic,
@@ -57,3 +58,13 @@ def test_inside_the_outline_of_a_grid():
     beyond = 1.2 * grid.east[:, -1]
     assert not inside_grid(grid, beyond, grid.north[:, -1]).any()
     assert not inside_grid(grid, np.array([0.0]), np.array([1.2 * grid.north.max()])).any()
+
+
+def test_the_bearing_of_true_north_of_no_place_and_of_places_that_are_not_numbers():
+    projection = Projection(5.0, 62.0)
+    assert grid_bearing_of_true_north(projection, np.empty(0), np.empty(0)).shape == (0,)
+    found = grid_bearing_of_true_north(projection, [5.0, np.nan, 6.0], [62.0, 62.0, 62.0])
+    assert np.isnan(found).tolist() == [False, True, False]
+    assert found[2] == grid_bearing_of_true_north(projection, 6.0, 62.0)
+    u, v = rotate_to_local(projection, np.empty(0), np.empty(0), np.empty(0), np.empty(0))
+    assert u.size == v.size == 0

@@ -28,7 +28,14 @@ def moved(flow: FlowEstimate, longitude: float) -> FlowEstimate:
 
 
 def write(
-    path: Path, flow: FlowEstimate, innovations: list[Innovation], plan: Plan | None, *, grids: bool = True, estimate: bool = True
+    path: Path,
+    flow: FlowEstimate,
+    innovations: list[Innovation],
+    plan: Plan | None,
+    *,
+    grids: bool = True,
+    estimate: bool = True,
+    depth: float = 20.0,
 ) -> None:
     """Write a result with a position and a measurement every hour about the centre of a flow."""
     centre = flow.grid.projection
@@ -39,7 +46,7 @@ def write(
         for k, innovation in enumerate(innovations):
             now = start + k * 3_600_000_000_000
             longitude = (centre.longitude + 0.01 * k + 180.0) % 360.0 - 180.0
-            writer.fix(VehicleState(now, longitude, centre.latitude + 0.002 * k, 20.0, False, replace(innovation.source, topic="/gps")))
+            writer.fix(VehicleState(now, longitude, centre.latitude + 0.002 * k, depth, False, replace(innovation.source, topic="/gps")))
             writer.innovation(replace(innovation, time_ns=now + 5))
             writer.estimate(now + 5, weights, flow.levels)
             if grids:

@@ -73,7 +73,8 @@ def _around_plan(plan: LastPlan, projection: Projection) -> list[dict[str, Any]]
         ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
         features.append(_feature("Polygon", [ring], {"name": f"90 % ellipse of planned surfacing {number}"}))
     for area in plan.areas:
-        ring = _line(*np.array([*area.corners, area.corners[0]]).T, projection)
+        longitude, latitude = np.array([*area.corners, area.corners[0]]).T
+        ring = _line(longitude, latitude, projection)
         features.append(_feature("Polygon", [ring], {"name": f"no-go area {area.name}", "surface_only": area.surface_only}))
     return features
 

@@ -1,0 +1,138 @@
+"""Results that lack something, or lie where maps are difficult: a page, every figure and every export of each shows what there is."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import Innovation
+from replay_kit.core.plan import Plan
+from replay_kit.results import ResultWriter
+from replay_kit.results.export import ENDINGS, export
+from replay_kit.results.plots import KINDS, drawn
+from replay_kit.results.report import report_html
+from replay_kit.results.views.contents import Contents
+from replay_kit.workflows.report import opened
+from tests.results.cases import moved, write
+from tests.results.report.html_of import elements, figures, text_of
+from tests.results.result_samples import CONFIG, METADATA
+from tests.synthetic_flow import synthetic_flow
+
+#: Writes a result to a path.
+Case = Callable[[Path, FlowEstimate, Innovation, Plan], None]
+
+
+def of_another_version(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("replay_kit.results.mcap_writer.CONTRACT_VERSION", 3)
+        write(path, flow, [innovation] * 3, plan)
+
+
+def without_estimate(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, flow, [innovation] * 3, plan, estimate=False)
+
+
+def cut_short(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, flow, [innovation] * 3, plan)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(0.6 * len(data))])
+
+
+def without_plan(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, flow, [innovation] * 3, None)
+
+
+def of_one_ping(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, flow, [innovation], None)
+
+
+def of_a_vessel(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, flow, [replace(innovation, dive=0)] * 3, plan, depth=float("nan"))
+
+
+def across_the_antimeridian(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, moved(flow, 179.98), [innovation] * 4, plan)
+
+
+def at_80_north(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, synthetic_flow(latitude=80.0), [innovation] * 4, plan)
+
+
+def without_positions(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    with ResultWriter(path) as writer:
+        writer.start(flow.grid.projection, flow.time_ns or 0, METADATA, CONFIG)
+        writer.innovation(innovation)
+        writer.finish(flow)
+
+
+def of_nothing(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, flow, [], None, estimate=False)
+
+
+#: Each case, what its page says of it, and which tables of its exports have rows.
+CASES: list[tuple[Case, str, set[str]]] = [
+    (of_another_version, "The result has version 3 of the contract, this program version 4", {"plans", "section", "track"}),
+    (without_estimate, "carries no estimate.nc", {"plans", "section", "track"}),
+    (cut_short, "The result is cut short: ", {"section", "track"}),
+    (without_plan, "The result holds no plan", {"section", "track"}),
+    (of_one_ping, "gave 1 measurement of the current that was used", {"section", "track"}),
+    (of_a_vessel, "without dives: a vessel at the surface, or a log without depths", {"plans", "section", "track"}),
+    (across_the_antimeridian, "The vehicle travelled", {"plans", "section", "track"}),
+    (at_80_north, "The vehicle travelled", {"plans", "section", "track"}),
+    (without_positions, "gave 1 measurement of the current that was used", {"section"}),
+    (of_nothing, "The result holds neither a position nor a measurement.", set()),
+]
+
+
+@pytest.mark.parametrize(("case", "said", "tables"), CASES, ids=[case.__name__ for case, _, _ in CASES])
+def test_each_is_shown_and_exported(
+    case: Case,
+    said: str,
+    tables: set[str],
+    flow: FlowEstimate,
+    innovation: Innovation,
+    plan: Plan,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # few: each is flown in Python
+    monkeypatch.setattr("replay_kit.results.report.sections.waypoint._SAMPLES", 1)
+    case(tmp_path / "case.mcap", flow, innovation, plan)
+    with opened(tmp_path / "case.mcap") as contents:
+        page = report_html(contents.result, contents.notes)
+        assert said in " ".join(text_of(page, section) for section in ("answer", "plan"))
+        # a section without a figure says why
+        for attrs, text in elements(page, "section"):
+            assert len(text) > 60, attrs
+        assert all(figure["traces"] for figure in figures(page).values())
+        for kind in KINDS:
+            figure = drawn(contents, kind, columns=1)
+            assert figure.axes
+            for axes in figure.axes:
+                assert axes.has_data() or axes.texts, (kind, axes.get_title(loc="left"))
+        _check_exports(contents, tmp_path, tables)
+
+
+def _check_exports(contents: Contents, folder: Path, tables: set[str]) -> None:
+    """See that each export has the rows that are there, that it can be read, and that it says so where there are none."""
+    for ending in ENDINGS:
+        rows = export(contents, folder / f"out{ending}")
+        assert {name for name in ("plans", "section", "track") if rows.get(name)} == tables & set(rows), ending
+    with xr.open_dataset(folder / "out.nc") as found:
+        assert {str(name) for name in found.sizes} >= tables
+    track = pd.read_csv(folder / "out.csv")
+    assert (len(track) > 0) == ("track" in tables)
+    features = json.loads((folder / "out.geojson").read_text())["features"]
+    assert bool(features) == bool(tables & {"track", "plans"})
+    for feature in features:
+        if feature["geometry"]["type"] == "LineString":
+            longitudes = np.array(feature["geometry"]["coordinates"])[:, 0]
+            assert np.all(np.abs(np.diff(longitudes)) < 1.0)
+    ElementTree.parse(folder / "out.kml")
