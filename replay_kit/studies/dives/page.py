@@ -58,7 +58,7 @@ def _errors(result: DivesResult, kind: str) -> Chart:
     for dive in result.dives[1:]:
         for method, rmse in rmse_of(dive, kind).items():
             by_method[method].append((dive.number, 100.0 * rmse))
-    series = tuple(Series(method.replace("_", " "), *zip(*points, strict=True)) for method, points in by_method.items())
+    series = tuple(Series(method.replace("_", " "), [x for x, _ in each], [y for _, y in each]) for method, each in by_method.items())
     caption = "Lower is better. Where the estimate lies below the others, what it learned from earlier dives helped to predict this one."
     return Chart(f"errors-{kind}", TITLES[kind], caption, (_DIVES, Axis("RMS error [cm/s]")), series)
 

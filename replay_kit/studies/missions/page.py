@@ -69,7 +69,7 @@ def _chart(study: str, unit: str, rows: Sequence[MissionRow]) -> Chart:
     limits = [(limit, k) for k, row in enumerate(rows) for limit in (row.at_least, row.at_most) if limit == limit]
     whole = [(row.value, k) for k, row in enumerate(rows)]
     parts = (("each mission", missions, "circle-open"), ("all missions", whole, "diamond"), ("limit", limits, "line-ns"))
-    series = tuple(Series(name, *zip(*points, strict=True), mode="markers", symbol=symbol) for name, points, symbol in parts if points)
+    series = tuple(Series(name, [x for x, _ in each], [y for _, y in each], "markers", symbol) for name, each, symbol in parts if each)
     key, title = (
         f"{study}-{re.sub('[^a-z0-9]+', '-', unit)}",
         f"{_TITLES[study]}: figures in {unit}" if unit != "1" else f"{_TITLES[study]}: ratios",

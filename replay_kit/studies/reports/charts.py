@@ -91,7 +91,10 @@ def chart_figure(chart: Chart) -> Figure:
     horizontal, vertical = chart.axes
     layout: dict[str, Any] = {"height": 400 + 14 * len(chart.series), "xaxis": _axis(chart, 0), "yaxis": _axis(chart, 1)}
     if vertical.labels:
-        layout["height"] = 190 + 46 * len(vertical.labels)
+        rows = 46 * len(vertical.labels)
+        # below the title of the axis, which lies as far below a low chart as below a high one
+        legend = {"orientation": "h", "x": 0, "y": -75 / (rows + 40), "yanchor": "top"}
+        layout |= {"height": 210 + rows, "legend": legend}
         layout["yaxis"]["autorange"] = "reversed"
     if chart.level is not None:
         line = {"color": {"$color": "soft"}, "dash": "dot", "width": 1.5}

@@ -1,6 +1,6 @@
 """Figures are those of the reference pictures: shrunk until letters are grey, so that another version of a font is no other picture.
 
-A figure that differs is written into the test's folder, which the failure names: look at it, and copy it into ``references`` if it is right.
+A figure that differs is in the folder that the failure names: look at it, and copy it into ``references`` if it is right.
 """
 
 import io
@@ -49,9 +49,8 @@ def pictures(tmp_path, innovation, plan):
     def shrink(kind: str, factor: float = 1.0) -> np.ndarray:
         path = tmp_path / f"{factor:g}.mcap"
         if not path.exists():
-            growing = [
-                replace(innovation, dive=k + 1, residual=factor * (k + 1) * innovation.residual, nis=6.0 * k + 1.0) for k in range(5)
-            ]
+            residuals = [factor * (k + 1) * innovation.residual for k in range(5)]
+            growing = [replace(innovation, dive=k + 1, residual=each, nis=6.0 * k + 1.0) for k, each in enumerate(residuals)]
             write(path, synthetic_flow(), growing, plan)
         return shrunk(drawn(Contents(open_result(path)), kind))
 
