@@ -48,7 +48,7 @@ def log(folder: Path, encoding: str, schema: tuple[str, str, bytes] | None, payl
         channel = writer.register_channel(topic, encoding, number)
         writer.add_message(channel, 10**18, payload, 10**18)
         writer.finish()
-    return ["info", str(path)]
+    return ["info", "--full", str(path)]
 
 
 def _ros1_empty(folder: Path) -> list[str]:
@@ -108,7 +108,7 @@ def _many_schemas(folder: Path) -> list[str]:
             channel = writer.register_channel(f"/t{k}", "cdr", writer.register_schema(f"p/msg/A{k}", "ros2msg", text))
             writer.add_message(channel, 10**18 + k, b"\0\1\0\0" + bytes(12), 10**18)
         writer.finish()
-    return ["info", str(path)]
+    return ["info", "--full", str(path)]
 
 
 def _proto(folder: Path) -> list[str]:

@@ -10,7 +10,8 @@ from rich.console import Console
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert, convert_json, print_converted
-from replay_kit.workflows.info.inspect import info_json, inspect_log, print_info
+from replay_kit.workflows.info.inspect import inspect_log
+from replay_kit.workflows.info.listing import info_json, print_info
 from tests.logs.dataflash.dataflash_samples import dataflash
 from tests.logs.glider import glider_samples as gliders
 from tests.logs.log_samples import json_mcap, tlog

@@ -60,6 +60,7 @@ def info(
 
     from replay_kit.forecast import describe_ensemble
     from replay_kit.measurements import suggestions
+    from replay_kit.results.text import print_lines
     from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
     from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
     from replay_kit.workflows.info.inspect import inspect_logs
@@ -80,7 +81,7 @@ def info(
         print_import_check(check, console)
     following = next_command(found, logs, ensemble, settings.file) if logs else None
     if following is not None:
-        console.print(following, soft_wrap=True)
+        print_lines(console, following.splitlines())
     if suggest is not None:
         write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
     answer: dict[str, Any] = {"logs": [info_json(log) for log in found]}

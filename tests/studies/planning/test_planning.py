@@ -113,7 +113,7 @@ def test_studies_are_reported_in_every_form(answer):
         assert np.ptp(matplotlib.image.imread(picture)[..., :3]) == 1.0
     # what is there already is not replaced without being asked to
     assert isinstance(again.exception, ConfigError)
-    assert "masked" in str(again.exception)
+    assert "index.html: exists" in str(again.exception)
 
 
 def test_plans_on_the_truth_meet_goals_that_the_truth_reaches(answer):
