@@ -107,6 +107,8 @@ function layoutOf(figure) {
     font: { color: ink, size: narrow ? 11 : 13, family: "system-ui, 'DejaVu Sans', sans-serif" },
     colorway: ["--one", "--two", "--three", "--four"].map(styled),
     hoverlabel: { bgcolor: styled("--paper"), bordercolor: styled("--line"), font: { color: ink } },
+    // plotly would lay a dark bar over the figure, as the page's background is transparent
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: styled("--line"), activecolor: ink },
   };
   for (const key of Object.keys(out)) if (/^[xy]axis/.test(key)) out[key] = { ...axis, ...out[key] };
   for (const key of ["xaxis", "yaxis"]) if (!out[key]) out[key] = axis;
