@@ -13,7 +13,7 @@ from replay_kit.results.schemas import MESSAGES, TIME, Field
 _PACKAGE = ".replay_kit."
 # where a column's numbers are kept until all are read: those of lists as doubles, which hold NaN where a message has none
 _CODES = {"double": "d", "int32": "q", "uint32": "q", "uint64": "Q", "bool": "b", TIME: "q"}
-_LIST_TYPES = {"double": np.dtype(np.float64), "int32": np.dtype(np.int32), "uint32": np.dtype(np.uint32)}
+_LIST_TYPES: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "int32": np.dtype(np.int32), "uint32": np.dtype(np.uint32)}
 
 
 class SingleValues:
@@ -74,7 +74,7 @@ class ListValues:
             length: List whose length all lists of a message have that are not empty.
         """
         self._fields = [field for field in MESSAGES[name] if field.repeated]
-        self._length, self._counts = length, array("q")
+        self._length, self._counts, self._total = length, array("q"), 0
         self._numbers = {field.name: array("d") for field in self._fields}
 
     def add(self, value: Any) -> None:
@@ -83,12 +83,23 @@ class ListValues:
         self._counts.append(count)
         for name, numbers in self._numbers.items():
             each = getattr(value, name)
-            numbers.extend(each if len(each) == count else repeat(np.nan, count))
+            if len(each) == count:
+                # what messages before lacked, of which the last ones may never be needed
+                numbers.extend(repeat(np.nan, self._total - len(numbers)))
+                numbers.extend(each)
+        self._total += count
 
     def columns(self) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
         """Return how many values each message has, shape (n,), and the columns."""
-        found = {field.name: shared(self._numbers[field.name]).astype(_LIST_TYPES[field.type], copy=False) for field in self._fields}
+        found = {field.name: self._filled(self._numbers[field.name]).astype(_LIST_TYPES[field.type], copy=False) for field in self._fields}
         return shared(self._counts), found
+
+    def _filled(self, numbers: "array[float]") -> NDArray[Any]:
+        """Return a list with what its last messages lacked; of one that no message has, a NaN that takes no memory."""
+        if not numbers:
+            return np.broadcast_to(np.nan, self._total)
+        numbers.extend(repeat(np.nan, self._total - len(numbers)))
+        return shared(numbers)
 
 
 def single_columns(values: Iterable[Any], name: str) -> dict[str, Any]:
