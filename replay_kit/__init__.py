@@ -8,9 +8,9 @@
 Each name is imported when it is first asked for.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
+from replay_kit.core.on_demand import on_demand
 from replay_kit.core.version import __version__
 
 if TYPE_CHECKING:
@@ -45,31 +45,26 @@ __all__ = [
     "replay",
 ]
 
-_PUBLIC = {
-    "Ensemble": "core.grid",
-    "FlowEstimate": "core.flow.estimate",
-    "Observation": "core.observation",
-    "Place": "core.plan",
-    "Plan": "core.plan",
-    "ReplayKitError": "core.errors",
-    "Result": "results",
-    "RunConfig": "config.run",
-    "observations": "measurements",
-    "open_ensemble": "workflows.library",
-    "open_estimate": "core.flow.load",
-    "open_log": "logs",
-    "open_result": "results",
-    "plan": "workflows.library",
-    "replay": "workflows.library",
-}
-
-
-def __getattr__(name: str) -> object:
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'replay_kit' has no attribute {name!r}; it has {', '.join(__all__)}")
-    value = getattr(import_module(f"replay_kit.{_PUBLIC[name]}"), "load" if name == "open_estimate" else name)
-    globals()[name] = value
-    return value
+__getattr__ = on_demand(
+    globals(),
+    {
+        "Ensemble": "core.grid",
+        "FlowEstimate": "core.flow.estimate",
+        "Observation": "core.observation",
+        "Place": "core.plan",
+        "Plan": "core.plan",
+        "ReplayKitError": "core.errors",
+        "Result": "results.opened",
+        "RunConfig": "config.run",
+        "observations": "measurements",
+        "open_ensemble": "workflows.library",
+        "open_estimate": "core.flow.load:load",
+        "open_log": "logs",
+        "open_result": "results.opened",
+        "plan": "workflows.library",
+        "replay": "workflows.library",
+    },
+)
 
 
 def __dir__() -> list[str]:

@@ -18,10 +18,10 @@ class PlannerConfig(BaseModel):
         description="What is planned: a glide, one constant velocity through water, or a mission of dives; auto: for a glider's log a "
         "mission, for others a glide.",
     )
-    when: Literal["interval", "surfacing"] | None = Field(
-        default=None,
-        description="When a plan is made: at intervals, or at each surfacing and after an interval without one. Default: interval for a "
-        "glide, surfacing for a mission.",
+    when: Literal["interval", "surfacing"] = Field(
+        default="interval",
+        description="When a plan is made: at intervals, a mission at the first surfacing after each; or at each surfacing, and after an "
+        "interval without one.",
     )
     speed: float = Field(default=0.3, gt=0.0, description="Speed through water [m/s].")
     tolerance: float = Field(default=250.0, gt=0.0, description="Distance from the goal within which it is reached [m].")
@@ -84,8 +84,3 @@ class PlannerConfig(BaseModel):
             return self.model_copy(update={"kind": "glide"})
         depth = self.depth if "depth" in self.model_fields_set else min(max(self.depth, goal_depth), deepest)
         return self.model_copy(update={"kind": "mission", "depth": depth})
-
-    @property
-    def at_surfacings(self) -> bool:
-        """Whether a replay plans anew at each surfacing."""
-        return (self.when or ("surfacing" if self.kind == "mission" else "interval")) == "surfacing"

@@ -23,6 +23,11 @@ class Flag(IntEnum):
     MISSING = 9
 
 
+def usable(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Return which bins are used: good ones and suspect ones; where the latter are unwanted, measurement quality control fails them."""
+    return np.asarray((flags == Flag.GOOD) | (flags == Flag.SUSPECT))
+
+
 class Reason(IntFlag):
     """Why a bin or a ping was not used, or why it is suspect: its flag says which."""
 

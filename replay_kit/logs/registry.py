@@ -68,7 +68,7 @@ def _glider() -> Callable[[Path, int, LogConfig | None, frozenset[str] | None], 
 def _is_glider(head: bytes) -> bool:
     if head.startswith(_NETCDF):
         return True
-    from replay_kit.logs.glider.seaexplorer import is_seaexplorer
+    from replay_kit.logs.glider.recognise import is_seaexplorer
 
     return is_seaexplorer(head)
 

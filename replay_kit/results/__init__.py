@@ -1,12 +1,17 @@
 """Values to result files and back: the result MCAP, its message schemas and its read-back check."""
 
-from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
-from replay_kit.results.digest import Digest
-from replay_kit.results.journal import Journal, read_journal
-from replay_kit.results.mcap_reader import read_estimate
-from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.results.opened import Result, open_result
-from replay_kit.results.schemas import CONTRACT_VERSION
+from typing import TYPE_CHECKING
+
+from replay_kit.core.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
+    from replay_kit.results.digest import Digest
+    from replay_kit.results.journal import Journal, read_journal
+    from replay_kit.results.mcap_reader import read_estimate
+    from replay_kit.results.mcap_writer import ResultWriter
+    from replay_kit.results.opened import Result, open_result
+    from replay_kit.results.schemas import CONTRACT_VERSION
 
 __all__ = [
     "CONTRACT_VERSION",
@@ -22,3 +27,22 @@ __all__ = [
     "read_journal",
     "read_recorded",
 ]
+
+# messages in words need none of the libraries that read and write files
+__getattr__ = on_demand(
+    globals(),
+    {
+        "CONTRACT_VERSION": "schemas",
+        "Difference": "compare",
+        "Digest": "digest",
+        "Journal": "journal",
+        "Recorded": "compare",
+        "Result": "opened",
+        "ResultWriter": "mcap_writer",
+        "first_difference": "compare",
+        "open_result": "opened",
+        "read_estimate": "mcap_reader",
+        "read_journal": "journal",
+        "read_recorded": "compare",
+    },
+)

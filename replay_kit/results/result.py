@@ -2,10 +2,9 @@
 
 import struct
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -20,16 +20,16 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
-from replay_kit.results.mcap_reader import read_estimate
+from replay_kit.results.columns import ListValues, SingleValues, shared, single_columns
+from replay_kit.results.mcap_reader import read_estimate, read_messages
 from replay_kit.results.mcap_writer import ESTIMATE_NAME
-from replay_kit.results.schemas import MESSAGES, TIME, decode
+from replay_kit.results.schemas import decode
 from replay_kit.results.summary import ReplaySummary
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-_OWN = ".replay_kit."
 _LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error"}
 _RMS = ("innovation", "residual", "prior_innovation")
 
@@ -72,12 +72,17 @@ class ResultFile:
     @cached_property
     def fixes(self) -> "pd.DataFrame":
         """Positions: longitude and latitude [degrees], depth [m] (NaN when unknown), whether dead reckoned."""
-        rows = []
+        times, reckoned = array("q"), array("b")
+        longitudes, latitudes, depths = places = array("d"), array("d"), array("d")
         for time_ns, fix in self._foxglove("/vehicle/fix"):
             about = {pair.key: pair.value for pair in fix.metadata}
-            depth = float(about.get("depth", "nan"))
-            rows.append((time_ns, fix.longitude, fix.latitude, depth, about.get("dead_reckoned") == "1"))
-        return _table(rows, "time longitude latitude depth dead_reckoned")
+            times.append(time_ns)
+            longitudes.append(fix.longitude)
+            latitudes.append(fix.latitude)
+            depths.append(float(about.get("depth", "nan")))
+            reckoned.append(about.get("dead_reckoned") == "1")
+        named = dict(zip(("longitude", "latitude", "depth"), map(shared, places), strict=True))
+        return _of_columns({"time": shared(times).view("datetime64[ns]"), **named, "dead_reckoned": shared(reckoned).view(np.bool_)})
 
     @cached_property
     def observations(self) -> "pd.DataFrame":
@@ -85,13 +90,14 @@ class ResultFile:
 
         ``rms_innovation``, ``rms_residual`` and ``rms_prior_innovation`` [m/s] are over the components of the bins used.
         """
-        table = self._own("/flow/innovation", "Innovation")
-        squares = self.innovations.set_index("observation", append=False)
+        single, counts, lists = self._measurements
+        dof = np.where(single["dof"] > 0, single["dof"], np.nan)
+        rows = np.repeat(np.arange(counts.size), counts)
+        rms = {}
         for name in _RMS:
-            both = (squares[f"{name}_east"] ** 2 + squares[f"{name}_north"] ** 2).groupby(level=0).sum()
-            total = both.reindex(range(len(table)), fill_value=0.0).to_numpy()
-            table[f"rms_{name}"] = np.sqrt(total / np.where(table["dof"] > 0, table["dof"], np.nan))
-        return table
+            squares = np.nan_to_num(lists[f"{name}_east"] ** 2 + lists[f"{name}_north"] ** 2)
+            rms[f"rms_{name}"] = np.sqrt(np.bincount(rows, squares, minlength=counts.size) / dof)
+        return _of_columns(single | rms)
 
     @cached_property
     def innovations(self) -> "pd.DataFrame":
@@ -99,23 +105,18 @@ class ResultFile:
 
         Values of a list that a measurement does not have are NaN.
         """
-        import pandas as pd
+        single, counts, lists = self._measurements
+        of_profile = {"timestamp": single["timestamp"], "observation": np.arange(counts.size), "dive": single["dive"]}
+        return _of_columns({name: np.repeat(column, counts) for name, column in of_profile.items()} | lists)
 
-        # as plain numbers, because a million messages do not fit into memory
-        found = {field.name: array("d") for field in MESSAGES["Innovation"] if field.repeated}
-        times, dives, counts = array("q"), array("q"), array("q")
+    @cached_property
+    def _measurements(self) -> tuple[dict[str, Any], NDArray[np.int64], dict[str, NDArray[Any]]]:
+        """Single values of ``replay_kit.Innovation``; of each message the length of its lists, and its lists one behind the other."""
+        single, lists = SingleValues("Innovation"), ListValues("Innovation", "depth")
         for value in self._decoded("/flow/innovation", "Innovation"):
-            count = len(value.depth)
-            times.append(value.timestamp.ToNanoseconds())
-            dives.append(value.dive)
-            counts.append(count)
-            for name, numbers in found.items():
-                each = getattr(value, name)
-                numbers.extend(each if len(each) == count else repeat(np.nan, count))
-        of_profile = {"time": np.array(times, dtype="datetime64[ns]"), "observation": np.arange(len(times)), "dive": np.array(dives)}
-        columns = {name: np.repeat(column, counts) for name, column in of_profile.items()}
-        columns |= {name: np.array(numbers) for name, numbers in found.items()}
-        return pd.DataFrame(columns).astype({"flags": np.int32, "reasons": np.uint32}).set_index("time")
+            single.add(value)
+            lists.add(value)
+        return single.columns(), *lists.columns()
 
     @cached_property
     def dives(self) -> "pd.DataFrame":
@@ -164,35 +165,20 @@ class ResultFile:
 
     def _foxglove(self, topic: str) -> Iterator[tuple[int, Any]]:
         with self.path.open("rb") as file:
-            reader = make_reader(file, decoder_factories=[DecoderFactory()])
-            for _, _, message, value in reader.iter_decoded_messages(topics=topic):
-                yield message.log_time, value
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        schema = next((summary.schemas[one.schema_id] for one in summary.channels.values() if one.topic == topic), None)
+        if schema is not None:
+            decoder = DecoderFactory().decoder_for("protobuf", schema)
+            assert decoder is not None
+            yield from ((time_ns, decoder(data)) for time_ns, data in read_messages(self.path, topic))
 
     def _decoded(self, topic: str, name: str) -> Iterator[Any]:
-        with self.path.open("rb") as file:
-            for _, _, message in make_reader(file).iter_messages(topics=topic):
-                yield decode(name, message.data)
+        return (decode(name, data) for _, data in read_messages(self.path, topic))
 
     def _own(self, topic: str, name: str) -> "pd.DataFrame":
-        """Return the single values of the messages of a topic: times as dates, each part of a place and the like as a column.
-
-        Parts that a message does not have are NaN.
-        """
-        single = [field for field in MESSAGES[name] if not field.repeated]
-        parts = {field.name: [part.name for part in MESSAGES[field.type.removeprefix(_OWN)]] for field in single if _OWN in field.type}
-        columns = [text for field in single for text in ([f"{field.name}_{part}" for part in parts.get(field.name, ())] or [field.name])]
-        rows = []
-        for value in self._decoded(topic, name):
-            row: list[Any] = []
-            for field in single:
-                found = getattr(value, field.name)
-                if field.name in parts:
-                    known = value.HasField(field.name)
-                    row += [getattr(found, part) if known else np.nan for part in parts[field.name]]
-                else:
-                    row.append(np.datetime64(found.ToNanoseconds(), "ns") if field.type == TIME else found)
-            rows.append(row)
-        return _table(rows, " ".join(columns).replace("timestamp", "time", 1))
+        """Return the single values of the messages of a topic."""
+        return _of_columns(single_columns(self._decoded(topic, name), name))
 
 
 def result_path(path: str | Path) -> Path:
@@ -224,3 +210,11 @@ def _table(rows: list[Any], columns: str) -> "pd.DataFrame":
 
     table = pd.DataFrame(rows, columns=columns.split())
     return table.assign(time=pd.to_datetime(table["time"])).set_index("time")
+
+
+def _of_columns(columns: Mapping[str, Any]) -> "pd.DataFrame":
+    """Return columns as a table over the same memory, with the first, times, as its index ``time``."""
+    import pandas as pd
+
+    (_, times), *others = columns.items()
+    return pd.DataFrame(dict(others), index=pd.DatetimeIndex(times, name="time"), copy=False)

@@ -1,4 +1,4 @@
-"""Processor time of beginnings: help, refusals, the import of the library and the first log opened, each in a process of its own."""
+"""Processor time of beginnings, each in a process of its own: help, refusals, ``info``, the import of the library, the first log opened."""
 
 import os
 import resource
@@ -11,7 +11,7 @@ from tests.places import ROOT
 _MAIN = "from replay_kit.cli import main; main()"
 _OPEN = "import replay_kit; next(iter(replay_kit.open_log({log!r}).messages()))"
 # processor time asked for [s]
-_HELP, _IMPORT, _LOG = 0.4, 0.1, 0.5
+_HELP, _IMPORT, _LOG, _INFO = 0.4, 0.1, 0.5, 1.0
 
 
 def rows(tiny: bool) -> list[dict[str, Any]]:
@@ -28,6 +28,11 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
         [*replay, "x.mcap", "--goal=1,2"],
     )
     cases = [(" ".join(("replay-kit", *words)), _MAIN, words, _HELP) for words in lines]
+    cases += [
+        (f"replay-kit info {name}", _MAIN, ["info", str(ROOT / "sample_logs" / name)], _INFO) for name in ("glider.mcap", "glider.tlog")
+    ]
+    logs = (["info", f"sample_logs/{name}"] for name in ("glider.mcap", "glider.tlog"))
+    cases += [(" ".join(("replay-kit", *words)), _MAIN, words, _INFO) for words in logs]
     cases += [("import replay_kit", "import replay_kit", [], _IMPORT), ("first log opened", _OPEN.format(log=log), [], _LOG)]
     return [_row(name, _least(code, words, 1 if tiny else 7), asked) for name, code, words, asked in cases]
 
@@ -43,7 +48,7 @@ def _least(code: str, words: list[str], repeats: int) -> float:
     for _ in range(repeats):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"}
-        subprocess.run([sys.executable, "-c", code, *words], env=environment, capture_output=True, check=False)
+        subprocess.run([sys.executable, "-c", code, *words], env=environment, cwd=ROOT, capture_output=True, check=False)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         found.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     return min(found)

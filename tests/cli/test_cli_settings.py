@@ -127,13 +127,22 @@ def test_help_is_as_wide_as_it_is_told_to_be() -> None:
 
 
 def test_help_and_refusals_load_no_library_that_takes_long() -> None:
+    for arguments in (["replay", "--help"], ["replay", "a.mcap", "--nope"], ["plan", "--help"], ["--version"]):
+        assert slow_libraries(*arguments) == "[]", arguments
+
+
+def test_what_is_in_a_log_is_told_without_the_libraries_of_forecasts_and_plans() -> None:
+    assert slow_libraries("info", "sample_logs/glider.mcap") == "['mcap', 'numpy']"
+
+
+def slow_libraries(*arguments: str) -> str:
+    """Return which of the libraries that take long to load a command loads."""
     code = (
         "import sys\nfrom replay_kit.cli.app import main\n"
-        "slow = {'numpy', 'scipy', 'xarray', 'matplotlib', 'casadi', 'mcap', 'pymavlink'}\n"
+        "slow = {'numpy', 'scipy', 'xarray', 'pandas', 'matplotlib', 'casadi', 'h5py', 'mcap', 'pymavlink'}\n"
         "try: main()\nexcept SystemExit: print(sorted(slow & sys.modules.keys()))"
     )
-    for arguments in (["replay", "--help"], ["replay", "a.mcap", "--nope"], ["plan", "--help"], ["--version"]):
-        assert python("-c", code, *arguments).splitlines()[-1] == "[]", arguments
+    return python("-c", code, *arguments).splitlines()[-1]
 
 
 def python(*arguments: str, env: dict[str, str] | None = None) -> str:

@@ -58,18 +58,20 @@ def info(
     check_paths([*logs, settings.file, *ensemble], [suggest, json_file], outputs.overwrite)
     config = settings.load()
 
-    from replay_kit.forecast import describe_ensemble
     from replay_kit.measurements import suggestions
     from replay_kit.results.text import print_lines
-    from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
-    from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
     from replay_kit.workflows.info.inspect import inspect_logs
     from replay_kit.workflows.info.listing import info_json, next_command, print_infos
 
     with progress() as advance:
         found = inspect_logs(logs, config, advance, full)
         forecast = check = None
+        # the libraries that read a forecast take longer to load than a log's index to read
         if ensemble:
+            from replay_kit.forecast import describe_ensemble
+            from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
+            from replay_kit.workflows.info.import_check import check_logs, import_check_json, print_import_check
+
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             forecast = describe_ensemble(ensemble, config.forecast)
             check = check_logs(list(logs), ensemble, config) if logs and forecast.rule else None

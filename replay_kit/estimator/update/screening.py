@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local, wet_column
 from replay_kit.core.grid import Grid, Projection
-from replay_kit.core.observation import Flag, Innovation, Measurement, Observation, PathMean, Reason
+from replay_kit.core.observation import Flag, Innovation, Measurement, Observation, PathMean, Reason, usable
 
 
 def screen(observation: Observation, grid: Grid, relative: bool = False) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
@@ -41,11 +41,6 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
         reasons |= np.int32(Reason.PLATFORM_REFERENCE)
         flags[usable(flags)] = Flag.FAIL
     return flags, reasons
-
-
-def usable(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Return which bins are used: good ones and suspect ones; where the latter are unwanted, measurement quality control fails them."""
-    return np.asarray((flags == Flag.GOOD) | (flags == Flag.SUSPECT))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

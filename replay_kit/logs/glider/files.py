@@ -8,7 +8,8 @@ from typing import Any
 from replay_kit.logs.glider.dialects import Dialect, dialect_of
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf
-from replay_kit.logs.glider.seaexplorer import is_seaexplorer, open_seaexplorer
+from replay_kit.logs.glider.recognise import is_seaexplorer
+from replay_kit.logs.glider.seaexplorer import open_seaexplorer
 
 _HEAD = 1 << 12
 #: Dialects of which a mission is many files: one a profile, or one a segment.

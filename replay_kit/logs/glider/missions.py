@@ -3,17 +3,20 @@
 from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.glider.netcdf import NetcdfFile
 from replay_kit.logs.reader import LogFile
+
+if TYPE_CHECKING:
+    from replay_kit.logs.glider.netcdf import NetcdfFile
 
 # variables that name the mission, and attributes that do, with the dialects of which they do; of others ``id`` names the file
 _VARIABLES = ("trajectory", "mission_name")
 _ATTRIBUTES = (("deployment_name", None), ("id", "og1"), ("glider_name", None))
 
 
-def mission_of(file: NetcdfFile, dialect: str) -> tuple[str, ...]:
+def mission_of(file: "NetcdfFile", dialect: str) -> tuple[str, ...]:
     """Return the names of the missions in a file; none when it does not state them.
 
     Args:

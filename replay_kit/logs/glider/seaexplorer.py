@@ -10,22 +10,11 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.logs.glider.netcdf import Choose, NetcdfFile, Stored, as_number
+from replay_kit.logs.glider.recognise import FIRST_COLUMNS, GZIP_MAGIC
 
-_GZIP = b"\x1f\x8b"
-_FIRST = ("timestamp", "pld_realtimeclock")
 _DATE = re.compile(r"(\d{2})/(\d{2})/(\d{4}) (\d{2}:\d{2}:\d{2}(?:\.\d{1,6})?)")
 _MOST = 1 << 30
 _EPOCH = {"units": "seconds since 1970-01-01"}
-
-
-def is_seaexplorer(head: bytes) -> bool:
-    """Return whether a file that begins with these bytes is one, compressed or not."""
-    if head.startswith(_GZIP):
-        try:
-            head = zlib.decompressobj(wbits=31).decompress(head, 256)
-        except zlib.error:
-            return False
-    return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in {name.encode() for name in _FIRST}
 
 
 def open_seaexplorer(path: Path, choose: Choose) -> NetcdfFile:
@@ -38,7 +27,7 @@ def open_seaexplorer(path: Path, choose: Choose) -> NetcdfFile:
     """
     try:
         with open(path, "rb") as raw:
-            compressed = raw.read(2) == _GZIP
+            compressed = raw.read(2) == GZIP_MAGIC
         with gzip.open(path, "rb") if compressed else open(path, "rb") as file:
             lines = file.read(_MOST).decode("utf-8-sig", "replace").splitlines()
     except (OSError, EOFError, zlib.error) as error:
@@ -49,7 +38,7 @@ def open_seaexplorer(path: Path, choose: Choose) -> NetcdfFile:
     wanted = choose(names, attributes)
     columns = {name: [row[k] for row in rows] for k, name in enumerate(names) if name and name in wanted}
     variables = {
-        name: Stored(_times(fields), _EPOCH, ("line",)) if name.lower() in _FIRST else Stored(_numbers(fields), {}, ("line",))
+        name: Stored(_times(fields), _EPOCH, ("line",)) if name.lower() in FIRST_COLUMNS else Stored(_numbers(fields), {}, ("line",))
         for name, fields in columns.items()
     }
     return NetcdfFile(path, attributes, variables, tuple(filter(None, names)))

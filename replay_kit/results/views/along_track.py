@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from mcap.reader import make_reader
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
+from replay_kit.results.mcap_reader import read_messages
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
 from replay_kit.results.views.track import Track, thinned
@@ -75,8 +75,7 @@ class EstimateHistory:
     @cached_property
     def _weights(self) -> tuple[NDArray[np.int64], Array]:
         """Times [ns, UTC], shape (n,), and weights, shape (n, rZ)."""
-        with self._path.open("rb") as file:
-            read = [(m.log_time, decode("FlowEstimate", m.data)) for _, _, m in make_reader(file).iter_messages(topics="/flow/estimate")]
+        read = [(time_ns, decode("FlowEstimate", data)) for time_ns, data in read_messages(self._path, "/flow/estimate")]
         return np.array([time for time, _ in read], dtype=np.int64), np.array([value.weights for _, value in read])
 
     def after(self, time_ns: int) -> FlowEstimate | None:

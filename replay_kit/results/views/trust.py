@@ -38,10 +38,12 @@ def calibration(bins: pd.DataFrame) -> Calibration:
     """
     parts = [(bins[f"innovation_{axis}"] / bins[f"innovation_std_{axis}"]).to_numpy(np.float64) for axis in ("east", "north")]
     values = np.concatenate(parts)
-    values = values[np.isfinite(values)]
+    known = np.isfinite(values)
+    values = values if known.all() else values[known]
     if values.size == 0:
         return Calibration(values, {}, np.nan, np.nan)
-    coverage = {limit: float(np.mean(np.abs(values) <= limit)) for limit in EXPECTED}
+    sizes = np.abs(values)
+    coverage = {limit: float(np.mean(sizes <= limit)) for limit in EXPECTED}
     return Calibration(values, coverage, float(values.mean()), float(values.std()))
 
 

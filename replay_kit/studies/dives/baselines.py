@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Observation
-from replay_kit.estimator.update.screening import usable
+from replay_kit.core.observation import Observation, usable
 from replay_kit.studies.dives.read import Dive
 
 #: Baselines of a dive's profile, in the order of the tables.

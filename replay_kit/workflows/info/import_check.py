@@ -21,12 +21,12 @@ from threadpoolctl import threadpool_limits
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.finding import Finding, finding_json, finding_line
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Flag, Observation, Reason, VehicleState
+from replay_kit.core.observation import Flag, Observation, Reason, VehicleState, usable
 from replay_kit.core.paths import Paths
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 from replay_kit.estimator.static.likelihood import Likelihood, predict_jointly
-from replay_kit.estimator.update.screening import screen, usable
+from replay_kit.estimator.update.screening import screen
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
 from replay_kit.measurements import events_of

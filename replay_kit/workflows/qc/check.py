@@ -13,8 +13,7 @@ from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import LogReport, Message
-from replay_kit.core.observation import Flag, Observation, Reason
-from replay_kit.estimator.update.screening import usable
+from replay_kit.core.observation import Flag, Observation, Reason, usable
 from replay_kit.logs import merge
 from replay_kit.measurements import NOT_A_KIND, MeasurementState, Skipped, Used, finish, initial_state, interpret
 from replay_kit.measurements.messages.fields import number

@@ -42,6 +42,15 @@ class PlanningProblem:
         """Time between plans [ns]."""
         return int(self.settings.interval * 1e9)
 
+    @property
+    def waits_ns(self) -> int:
+        """How long a plan that is due waits for a surfacing, at which a glider can be told a mission [ns]; 0 where it does not."""
+        return self.interval_ns if (self.settings.kind, self.settings.when) == ("mission", "interval") else 0
+
+    def plans_at(self, surfaced_ns: int, due_ns: int | None) -> bool:
+        """Return whether a plan is made at a surfacing, given when the next plan is due [ns, UTC]."""
+        return self.settings.when == "surfacing" or (self.waits_ns > 0 and due_ns is not None and surfaced_ns >= due_ns)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningState:
@@ -96,16 +105,16 @@ def after_step(problem: PlanningProblem, state: PlanningState, step: Step, flow_
         state = replace(state, position=step.event)
     else:
         now_ns, due_ns = step.event.time_ns, state.next_plan_ns
-        if due_ns is None or now_ns >= due_ns:
+        if due_ns is None or now_ns >= due_ns + problem.waits_ns:
             state = replace(state, next_plan_ns=now_ns + problem.interval_ns)
-        if due_ns is not None and now_ns >= due_ns:
+        if due_ns is not None and now_ns >= due_ns + problem.waits_ns:
             state, outputs = make_plan(problem, state, flow_at(now_ns), now_ns)
     detection, fix = detect_surfacing(state.detection, step.event, problem.surface_depth)
     return replace(state, detection=detection, surfaced=fix or state.surfaced), outputs
 
 
 def finish_surfacing(problem: PlanningProblem, state: PlanningState, flow_at: FlowAt) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state after a surfacing, if there was one: its prediction is compared, and the next plan begins there if asked for.
+    """Return the state after a surfacing, if there was one: its prediction is compared, and the next plan begins there if one is.
 
     Args:
         problem: What stays the same.
@@ -120,7 +129,7 @@ def finish_surfacing(problem: PlanningProblem, state: PlanningState, flow_at: Fl
         outcome = outcome_of(*state.expected, fix)
         state, outputs = replace(state, expected=None, outcomes=(*state.outcomes, outcome)), (outcome,)
     state = replace(state, surfaced=None)
-    if not problem.settings.at_surfacings:
+    if not problem.plans_at(fix.time_ns, state.next_plan_ns):
         return state, outputs
     flow, seconds = flow_at(fix.time_ns), problem.settings.surface_time
     state = replace(state, next_plan_ns=fix.time_ns + problem.interval_ns)

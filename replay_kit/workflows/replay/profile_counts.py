@@ -7,8 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason, VehicleState
-from replay_kit.estimator.update.screening import usable
+from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason, VehicleState, usable
 from replay_kit.workflows.replay.estimation import Step
 
 # Inflations of the covariance given in a note.

@@ -13,7 +13,7 @@ SETTINGS = {
     "forecast": {"levels": [5, 150, 500]},
     "estimator": {"modes": 10, "sample_share": 0.5, "shift_distance": 0.0},
     "output": {"depths": [5.0, 150.0], "interval": 7200.0},
-    "planner": {"samples": 4},
+    "planner": {"samples": 4, "when": "surfacing"},
 }
 GOAL = (153.05, -40.2, 150.0)
 

@@ -35,7 +35,7 @@ from tests import synthetic
 from tests.command import invoke
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
-PLANNER = PlannerConfig(kind="mission", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0)
+PLANNER = PlannerConfig(kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0)
 CONFIG = RunConfig(
     estimator=EstimatorConfig(modes=12, sample_share=0.5), planner=PLANNER, output=OutputConfig(checkpoint_interval=600.0, interval=7200.0)
 )
@@ -168,9 +168,6 @@ def test_settings_that_contradict_each_other_are_refused(tmp_path, ocean):
         path.write_text(f"[planner]\n{text}\n")
         with pytest.raises(ConfigError, match=said):
             load_config(path)
-    assert not PlannerConfig().at_surfacings
-    assert PlannerConfig(when="surfacing").at_surfacings
-    assert not PlannerConfig(kind="mission", when="interval").at_surfacings
     # asked for on the command line; a glide has no dives that could be too deep
     path.write_text(run_settings_toml(CONFIG.model_copy(update={"planner": PlannerConfig(depth=900.0)})))
     logs = [str(ocean / "glider.mcap"), "--ensemble", str(ocean / "ensemble.nc"), "-o", str(tmp_path / "out.mcap")]

@@ -84,6 +84,13 @@ def test_a_plan_at_a_surfacing_puts_the_next_one_off_by_an_interval():
     assert [time for time, _ in calls] == [690.0, 190.0, 290.0]
 
 
+def test_a_mission_that_is_due_waits_for_a_surfacing_an_interval_at_most():
+    dives = [event for end in (60, 120, 180, 220) for event in (fix(end - 30, 50.0), fix(end, 0.0), fix(end + 5, 0.0))]
+    events = sorted([fix(0, 0.0), *dives, *map(profile, (10, 20, 110, 350, 419, 420, 619, 620))], key=lambda event: event.time_ns)
+    # due at 110 and at 220, planned at the surfacings of 120 and 220; then nothing surfaces: due at 320 and 520, planned an interval later
+    assert [time for time, _ in asked(events, kind="mission", interval=100.0)] == [120.0, 220.0, 420.0, 620.0]
+
+
 @pytest.mark.parametrize("seconds", [0.0, 600.0, 3600.0])
 def test_a_plan_at_a_surfacing_begins_where_the_current_takes_the_vehicle(seconds):
     events = [fix(0, 0.0), fix(20, 50.0), fix(90, 0.0), fix(95, 0.0)]

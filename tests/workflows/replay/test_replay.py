@@ -102,7 +102,7 @@ def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(ocean,
     job = ReplayJob((ocean / log,), ocean / "ensemble.nc", goal=GOAL)
     found = with_planner_kind(job, open_readers(job.logs, config), config, 300.0).planner
     assert (found.kind, found.depth) == (kind, depth)
-    assert found.at_surfacings == (kind == "mission")
+    assert found.when == "interval"
     without = ReplayJob((ocean / log,), ocean / "ensemble.nc")
     assert with_planner_kind(without, open_readers(job.logs, config), config, 300.0) is config
 

@@ -90,13 +90,16 @@ def _dives_html(contents: Contents, dives: list[dict[str, Any]]) -> str:
     return table_html(heads, rows, "The dives: each predicted from the dives before it, and what it added")
 
 
+def _variances(bins: Any, axis: str, count: int) -> Array:
+    """Return for each of ``count`` measurements the sum of a component's variances over its bins used [m^2/s^2], shape (count,)."""
+    squares = np.where(np.isfinite(bins[f"innovation_{axis}"]), np.nan_to_num(bins[f"innovation_std_{axis}"]) ** 2, 0.0)
+    return np.bincount(bins["observation"], squares, minlength=count).astype(np.float64)
+
+
 def _innovations(contents: Contents) -> Figure:
     table, bins = contents.result.observations, contents.result.innovations
     kept = thinned(len(table), _POINTS)
-    squares = (bins[["innovation_std_east", "innovation_std_north"]] ** 2).where(
-        np.isfinite(bins[["innovation_east", "innovation_north"]].to_numpy())
-    )
-    per = squares.sum(axis=1).groupby(bins["observation"].to_numpy()).sum().reindex(range(len(table)), fill_value=0.0).to_numpy()
+    per = sum(_variances(bins, axis, len(table)) for axis in ("east", "north"))
     dof = table["dof"].to_numpy(np.float64)
     expected = np.sqrt(np.divide(per, dof, out=np.full(dof.shape, np.nan), where=dof > 0))
     nis = np.divide(table["nis"].to_numpy(np.float64), dof, out=np.full(dof.shape, np.nan), where=dof > 0)
