@@ -114,7 +114,8 @@ def _nortek_checksums(values: Bytes, sums: "_Sums", start: Indices, end: Indices
     bytes_of = sums.of(start, end)
     low = np.where(start % 2 == 0, bytes_of[:, 0], bytes_of[:, 1])
     last = np.where((end - start) % 2 == 1, values[end - 1].astype(np.int64), 0)
-    return (_CHECKSUM_SEED + low + 256 * (bytes_of.sum(axis=1) - low) + 255 * last) & 0xFFFF
+    checksums: Indices = (_CHECKSUM_SEED + low + 256 * (bytes_of.sum(axis=1) - low) + 255 * last) & 0xFFFF
+    return checksums
 
 
 class _Sums:
