@@ -95,7 +95,7 @@ def _is_index(body: bytes, length: int) -> bool:
     """Return whether the body of a record, or its beginning, is that of a message index of so many bytes."""
     if len(body) < _INDEX_HEAD.size:
         return False
-    _, listed = _INDEX_HEAD.unpack_from(body)
+    listed: int = _INDEX_HEAD.unpack_from(body)[1]
     return listed % _INDEX_ENTRY == 0 and 0 <= length - _INDEX_HEAD.size - listed < _SPARE
 
 
