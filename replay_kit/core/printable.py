@@ -1,6 +1,10 @@
-"""Texts of others, made harmless for a terminal."""
+"""Texts of others, made harmless for a terminal and for a spreadsheet.
+
+Source: OWASP, "CSV Injection" (owasp.org/www-community/attacks/CSV_Injection).
+"""
 
 import re
+from typing import Any
 
 # Controls of a terminal (ESC among them), ends of lines, marks that turn the direction of writing, and halves of characters, which have no
 # bytes.
@@ -13,3 +17,15 @@ def printable(text: str) -> str:
     Names of topics, files, frames, units and attributes are what a log's author wrote.
     """
     return _CONTROLS.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
+
+
+#: What a text begins with that a spreadsheet takes for a formula, or for what comes before one; also as a full-width character.
+_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+
+
+def csv_cell(value: Any) -> Any:
+    """Return a value for a CSV file: a text that a spreadsheet would run begins with an apostrophe, other values are as they are.
+
+    Names of topics, sensors, frames and missions are what a log's author wrote.
+    """
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULAS) else value

@@ -9,6 +9,7 @@ import pytest
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, PathMean, Source
+from replay_kit.core.printable import csv_cell
 from replay_kit.core.text import count_text, place_text, some_text, span_text, time_text
 from replay_kit.core.time import to_time_ns
 from tests.synthetic_flow import TIME_NS
@@ -96,3 +97,14 @@ def test_long_lists_end_with_how_many_more_there_are():
     assert some_text(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
     assert some_text(list("abc"), 1) == "a and 2 more"
     assert some_text([]) == ""
+
+
+@pytest.mark.parametrize("begins", ["=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20"])
+def test_a_text_that_a_spreadsheet_would_run_begins_with_an_apostrophe(begins: str) -> None:
+    assert csv_cell(f"{begins}1+1") == f"'{begins}1+1"
+    assert csv_cell(f"1{begins}1") == f"1{begins}1"
+
+
+@pytest.mark.parametrize("value", [-1, -1.5, True, None, "", "/adcp", "'=1"])
+def test_other_values_of_a_csv_file_are_as_they_are(value: object) -> None:
+    assert csv_cell(value) is value

@@ -106,7 +106,8 @@ def _frame(parser: dialect.MAVLink, data: bytes, at: int) -> bytes | None:
         message = parser.decode(bytearray(piece))
     except dialect.MAVError:
         return None
-    return piece if message.get_type() != "UNKNOWN" else None
+    # of a message that the parser does not know it cannot check the checksum
+    return None if isinstance(message, dialect.MAVLink_unknown) else piece
 
 
 def records(data: bytes) -> list[Piece]:

@@ -5,6 +5,7 @@ import pytest
 from tests.fuzz import damage_vehicle
 from tests.fuzz.damage import ROOT, damage, logs
 from tests.fuzz.subjects import subjects, sweep
+from tests.logs.log_samples import tlog
 
 FILES = logs()
 
@@ -22,6 +23,14 @@ def test_damaged_shared_logs_give_what_is_whole_before_the_damage():
 
 def test_a_damaged_telemetry_log_gives_what_is_whole():
     assert damage_vehicle.damage(ROOT / "sample_logs" / "glider.tlog", 4) == []
+
+
+def test_the_oracle_takes_no_frame_whose_message_it_does_not_know():
+    """Its checksum says nothing, and the bytes that it claims may hold known ones."""
+    entry = tlog(1)[0]
+    at = entry.index(0xFE) + 5
+    assert [piece for _, _, piece in damage_vehicle.frames(entry)] == [entry[8:]]
+    assert damage_vehicle.frames(entry[:at] + bytes([255]) + entry[at + 1 :]) == []
 
 
 @pytest.mark.skipif(not any(file.suffix == ".BIN" for file in damage_vehicle.logs()), reason="the shared logs are not on this machine")

@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.fuzz.hostile import ATTACKS, MOST_MB, MOST_S, measured
+from tests.fuzz.attacks import ATTACKS
+from tests.fuzz.hostile import MOST_MB, MOST_S, measured
 
 # of each kind of file one whose cost was not in one decoder
 KINDS = ("chunk: 250 MB of zeros", "NetCDF ensemble: grid of 10^10 cells", "NetCDF glider: 2 billion samples")

@@ -6,25 +6,28 @@ Sources: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", P
 AD2CP" (N3015-007), common header and checksum.
 """
 
-import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.logs.shared.record_chain import lose_gaps
+from replay_kit.logs.shared.record_chain import Indices, chain, lose_gaps
 from replay_kit.logs.shared.statistics import ReadStatistics
 
 Bytes = NDArray[np.uint8]
+#: Where records begin and end, and their kinds, each of shape (n,).
+Found = tuple[Indices, Indices, Indices]
 
 PD0_MAGIC = b"\x7f\x7f"
 AD2CP_MAGICS = (b"\xa5\x0a", b"\xa5\x0c")
 AD2CP_TEXT = 0xA0
 _CHECKSUM_SEED = 0xB58C
-_BLOCK = 1024
+#: Bytes summed at once, even.
+_BLOCK = 16
+#: Bytes searched at once: every second may begin a candidate, for which the checks take some hundred bytes of memory.
+_SEARCHED = 1 << 18
 _FIXED_LEADERS = (0x0000, 0x0001)
-_HEADERS = {0x0A: struct.Struct("<BBBBHHH"), 0x0C: struct.Struct("<BBBBIHH")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +51,16 @@ def scan(data: bytes) -> tuple[Record, ...]:
     Args:
         data: The whole file, which begins with one of the magics.
     """
-    find = _pd0 if data[:2] == PD0_MAGIC else _ad2cp
-    return tuple(find(data, np.frombuffer(data, np.uint8)))
+    values = np.frombuffer(data, np.uint8)
+    find, magics = (_pd0, (PD0_MAGIC,)) if data[:2] == PD0_MAGIC else (_ad2cp, AD2CP_MAGICS)
+    sums, found = _Sums(values), []
+    for first in range(0, values.size - 1, _SEARCHED):
+        start = first + np.flatnonzero(values[first : first + _SEARCHED] == magics[0][0])
+        start = start[np.isin(values.take(start + 1, mode="clip"), [magic[1] for magic in magics])]
+        found.append(find(values, sums, start))
+    start, end, kind = (np.concatenate(column) for column in zip(*found, strict=True))
+    columns = (column[chain(start, end)].tolist() for column in (start, end, kind))
+    return tuple(Record(*record) for record in zip(*columns, strict=True))
 
 
 def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: int) -> None:
@@ -66,64 +77,67 @@ def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: in
         statistics.lose("at the end: a cut record or bad bytes, skipped", last, size - last)
 
 
-def _pd0(data: bytes, values: Bytes) -> Iterator[Record]:
-    position, sums = 0, _Sums(values)
-    while (start := data.find(PD0_MAGIC, position)) >= 0:
-        end = _pd0_end(data, sums, start)
-        if end is not None:
-            yield Record(start, end, 0)
-        position = end if end is not None else start + 1
+def _pd0(values: Bytes, sums: "_Sums", start: Indices) -> Found:
+    """Return the sound ensembles among some candidates."""
+    head = values.take(start[:, None] + np.arange(8), mode="clip").view("<u2").astype(np.int64)
+    size, first = head[:, 1], head[:, 3]
+    check, n_types = start + size, head[:, 2] >> 8
+    fits = (n_types > 0) & (first == 6 + 2 * n_types) & (size >= first + 2) & (check + 2 <= values.size)
+    start, check, first = start[fits], check[fits], first[fits]
+    fits = np.isin(_word(values, start + first), _FIXED_LEADERS) & (sums.of(start, check).sum(axis=1) & 0xFFFF == _word(values, check))
+    return start[fits], check[fits] + 2, np.zeros(np.count_nonzero(fits), dtype=np.int64)
+
+
+def _ad2cp(values: Bytes, sums: "_Sums", start: Indices) -> Found:
+    """Return the sound records among some candidates."""
+    head = values.take(start[:, None] + np.arange(12), mode="clip")
+    words = head.view("<u2").astype(np.int64)
+    # a header of the long kind has a size of four bytes
+    long = head[:, 1] == AD2CP_MAGICS[1][1]
+    size = np.where(long, words[:, 2] | words[:, 3] << 16, words[:, 2])
+    data_check, header_check = np.where(long, words[:, 4:6].T, words[:, 3:5].T)
+    body = start + np.where(long, 12, 10)
+    end = body + size
+    header_sums = _CHECKSUM_SEED + words[:, :4].sum(axis=1) + np.where(long, words[:, 4], 0)
+    fits = np.flatnonzero((end <= values.size) & (header_sums & 0xFFFF == header_check))
+    # where the content is damaged, bytes may be missing in it, and the next record begins before the header says
+    fits = fits[_nortek_checksums(values, sums, body[fits], end[fits]) == data_check[fits]]
+    return start[fits], end[fits], head[fits, 2].astype(np.int64)
+
+
+def _word(values: Bytes, at: Indices) -> Indices:
+    return values[at].astype(np.int64) | values[at + 1].astype(np.int64) << 8
+
+
+def _nortek_checksums(values: Bytes, sums: "_Sums", start: Indices, end: Indices) -> Indices:
+    """Return the sum of the words of each part of a file; a last single byte is the high one of its word."""
+    bytes_of = sums.of(start, end)
+    low = np.where(start % 2 == 0, bytes_of[:, 0], bytes_of[:, 1])
+    last = np.where((end - start) % 2 == 1, values[end - 1].astype(np.int64), 0)
+    checksums: Indices = (_CHECKSUM_SEED + low + 256 * (bytes_of.sum(axis=1) - low) + 255 * last) & 0xFFFF
+    return checksums
 
 
 class _Sums:
-    """Sums of parts of a file's bytes, from those of its blocks: magic bytes without an ensemble may each claim 65 kB to be summed."""
+    """Sums of parts of a file's bytes, from those of its blocks: magic bytes without a record may each claim 65 kB to be summed.
+
+    All are modulo 2^16, as the checksums are.
+    """
 
     def __init__(self, values: Bytes) -> None:
         self._values = values
-        self._before = np.concatenate([[0], np.cumsum(np.add.reduceat(values, np.arange(0, values.size, _BLOCK), dtype=np.int64))])
+        lanes = [np.add.reduceat(part, np.arange(0, part.size, _BLOCK // 2), dtype=np.uint16) for part in (values[::2], values[1::2])]
+        self._before = np.zeros((lanes[0].size + 1, 2), dtype=np.uint16)
+        for lane, of_blocks in enumerate(lanes):
+            np.cumsum(of_blocks, dtype=np.uint16, out=self._before[1 : 1 + of_blocks.size, lane])
 
-    def of(self, start: int, end: int) -> int:
-        """Return the sum from a byte up to another."""
-        return self._up_to(end) - self._up_to(start)
+    def of(self, start: Indices, end: Indices) -> Indices:
+        """Return the sums of the bytes at even and at odd places of each part, shape (n, 2)."""
+        return (self._up_to(end) - self._up_to(start)).astype(np.int64)
 
-    def _up_to(self, end: int) -> int:
-        block = end // _BLOCK
-        return int(self._before[block]) + int(self._values[block * _BLOCK : end].sum(dtype=np.int64))
-
-
-def _pd0_end(data: bytes, sums: _Sums, start: int) -> int | None:
-    """Return the end of the ensemble that begins here; None when none does."""
-    if start + 8 > len(data):
-        return None
-    size, _, n_types, first = struct.unpack_from("<HBBH", data, start + 2)
-    check = start + size
-    # the checksum takes long: first check whether the header's own numbers fit together
-    if n_types == 0 or first != 6 + 2 * n_types or size < first + 2 or check + 2 > len(data):
-        return None
-    if struct.unpack_from("<H", data, start + first)[0] not in _FIXED_LEADERS:
-        return None
-    stated = struct.unpack_from("<H", data, check)[0]
-    return check + 2 if sums.of(start, check) & 0xFFFF == stated else None
-
-
-def _ad2cp(data: bytes, values: Bytes) -> Iterator[Record]:
-    position = 0
-    while (start := data.find(AD2CP_MAGICS[0][:1], position)) >= 0:
-        position = start + 1
-        layout = _HEADERS.get(data[start + 1]) if start + 1 < len(data) else None
-        if layout is None or start + layout.size > len(data):
-            continue
-        _, header_size, kind, _, size, data_check, header_check = layout.unpack_from(data, start)
-        body, end = start + header_size, start + header_size + size
-        if _nortek_checksum(values[start : body - 2]) != header_check or end > len(data):
-            continue
-        # where the content is damaged, bytes may be missing in it, and the next record begins before the header says
-        if _nortek_checksum(values[body:end]) == data_check:
-            position = end
-            yield Record(start, end, kind)
-
-
-def _nortek_checksum(values: Bytes) -> int:
-    words = values[: values.size // 2 * 2].view("<u2")
-    odd = int(values[-1]) << 8 if values.size % 2 else 0
-    return (_CHECKSUM_SEED + int(words.sum(dtype=np.int64)) + odd) & 0xFFFF
+    def _up_to(self, end: Indices) -> NDArray[np.uint16]:
+        block, within = np.divmod(end, _BLOCK)
+        places = np.arange(_BLOCK)
+        rest = self._values.take(block[:, None] * _BLOCK + places, mode="clip") * (places < within[:, None])
+        sums: NDArray[np.uint16] = self._before[block] + rest.reshape(-1, _BLOCK // 2, 2).sum(axis=1, dtype=np.uint16)
+        return sums

@@ -1,6 +1,8 @@
 """What a protobuf payload costs of its message's budget, found before it is parsed: the library makes all values at once.
 
-Source: protobuf.dev/programming-guides/encoding.
+A descriptor set is a payload too.
+
+Sources: protobuf.dev/programming-guides/encoding; google/protobuf/descriptor.proto.
 """
 
 from collections.abc import Mapping
@@ -32,6 +34,17 @@ class Cost:
 
     own: int
     parts: "dict[int, Cost | int]"
+
+
+#: Bytes of a descriptor set for each type, enumeration and service in it. One takes some 800 bytes of memory, and without fields as few
+#: as five of the set; in use it has fields, of about twenty bytes each.
+BYTES_EACH = 16
+_DECLARED = BYTES_EACH * PER_BYTE
+_LEAF = Cost(_DECLARED, {})
+_TYPE = Cost(_DECLARED, {4: _LEAF})
+_TYPE.parts[3] = _TYPE
+#: The cost of a descriptor set: its files, in them types (which hold types and enumerations), enumerations and services.
+DESCRIPTORS = Cost(0, {1: Cost(0, {4: _TYPE, 5: _LEAF, 6: _LEAF})})
 
 
 def cost_of(descriptor: Descriptor, known: dict[str, Cost]) -> Cost:

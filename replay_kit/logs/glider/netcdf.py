@@ -13,6 +13,7 @@ from scipy.io import netcdf_file
 from replay_kit.core.arrays import Array
 from replay_kit.core.claims import exceeds_claim
 from replay_kit.core.errors import LogError
+from replay_kit.logs.glider.heaps import endless_heap
 
 _ATTRIBUTES = (
     *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
@@ -137,6 +138,8 @@ def open_netcdf(path: Path, choose: Choose) -> NetcdfFile:
 
 
 def _read_hdf5(path: Path, choose: Choose) -> NetcdfFile:
+    if (heap := endless_heap(path)) is not None:
+        raise ValueError(f"the texts from byte {heap} on are damaged")
     # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
     with h5py.File(path, "r") as file:
         group = file.get("Data/Average", file)

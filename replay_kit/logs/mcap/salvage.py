@@ -84,12 +84,19 @@ def begins_record(file: BinaryIO, offset: int, size: int) -> int | None:
     if length < _LEAST.get(opcode, MAX_SIZE) or end > size:
         return None
     if opcode == Opcode.MESSAGE_INDEX:
-        _, listed = _INDEX_HEAD.unpack_from(head, HEAD_SIZE)
-        return end if listed % _INDEX_ENTRY == 0 and 0 <= length - _INDEX_HEAD.size - listed < _SPARE else None
+        return end if _is_index(head[HEAD_SIZE:], length) else None
     if opcode in _FIXED and length - _LEAST[opcode] >= _SPARE:
         return None
     # nothing but the closing magic bytes follows a footer
     return end if opcode != Opcode.FOOTER or end + len(MAGIC) >= size else None
+
+
+def _is_index(body: bytes, length: int) -> bool:
+    """Return whether the body of a record, or its beginning, is that of a message index of so many bytes."""
+    if len(body) < _INDEX_HEAD.size:
+        return False
+    listed: int = _INDEX_HEAD.unpack_from(body)[1]
+    return listed % _INDEX_ENTRY == 0 and 0 <= length - _INDEX_HEAD.size - listed < _SPARE
 
 
 def begins_chain(file: BinaryIO, offset: int, size: int) -> bool:
@@ -144,7 +151,12 @@ class Salvage:
         return listed or record.end == self._size or begins_chain(self._file, record.end, self._size)
 
     def indexed_messages(self, record: Record) -> int | None:
-        """Return how many messages the message indexes after a chunk list; None when none follow, or no record follows them."""
+        """Return how many messages the message indexes after a chunk list; None when none follow, or no record follows them.
+
+        A chunk that is an index itself, whose opcode is damaged, holds no message; the indexes after it belong to the chunk before.
+        """
+        if _is_index(record.body, record.end - record.offset - HEAD_SIZE):
+            return 0
         listed = self._summary.chunk_at(record.offset)
         offset, count = record.offset + listed.chunk_length if listed else record.end, None
         while (end := begins_record(self._file, offset, self._size)) is not None:

@@ -7,6 +7,7 @@ import pandas as pd
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.printable import csv_cell
 from replay_kit.results.export.features import FEATURES, features_of, geojson_text, kml_text
 from replay_kit.results.export.netcdf import write_netcdf
 from replay_kit.results.export.tables import TABLES, At
@@ -56,6 +57,8 @@ def export(contents: Contents, path: Path, places: Sequence[At] = (), table: str
 def _text(tables: dict[str, pd.DataFrame], ending: str, contents: Contents) -> str:
     if ending == ".csv":
         (rows,) = tables.values()
+        texts = rows.select_dtypes(exclude=["number", "bool", "datetime"])
+        rows = rows.assign(**{name: column.map(csv_cell) for name, column in texts.items()})
         return str(rows.to_csv(index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n"))
     features = features_of(tables, contents.projection, contents.last_plan)
     return geojson_text(features) if ending == ".geojson" else kml_text(features)

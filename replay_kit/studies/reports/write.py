@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table as ConsoleTable
 
 from replay_kit.core.atomic import atomic_file
+from replay_kit.core.printable import csv_cell
 from replay_kit.core.version import __version__
 from replay_kit.studies.reports.tables import Cell, Criterion, Table
 
@@ -38,12 +39,12 @@ def json_text(answer: Mapping[str, Any]) -> str:
 
 
 def to_csv(table: Table) -> str:
-    """Return a table as CSV: undefined figures are empty, the numbers of a list have spaces between them."""
+    """Return a table as CSV: undefined figures are empty, the numbers of a list have spaces between them, and no text is a formula."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(table.columns)
+    writer.writerow(map(csv_cell, table.columns))
     for row in table.rows:
-        writer.writerow([" ".join(map(str, cell)) if isinstance(cell, list) else cell for cell in plain(row)])
+        writer.writerow([" ".join(map(str, cell)) if isinstance(cell, list) else csv_cell(cell) for cell in plain(row)])
     return out.getvalue()
 
 

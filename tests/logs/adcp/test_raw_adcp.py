@@ -1,6 +1,8 @@
 """Raw Teledyne and Nortek files made with a known truth, whole and damaged."""
 
+import struct
 import sys
+import time
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from replay_kit.config.run import LogConfig, MeasurementConfig, RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag, Observation
 from replay_kit.logs import open_log
+from replay_kit.logs.adcp import records
 from replay_kit.logs.adcp.gps import clock_offset_ns, declination_deg
 from replay_kit.logs.adcp.profiles import raw_profiles
 from replay_kit.logs.adcp.records import AD2CP_TEXT, lose_between, scan
@@ -22,6 +25,7 @@ from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_log
 from tests.logs.adcp import raw_adcp_samples as samples
 from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
+from tests.reference.adcp_records import slow_records
 
 SECOND = 1_000_000_000
 START_NS = int(samples.START.timestamp()) * SECOND
@@ -205,17 +209,58 @@ def test_a_horizontal_instrument_is_refused():
 
 @pytest.mark.parametrize("long", [False, True])
 def test_nortek_records_are_found_and_checked(long):
-    records = [samples.nortek_record(kind, bytes(range(40 + kind % 2)), long) for kind in (0xA0, 0x15, 0x16)]
-    data = b"".join([records[0], b"\xa5\x0arubbish", records[1], records[2]])
+    parts = [samples.nortek_record(kind, bytes(range(40 + kind % 2)), long) for kind in (0xA0, 0x15, 0x16)]
+    data = b"".join([parts[0], b"\xa5\x0arubbish", parts[1], parts[2]])
     found, statistics = scan(data), ReadStatistics()
     assert [record.kind for record in found] == [0xA0, 0x15, 0x16]
     lose_between(statistics, found, len(data))
-    assert [(loss.offset, loss.bytes) for loss in statistics.report("", "").losses] == [(len(records[0]), 9)]
-    for offset in range(len(records[0]), len(records[0]) + 9 + len(records[1])):
+    assert [(loss.offset, loss.bytes) for loss in statistics.report("", "").losses] == [(len(parts[0]), 9)]
+    for offset in range(len(parts[0]), len(parts[0]) + 9 + len(parts[1])):
         damaged = bytearray(data)
         damaged[offset] ^= 0x40
         kinds = [record.kind for record in scan(bytes(damaged))]
-        assert kinds == ([0xA0, 0x15, 0x16] if offset < len(records[0]) + 9 else [0xA0, 0x16])
+        assert kinds == ([0xA0, 0x15, 0x16] if offset < len(parts[0]) + 9 else [0xA0, 0x16])
+
+
+def _pd0_record(leader: int, filling: bytes, types: int = 1) -> bytes:
+    """Return an ensemble whose first type is a leader, or not, with its checksum."""
+    body = struct.pack("<HHBBH", 0x7F7F, 8 + 2 * types + len(filling), 0, types, 6 + 2 * types) + bytes(2 * types - 2)
+    body += struct.pack("<H", leader) + filling
+    return body + struct.pack("<H", sum(body) & 0xFFFF)
+
+
+def _pieces(magic: bytes, rng: np.random.Generator) -> list[bytes]:
+    """Return records of even and odd lengths, the shortest among them, and what only looks like one."""
+    fillings = [rng.bytes(size) for size in (0, 1, 2, 7, 8, 15, 16, 17, 33, 300)]
+    if magic == b"\xa5\x0a":
+        sound = [samples.nortek_record(k, filling, long) for k, filling in enumerate(fillings) for long in (False, True)]
+        # one record inside another, and a header without its record
+        return [*sound, samples.nortek_record(0x15, sound[5] + sound[8]), sound[-1][:10], bytes([0xA5, 11]) + sound[4][2:]]
+    sound = [_pd0_record(k % 2, filling, 1 + k % 3) for k, filling in enumerate(fillings)]
+    return [*sound, _pd0_record(2, b""), _pd0_record(0, sound[3] + sound[4]), struct.pack("<HHBBH", 0x7F7F, 8, 0, 0, 6), b"\x7f\x7f\x7f"]
+
+
+@pytest.mark.parametrize("searched", [1, 2, 63, 64, 1 << 18])
+@pytest.mark.parametrize("magic", [b"\xa5\x0a", b"\x7f\x7f"])
+def test_records_are_found_as_by_a_walk(monkeypatch, magic, searched):
+    monkeypatch.setattr(records, "_SEARCHED", searched)
+    rng = np.random.default_rng(5)
+    pieces = _pieces(magic, rng)
+    data = magic + b"".join(pieces[k] + rng.bytes(int(rng.integers(3))) for k in rng.permutation(len(pieces)))
+    assert len(slow_records(data)) == (21 if magic == b"\xa5\x0a" else 11)
+    damaged = bytearray(data)
+    damaged[len(data) // 3 :: 200] = bytes(len(damaged[len(data) // 3 :: 200]))
+    # cut in the last record, at its end, and with what might begin another
+    for file in (data, data[:-1], data + magic[:1], data + pieces[0], data + pieces[0][:-1], bytes(damaged), magic):
+        assert [(record.start, record.end, record.kind) for record in scan(file)] == slow_records(file)
+
+
+def test_headers_that_claim_much_take_no_time_each():
+    """A megabyte of sound headers, each of a record of 65 kB that is not there; summed one by one they take two seconds."""
+    head = bytes([0xA5, 10, 0x15, 0x10, 0xFF, 0xFF, 0, 0])
+    begin = time.process_time()
+    assert scan((head + struct.pack("<H", samples.nortek_sum(head))) * 105_000) == ()
+    assert time.process_time() - begin < 0.8
 
 
 def test_a_clock_without_a_date_is_right_within_half_a_day():

@@ -1,11 +1,15 @@
-"""The dicts of protobuf payloads, whatever the fields are called."""
+"""The dicts of protobuf payloads, whatever the fields are called, and how large their types may be."""
 
+import re
+
+import pytest
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.descriptor_pool import DescriptorPool
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.records import Schema
 
+from replay_kit.logs.decode.budget import BudgetError
 from replay_kit.logs.decode.protobuf import protobuf_decoder
 
 #: Words of Python, and names that the converter itself uses.
@@ -27,3 +31,96 @@ def test_any_field_name(names: list[str], value: int, repeated: bool) -> None:
     empty = [] if repeated else 0
     expected = dict.fromkeys(names, empty) | {names[0]: [value] if repeated else value}
     assert protobuf_decoder(schema)(message.SerializeToString()) == expected
+
+
+File = descriptor_pb2.FileDescriptorProto
+
+
+def _schema(*files: File) -> Schema:
+    return Schema(id=1, name="t.M", encoding="protobuf", data=descriptor_pb2.FileDescriptorSet(file=files).SerializeToString())
+
+
+def _file(name: str = "t.proto", **parts: object) -> File:
+    return File(name=name, package="t", syntax="proto3", **parts)
+
+
+def _kind(name: str, fields: int = 0, of: str = "") -> descriptor_pb2.DescriptorProto:
+    """Return a type of so many numbers, or of lists of another type."""
+    label, kind = (Field.LABEL_REPEATED, Field.TYPE_MESSAGE) if of else (Field.LABEL_OPTIONAL, Field.TYPE_INT32)
+    many = [Field(name=f"a{n}", number=n, label=label, type=kind, type_name=of or None) for n in range(1, fields + 1)]
+    return descriptor_pb2.DescriptorProto(name=name, field=many)
+
+
+def test_the_files_of_a_set_come_in_any_order() -> None:
+    last = _file("a.proto", dependency=["b.proto", "c.proto"], message_type=[_kind("M", 1, ".t.B")])
+    middle, first = (
+        _file("b.proto", dependency=["c.proto"], message_type=[_kind("B", 1, ".t.C")]),
+        _file("c.proto", message_type=[_kind("C", 1)]),
+    )
+    for files in ((last, middle, first), (first, middle, last), (middle, last, first)):
+        assert protobuf_decoder(_schema(*files))(b"\x0a\x04\x0a\x02\x08\x07") == {"a1": [{"a1": [{"a1": 7}]}]}
+
+
+@pytest.mark.parametrize(
+    ("files", "error"),
+    [
+        ((_file(message_type=[_kind("M")]), _file(message_type=[_kind("M")])), "two files of the descriptor set have the same name"),
+        ((_file(message_type=[_kind("N")]),), "t.M"),
+    ],
+)
+def test_a_set_that_does_not_hold_the_type_is_refused(files: tuple[File, ...], error: str) -> None:
+    with pytest.raises((ValueError, KeyError), match=re.escape(error)):
+        protobuf_decoder(_schema(*files))
+
+
+def _enumeration(name: str) -> descriptor_pb2.EnumDescriptorProto:
+    return descriptor_pb2.EnumDescriptorProto(name=name, value=[descriptor_pb2.EnumValueDescriptorProto(name=name.lower(), number=0)])
+
+
+_Kind = descriptor_pb2.DescriptorProto
+_NAMES = [f"B{k:x}" for k in range(20_000)]
+_TYPES = [_kind(name) for name in _NAMES]
+
+
+# each took hundreds of times its length in memory
+@pytest.mark.parametrize(
+    "file",
+    [
+        _file(message_type=[_kind("M"), *_TYPES]),
+        _file(message_type=[descriptor_pb2.DescriptorProto(name="M", nested_type=_TYPES)]),
+        _file(
+            message_type=[
+                descriptor_pb2.DescriptorProto(name="M", nested_type=[descriptor_pb2.DescriptorProto(name="N", nested_type=_TYPES)])
+            ]
+        ),
+        _file(message_type=[_kind("M")], service=[descriptor_pb2.ServiceDescriptorProto(name=name) for name in _NAMES]),
+        _file(message_type=[_kind("M")], enum_type=list(map(_enumeration, _NAMES))),
+        _file(message_type=[_Kind(name="M", enum_type=list(map(_enumeration, _NAMES)))]),
+    ],
+    ids=["types", "nested", "nested twice", "services", "enumerations", "nested enumerations"],
+)
+def test_a_set_of_types_that_hold_nothing_is_refused(file: File) -> None:
+    with pytest.raises(BudgetError, match="more types than 2048, or than one in 16 bytes of the descriptor set"):
+        protobuf_decoder(_schema(file))
+
+
+def test_a_set_of_as_many_types_as_any_in_use_is_read() -> None:
+    types = [_kind(name, 1) for name in _NAMES[:1700]]
+    assert protobuf_decoder(_schema(_file(message_type=[_kind("M", 1), *types])))(b"\x08\x07") == {"a1": 7}
+
+
+@pytest.mark.parametrize(("lists", "numbers"), [(1023, 16), (1024, 15)])
+def test_a_type_has_up_to_16384_fields_those_in_lists_each_time(lists: int, numbers: int) -> None:
+    """Fields of a small type are written into each list of it: 1023 x 16 and 1023, or 1024 x 15 and 1024."""
+    schema = _schema(_file(message_type=[_kind("M", lists, ".t.B"), _kind("B", numbers)]))
+    if lists == 1024:
+        assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [{f"a{n}": 7 if n == 1 else 0 for n in range(1, 16)}]
+    else:
+        with pytest.raises(BudgetError, match="more than the 16384 fields that are read of one type and those in it"):
+            protobuf_decoder(schema)
+
+
+def test_lists_of_a_larger_type_call_its_function() -> None:
+    """As a display in each list, 1500 x 17 fields were too many."""
+    schema = _schema(_file(message_type=[_kind("M", 1500, ".t.B"), _kind("B", 17)]))
+    assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [{f"a{n}": 7 if n == 1 else 0 for n in range(1, 18)}]

@@ -43,6 +43,16 @@ def test_after_a_lost_boundary_outside_chunks_all_other_messages_are_read(tmp_pa
     assert report.unchecked == {OUTSIDE: 39}
 
 
+@pytest.mark.parametrize("whole", [CHUNKED, without_end(CHUNKED)], ids=["with a summary", "without an end"])
+def test_an_index_that_is_said_to_be_a_chunk_costs_no_message(tmp_path: Path, whole: bytes) -> None:
+    damaged = bytearray(whole)
+    # two topics: behind it the other index of the same chunk, which lists messages that are read
+    damaged[record_offsets(whole, Opcode.MESSAGE_INDEX)[2]] = Opcode.CHUNK
+    found, report = read(tmp_path, bytes(damaged))
+    assert numbers(found) == list(range(40))
+    assert [loss.messages for loss in report.losses] == ([0] if whole is CHUNKED else [0, None])
+
+
 def test_a_length_that_is_too_small_or_too_large_by_a_few_bytes_costs_one_message(tmp_path: Path) -> None:
     messages = record_offsets(PLAIN, Opcode.MESSAGE)
     for flip in (0x01, 0x10, 0x40):

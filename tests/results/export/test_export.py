@@ -65,6 +65,18 @@ def test_csv_holds_one_table(contents, tmp_path):
     assert pd.read_csv(tmp_path / "a.csv")["place"].tolist() == [0, 0, 0, 1, 1, 1]
 
 
+def test_a_text_is_no_formula_in_csv(tmp_path, innovation, plan):
+    write(tmp_path / "r.mcap", synthetic_flow(), [innovation], replace(plan, status="=HYPERLINK(1)"))
+    contents = Contents(open_result(tmp_path / "r.mcap"))
+    export(contents, tmp_path / "plans.csv", table="plans")
+    assert pd.read_csv(tmp_path / "plans.csv")["status"].tolist() == ["'=HYPERLINK(1)"] * 3
+    export(contents, tmp_path / "innovations.csv", table="innovations")
+    # negative numbers stay numbers
+    residual = contents.result.innovations["residual_east"].to_numpy()
+    assert (residual < 0.0).any()
+    np.testing.assert_allclose(pd.read_csv(tmp_path / "innovations.csv")["residual_east"], residual, rtol=1e-14)
+
+
 def test_without_an_estimate_the_track_has_positions_alone(tmp_path, innovation):
     write(tmp_path / "r.mcap", synthetic_flow(), [innovation], None, estimate=False)
     contents = Contents(open_result(tmp_path / "r.mcap"))

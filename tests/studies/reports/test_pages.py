@@ -11,7 +11,8 @@ from replay_kit.studies.accuracy.page import accuracy_page
 from replay_kit.studies.reports.charts import Axis, Chart, Series, _log_ticks, chart_figure, misses_chart
 from replay_kit.studies.reports.page import words_html
 from replay_kit.studies.reports.pictures import drawn, saved
-from replay_kit.studies.reports.tables import Picture
+from replay_kit.studies.reports.tables import Picture, Table
+from replay_kit.studies.reports.write import to_csv
 from tests.results.page.checks import check_figures
 from tests.results.report.html_of import elements, table, text_of
 from tests.studies.pages import accuracy_result, dives_result, mission_result, planning_result
@@ -198,3 +199,8 @@ def test_misses_of_no_plan_are_no_line() -> None:
     (series,) = misses_chart("k", "t", {"flow": [5.0]}).series
     assert (series.x, series.y) == ([5.0, 5.0], [0.0, 1.0])
     assert misses_chart("k", "t", {}).caption.endswith("distances below 1 m are drawn at 1 m.")
+
+
+def test_a_text_is_no_formula_in_a_table_as_csv() -> None:
+    table = Table("names", "Names", ("=name", "value"), (("@SUM(1)", -1.5), ("plain", (-1.0, 2.0)), ("+1", float("nan"))))
+    assert to_csv(table) == "'=name,value\n'@SUM(1),-1.5\nplain,-1.0 2.0\n'+1,\n"

@@ -1,0 +1,39 @@
+"""Where the sound records of a raw ADCP file are, found byte by byte."""
+
+import struct
+
+
+def slow_records(data: bytes) -> list[tuple[int, int, int]]:
+    """Return start, end and kind of the records of PD0 or AD2CP, whichever the file begins with."""
+    end_of, found, at = (_pd0 if data[:2] == b"\x7f\x7f" else _ad2cp), [], 0
+    while at < len(data):
+        end, kind = end_of(data, at)
+        if end:
+            found.append((at, end, kind))
+        at = end or at + 1
+    return found
+
+
+def _pd0(data: bytes, at: int) -> tuple[int, int]:
+    if data[at : at + 2] != b"\x7f\x7f" or at + 8 > len(data):
+        return 0, 0
+    size, _, types, first = struct.unpack_from("<HBBH", data, at + 2)
+    if types == 0 or first != 6 + 2 * types or size < first + 2 or at + size + 2 > len(data):
+        return 0, 0
+    leader, check = (int.from_bytes(data[at + place : at + place + 2], "little") for place in (first, size))
+    return (at + size + 2, 0) if leader in (0, 1) and sum(data[at : at + size]) % 65536 == check else (0, 0)
+
+
+def _ad2cp(data: bytes, at: int) -> tuple[int, int]:
+    length = {b"\xa5\x0a": 10, b"\xa5\x0c": 12}.get(data[at : at + 2], len(data) + 1)
+    if at + length > len(data):
+        return 0, 0
+    size, check, head_check = struct.unpack_from("<HHH" if length == 10 else "<IHH", data, at + 4)
+    head, body = data[at : at + length - 2], data[at + length : at + length + size]
+    sound = len(body) == size and _nortek(head) == head_check and _nortek(body) == check
+    return (at + length + size, data[at + 2]) if sound else (0, 0)
+
+
+def _nortek(part: bytes) -> int:
+    even = part if len(part) % 2 == 0 else part[:-1] + b"\0" + part[-1:]
+    return (0xB58C + sum(struct.unpack(f"<{len(even) // 2}H", even))) % 65536
