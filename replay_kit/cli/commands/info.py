@@ -81,13 +81,12 @@ def info(
     print_infos(found, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    following = next_command(found, logs, ensemble, settings.file) if logs else None
-    if following is not None:
-        print_lines(console, following.splitlines())
+    following = next_command(found, logs, ensemble, settings.file) if logs else []
+    print_lines(console, following)
     if suggest is not None:
         write_text(suggest, suggestions({topic: sample for log in reversed(found) for topic, sample in log.unknown.items()}))
     answer: dict[str, Any] = {"logs": [info_json(log) for log in found]}
-    answer |= {} if following is None else {"next": following}
+    answer |= {"next": "\n".join(following)} if following else {}
     answer |= {} if forecast is None else {"forecast": ensemble_json(forecast)}
     write_json(json_file, answer if check is None else {**answer, "import_check": import_check_json(check)})
     return 4 if any(log.report.losses for log in found) else 0

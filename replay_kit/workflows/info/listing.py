@@ -109,8 +109,8 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
         print_lines(console, [f"Unknown type: {others} more topics, in which nothing looks like a position, a depth or a velocity"])
 
 
-def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), config: Path | None = None) -> str:
-    """Return what to type next: a line with the command, and for some a line of what to do then.
+def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Sequence[Path] = (), config: Path | None = None) -> list[str]:
+    """Return what to type next: a line with the command, and for some a line of what to do then; names in them may hold ends of lines.
 
     Args:
         logs: The logs of a mission.
@@ -125,12 +125,12 @@ def next_command(logs: Sequence[LogInfo], paths: Sequence[Path], ensemble: Seque
     if len(missions) > 1:
         first, *others = (f"{shlex.quote(str(files[0].parent))}/{pattern(files)}" for files in missions.values())
         rest = f"The logs are of {len(missions)} missions, of which this is one; the others: {', '.join(others)}"
-        return f"Next: replay-kit info {first}\n{rest}"
+        return [f"Next: replay-kit info {first}", rest]
     given, forecast = (" ".join(shlex.quote(str(path)) for path in files) for files in (paths, ensemble or [Path("FORECAST.nc")]))
     contents = [log.content for log in logs]
     if any(content.bins or content.mean_currents for content in contents):
         settings = "" if config is None else f"--config {shlex.quote(str(config))} "
-        return f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"
+        return [f"Next: replay-kit replay {given} --ensemble {forecast} {settings}-o RESULT.mcap"]
     if any(log.mappable for log in logs):
-        return f"Next: replay-kit info {given} --suggest map.toml\nCorrect map.toml, then: replay-kit info {given} --config map.toml"
-    return f"Next: replay-kit info {given} ANOTHER_LOG\nANOTHER_LOG is the log of this mission that has what is missing"
+        return [f"Next: replay-kit info {given} --suggest map.toml", f"Correct map.toml, then: replay-kit info {given} --config map.toml"]
+    return [f"Next: replay-kit info {given} ANOTHER_LOG", "ANOTHER_LOG is the log of this mission that has what is missing"]
