@@ -14,7 +14,6 @@ import pytest
 from cyclopts import CycloptsError
 
 from replay_kit.cli.app import main, report, run
-from replay_kit.cli.reporting import Reporting, begin
 from replay_kit.core.errors import ReplayKitError
 
 
@@ -44,9 +43,6 @@ def invoke(arguments: Sequence[str], columns: int = 160) -> Outcome:
             code = run(list(arguments))
         except (CycloptsError, ReplayKitError) as error:
             code, exception = report(error), error
-        finally:
-            # a process ends here; what later tests print must not go to the log of this command
-            begin(Reporting())
     return Outcome(code, out.getvalue(), err.getvalue(), exception)
 
 

@@ -93,6 +93,7 @@ def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
         read_recorded(out)
 
 
+@pytest.mark.full
 def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     corners = [[152.46, -40.06], [152.475, -40.06], [152.475, -39.97], [152.46, -39.97], [152.46, -40.06]]
     area = {"type": "Feature", "properties": {"name": "range"}, "geometry": {"type": "Polygon", "coordinates": [corners]}}
@@ -211,6 +212,7 @@ def test_a_plan_is_judged_by_forty_samples_and_its_message_leads_with_the_odds(f
     assert "100 % are asked for" in doubtful["message"]
 
 
+@pytest.mark.full
 def test_a_risk_that_cannot_be_kept_ends_with_7_and_without_files(flow, tmp_path):
     # the goal lies 200 m from an area on either side
     areas, out, csv = tmp_path / "areas.geojson", tmp_path / "plan.mcap", tmp_path / "plan.csv"

@@ -80,6 +80,7 @@ def test_the_script_of_a_dives_current(folder, capsys):
     assert measured == pytest.approx([1.5, 23.0], abs=0.4)
 
 
+@pytest.mark.full
 def test_the_script_of_forecasts_prefers_the_sample_log_of_its_own_ocean(capsys, tmp_path):
     import xarray as xr
 

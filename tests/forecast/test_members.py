@@ -204,6 +204,7 @@ def test_members_on_other_grids_and_levels_are_interpolated(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["dim:time", "files", "suffix"])
+@pytest.mark.full
 def test_natl_nemo_in_other_forms_gives_the_same_estimate(tmp_path, form):
     source = DATA / "natl_nemo" / "ensemble.nc"
     if not source.exists():

@@ -18,6 +18,7 @@ def check(folder, count, seed):
         assert found.kills == count, kind
 
 
+@pytest.mark.full
 def test_commands_killed_once_each_give_the_same_bytes(tmp_path):
     check(tmp_path, 1, 1)
 

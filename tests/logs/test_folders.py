@@ -108,6 +108,7 @@ def test_another_package_may_read_a_form_of_its_own(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.skipif(not (DATA / "seaglider").is_dir(), reason="../shared/data/seaglider is not there")
+@pytest.mark.full
 def test_a_folder_of_real_dives_is_one_log_a_dive() -> None:
     logs = open_logs([DATA / "seaglider"], several_missions=True)
     assert len(logs) == 11

@@ -115,6 +115,7 @@ def test_tests_come_fastest_first_with_those_of_shared_fixtures_and_of_the_modul
     assert within_budget(["c"], {"c": 3.0}, 1.0) == ["c"]
 
 
+@pytest.mark.full
 def test_the_survivor_of_a_small_project_is_named(tmp_path):
     (tmp_path / "planners").mkdir()
     (tmp_path / "planners" / "__init__.py").touch()

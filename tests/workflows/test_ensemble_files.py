@@ -35,6 +35,7 @@ def test_a_result_names_its_members_and_is_made_again(members, tmp_path):
 
 
 @pytest.mark.parametrize("products", [2, 1])
+@pytest.mark.full
 def test_files_of_one_product_belong_together_when_a_result_is_made_again(members, tmp_path, products):
     """Two files of each of two models, or one file of each in one folder, which are then a model each."""
     folders = [tmp_path / name for name in ("glorys", "hycom")[:products]]

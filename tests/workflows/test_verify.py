@@ -123,6 +123,7 @@ def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
     assert not verdict.same
 
 
+@pytest.mark.full
 def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
     count = read_recorded(run / "out.mcap").digests[-1].messages
     path = changed(run / "out.mcap", tmp_path / "short.mcap", (count - 1, lambda schema, data: None))
@@ -228,6 +229,7 @@ def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
     assert "latitude: " in said.output
 
 
+@pytest.mark.full
 def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run, tmp_path):
     """Version 3 renamed fields, so the definitions of the schemas differ and the messages do not."""
 

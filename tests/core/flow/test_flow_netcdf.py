@@ -47,6 +47,7 @@ def test_lossless_round_trip(make_flow, tmp_path: Path, kind: str, n_modes: int,
 
 @settings(deadline=None, max_examples=25)
 @given(latent=arrays(np.float64, (68, 3), elements=st.floats(width=64)))
+@pytest.mark.full
 def test_every_number_survives(make_flow, latent: Array) -> None:
     flow = replace(make_flow(), latent=latent)
     assert_same_flow(flow, load_bytes(save_bytes(flow), "flow"))

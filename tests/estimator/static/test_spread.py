@@ -102,6 +102,7 @@ def test_online_in_blocks_and_from_a_pickle_are_the_same():
     assert len(online.spread.past) == 40
 
 
+@pytest.mark.full
 def test_it_is_fitted_at_these_counts_and_ends_with_the_last():
     state, counts = ESTIMATOR.initial(), []
     for profile in PROFILES:

@@ -125,6 +125,7 @@ def test_the_form_may_change_after_any_ping(switch):
 
 
 @pytest.mark.parametrize("preset", ESTIMATORS)
+@pytest.mark.full
 def test_hundreds_of_pings_need_no_more_than_the_covariance(preset):
     estimator = ESTIMATORS[preset]
     observations = observed(places("track", 600))

@@ -74,6 +74,7 @@ def test_from_the_shelf_into_deep_water_each_dive_turns_above_the_bottom_beneath
     assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
 
 
+@pytest.mark.full
 def test_a_bank_is_gone_round_at_full_depth_where_that_is_possible():
     flow = still_flow()
     bottom = bathymetry(lambda x, y: np.where((np.abs(x - 152.5) < 0.02) & (y > -40.03), 150.0, 900.0))
@@ -119,6 +120,7 @@ def test_a_mooring_dives_no_deeper_than_the_bottom_around_it():
     assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
 
 
+@pytest.mark.full
 def test_a_free_path_keeps_above_the_bottom():
     flow, bottom = eddying_flow(5, speed=0.4), bathymetry(lambda x, y: 150.0 + 0.0 * x)
     ends = place(flow, -15e3, -8e3, 40.0), place(flow, 12e3, 9e3, 60.0)

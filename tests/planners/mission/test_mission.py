@@ -122,6 +122,7 @@ def test_a_warm_start_ends_where_the_cold_one_does_and_goes_on_from_the_next_sur
     assert later.duration == pytest.approx(cold.duration - cold.surfacing_times[1], rel=1e-3)
 
 
+@pytest.mark.full
 def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_end():
     flow = eddying_flow(7)
     goals = (place(flow, -4e3, 8e3, 0.0), place(flow, 2e3, 4e3, 120.0), place(flow, 10e3, 2e3, 200.0))
@@ -247,6 +248,7 @@ def test_too_far_and_against_too_strong_a_current_are_unreachable_and_say_so():
     assert "it makes good 0.1" in strong.message
 
 
+@pytest.mark.full
 def test_what_is_far_out_of_reach_is_told_from_what_may_be_and_takes_few_iterations():
     def task(east: float, settings: MissionSettings) -> MissionTask:
         flow = uniform_flow(east, 0.0)

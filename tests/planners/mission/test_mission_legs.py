@@ -29,6 +29,7 @@ def test_no_leg_counts_as_flown_before_half_of_it_is_however_steep_it_is():
             assert plan.legs_flown(round(1e9 * (end - early))) == flown
 
 
+@pytest.mark.full
 def test_between_the_dives_of_a_leg_the_glider_comes_up_clear_of_areas_that_forbid_it():
     flow = eddying_flow(12)
     start, goal, settings = place(flow, -9e3, 0.0, 0.0), place(flow, 9e3, 1e3, 0.0), MissionSettings(depth=390.0, yos=3)

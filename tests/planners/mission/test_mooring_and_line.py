@@ -137,6 +137,7 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
     assert tight.statistics["rms_m"] < 0.3 * loose.statistics["rms_m"]
 
 
+@pytest.mark.full
 def test_the_end_of_a_line_is_reached_also_where_the_way_leads_far_from_it():
     flow = eddying_flow(4, speed=0.4)
     result = plan_line(flow, MissionRequest(place(flow, -8e3, -4e3, 0.0), (place(flow, 10e3, 5e3, 0.0),), settings=SETTINGS))
@@ -145,6 +146,7 @@ def test_the_end_of_a_line_is_reached_also_where_the_way_leads_far_from_it():
     assert result.statistics["farthest_m"] > 5e3
 
 
+@pytest.mark.full
 def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
     flow = still_flow()
     corners = [place(flow, *corner, 0.0) for corner in ((-1e3, -2e3), (1e3, -2e3), (1e3, 1.5e3), (-1e3, 1.5e3))]

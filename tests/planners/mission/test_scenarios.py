@@ -32,6 +32,7 @@ def _drawn(n: int, seed: int) -> list:
     return [replace(FLOW, latent=FLOW.latent + 0.1 * rng.standard_normal() * east + 0.1 * rng.standard_normal() * north) for _ in range(n)]
 
 
+@pytest.mark.full
 def test_margins_widen_until_the_samples_keep_clear():
     plan, summary = plan_scenarios(FLOW, _drawn(20, 1), MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))
     narrow = plan_mission(FLOW, MissionRequest(START, (GOAL,), settings=SETTINGS, no_go=(AREA,)))

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission, waypoints_of
 from planners.route.hazards import no_go_rings
@@ -16,6 +17,7 @@ FLOW = still_flow()
 REQUEST = MissionRequest(place(FLOW, -7e3, 0.0, 0.0), (place(FLOW, 7e3, 0.0, 0.0),), settings=MissionSettings(depth=300.0))
 
 
+@pytest.mark.full
 def test_a_long_tolerance_does_not_lead_through_an_area():
     area = _area(FLOW, -1e3, -9e3, 1e3, 2e3)
     plan = plan_mission(FLOW, replace(REQUEST, no_go=(area,)))
@@ -41,6 +43,7 @@ def test_waypoints_that_cannot_be_headed_for_in_safety_say_so_first():
     assert found.message.startswith("not safe: heading for the waypoints crosses range at 152.4")
 
 
+@pytest.mark.full
 def test_dives_to_a_waypoint_are_as_deep_as_the_shallowest_planned_on_the_way():
     sill = bathymetry(lambda x, y: np.where(np.abs(x - 152.5) < 0.02, 150.0, 900.0))
     plan = plan_mission(FLOW, replace(REQUEST, bathymetry=sill))

@@ -65,6 +65,7 @@ def test_a_figure_is_the_reference_picture(pictures, kind, tmp_path):
     assert difference(found, expected) < TOLERANCE, f"look at {tmp_path / kind}.png"
 
 
+@pytest.mark.full
 def test_other_data_are_another_picture(pictures):
     section = pictures("section")
     assert difference(section, pictures("section", -1.0)) > 2.0 * TOLERANCE

@@ -185,6 +185,7 @@ def test_one_dive_is_none_to_predict(tmp_path):
         read_dives([tmp_path / "short.mcap"], RunConfig())
 
 
+@pytest.mark.full
 def test_the_command_says_what_it_found_and_refuses_other_estimators(log, tmp_path):
     synthetic.dataset(n_members=9, shape=(5, 6)).to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
     (tmp_path / "paper.toml").write_text('[estimator]\npreset = "paper"\n')

@@ -139,6 +139,7 @@ def test_a_course_that_leaves_the_water_is_tried_elsewhere():
         staying(partial(fly_pings, build_field(*torrent), 10, 20.0, 0.05), 0)
 
 
+@pytest.mark.full
 def test_a_mission_that_is_lost_leaves_the_others_and_is_said():
     forecasts = series()
     job = replace(JOB, studies=("outliers",), evaluations=1)

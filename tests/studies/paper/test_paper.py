@@ -154,6 +154,7 @@ def test_numerics_that_fail_are_a_row_with_the_reason():
 
 
 @pytest.mark.usefixtures("without_planning")
+@pytest.mark.full
 def test_a_study_goes_on_around_land_and_without_a_method_that_fails(monkeypatch):
     def build(name, ensemble, config):
         if name == "paper":
@@ -252,6 +253,7 @@ def test_over_truths_the_median_and_the_worst():
 
 
 @pytest.mark.usefixtures("without_planning")
+@pytest.mark.full
 def test_all_members_in_turn(tmp_path):
     few = Ensemble(MEMBERS.grid, MEMBERS.velocity[:3], None, "three")
     *partial, (tables, shown) = run_paper(few, None, CONFIG, PaperJob("all", most_modes=4, plan_modes=4, pings=(2,), pairs=1))
@@ -433,6 +435,7 @@ def test_wrong_options_end_with_code_2(ocean, monkeypatch, arguments, said):
 
 
 @pytest.mark.usefixtures("without_planning")
+@pytest.mark.full
 def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatch):
     monkeypatch.setattr(figures, "draw", lambda tables, shown: iter([("sparse", Drawn({"png": b"drawn"}, {}))]))
     options = [

@@ -87,6 +87,7 @@ def answer(tmp_path_factory):
     return folder / "out", json.loads((folder / "answer.json").read_text()), done.output, again
 
 
+@pytest.mark.full
 def test_studies_are_reported_in_every_form(answer):
     out, said, printed, again = answer
     assert tuple(said["studies"]) == DRAWN
@@ -116,6 +117,7 @@ def test_studies_are_reported_in_every_form(answer):
     assert "index.html: exists" in str(again.exception)
 
 
+@pytest.mark.full
 def test_plans_on_the_truth_meet_goals_that_the_truth_reaches(answer):
     for study, least in (("glides", 10.0), ("missions", 50.0)):
         rows = answer[1]["studies"][study]["tables"][f"{study}_cases"]

@@ -81,6 +81,7 @@ def test_a_plan_made_on_the_truth_ends_where_it_says_when_it_is_flown_in_the_tru
     assert few.miss > 5e3
 
 
+@pytest.mark.full
 def test_two_missions_end_nearer_to_the_goal_when_they_are_replanned():
     ensemble = synthetic.ensemble(seed=3, n_members=9, shape=(7, 8))
     config = RunConfig(estimator=EstimatorConfig(modes=20, sample_share=0.5))

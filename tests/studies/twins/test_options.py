@@ -107,6 +107,7 @@ def test_a_sea_that_changes_is_linear_between_its_times() -> None:
         build_field(late, early)
 
 
+@pytest.mark.full
 def test_a_mission_through_a_sea_that_changes_measures_it(tmp_path: Path) -> None:
     early = replace(make_truth(), time_ns=EPOCH_NS)
     late = replace(early, velocity=0.0 * early.velocity, time_ns=EPOCH_NS + DAY_NS)

@@ -91,6 +91,7 @@ def test_blocks_of_the_replay_change_no_byte_of_profiles_that_count_together(oce
     assert (tmp_path / "out.mcap").read_bytes() == grouped.read_bytes()
 
 
+@pytest.mark.full
 def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(ocean, tmp_path, grouped):
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
     for stop_after in (130, 40, 20):
@@ -103,6 +104,7 @@ def test_a_run_stopped_within_a_group_goes_on_to_the_same_bytes_and_is_verified(
     assert verify(out, [ocean], planner_of).same
 
 
+@pytest.mark.full
 def test_a_resumed_run_scores_the_truth_near_all_profiles_used_not_only_those_since_the_checkpoint(ocean, tmp_path):
     job = ReplayJob(
         (ocean / "glider.mcap",), ocean / "ensemble.nc", tmp_path / "out.mcap", truth=str(ocean / "truth.nc"), truth_radius_km=8.0
@@ -146,6 +148,7 @@ def command_line(ocean, folder, *more):
     return [*command, *options, "-o", str(folder / "out.mcap"), *more]
 
 
+@pytest.mark.full
 def test_a_process_that_is_killed_goes_on(ocean, tmp_path, whole):
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
     command = command_line(ocean, tmp_path, "--checkpoint", str(checkpoint))

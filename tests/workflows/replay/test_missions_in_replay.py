@@ -105,6 +105,7 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
     assert words in said.getvalue()
 
 
+@pytest.mark.full
 def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, stopped):
     path, _, checkpoint = stopped
     # a plan was in force, whose surfacing had not come

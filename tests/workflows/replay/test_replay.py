@@ -397,6 +397,7 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     assert score.rmse < 6e-3
 
 
+@pytest.mark.full
 def test_a_truth_that_the_plan_leaves_costs_no_result(ocean, tmp_path):
     with xr.open_dataset(ocean / "truth.nc", engine="h5netcdf") as ds:
         ds.isel(lon=slice(0, 3)).to_netcdf(tmp_path / "west.nc", engine="h5netcdf")
