@@ -119,6 +119,7 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     assert (violating == 0.0) == (wide["samples"]["violations"] == {})
 
 
+@pytest.mark.full
 def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path):
     here = ["--start=152.5,-40.0,0", "--goal=152.5,-40.0,0", "--depth", "390", "--json", "-"]
     done = run(flow, *here, "--mooring", "2000,4", "--surfacings-only", "--samples", 4)
@@ -183,6 +184,7 @@ def test_a_configuration_counts_here_too_and_options_win(flow, tmp_path):
     assert (configured["samples"]["count"], said["samples"]) == (3, None)
 
 
+@pytest.mark.full
 def test_samples_of_a_flow_that_changes_keep_their_errors(flow, tmp_path):
     later = tmp_path / "later.nc"
     first = load(flow)

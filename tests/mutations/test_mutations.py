@@ -61,6 +61,7 @@ class A:
     assert changed(source) == set()
 
 
+@pytest.mark.full
 def test_every_mutant_of_the_project_can_be_compiled():
     for mutant in drawn(mutants(ROOT, targets(ROOT)), ROOT, 0, 100):
         compile(apply((ROOT / mutant.path).read_text(encoding="utf-8"), mutant.site), str(mutant.path), "exec")

@@ -202,6 +202,7 @@ def test_a_time_beyond_signed_64_bits_is_shown_as_the_last() -> None:
 
 
 @pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there")
+@pytest.mark.full
 def test_real_dives_become_ten_profiles(tmp_path: Path) -> None:
     summary = convert(SEAGLIDER, tmp_path / "out.mcap", False, LogConfig())
     assert (summary.messages["/adcp/inverted"], summary.messages["/dac"], summary.messages["/vehicle/fix"]) == (10, 5, 15)

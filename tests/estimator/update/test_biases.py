@@ -157,6 +157,7 @@ def test_the_stretch_is_the_slope_of_the_measure_of_what_is_logged():
         assert scale_jacobian(one, rows, np.ones(2), np.eye(2)) == pytest.approx(expected, abs=1e-3)
 
 
+@pytest.mark.full
 def test_a_sound_log_gives_no_scale_error_on_the_average():
     """The regressor is made of what was measured: without the Jacobian it would find an error in its own noise."""
     estimator = build_evolving([OTHERS], CONFIG, TimeConfig(scale="static", biases=("scale",)))

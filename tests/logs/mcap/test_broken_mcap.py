@@ -206,6 +206,7 @@ def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path: Path, chunk: by
     assert peak < 20_000_000
 
 
+@pytest.mark.full
 def test_memory_is_one_chunk(tmp_path: Path) -> None:
     file = tmp_path / "log"
     file.write_bytes(json_mcap(range(60_000), chunk_size=100_000))

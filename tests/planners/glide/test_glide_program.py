@@ -41,6 +41,7 @@ def _far_from_its_centre(flow: FlowEstimate, longitude: float) -> FlowEstimate:
     return replace(flow, grid=replace(flow.grid, projection=centre, east=east, north=north))
 
 
+@pytest.mark.full
 def test_an_earlier_plan_is_begun_from_at_its_own_heading_where_the_frame_is_turned() -> None:
     flow = _far_from_its_centre(eddying_flow(21), 165.0)
     east, north = float(flow.grid.east.mean()), float(flow.grid.north.mean())

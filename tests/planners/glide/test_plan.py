@@ -158,6 +158,7 @@ def test_an_outcome_beyond_the_region_stops_at_its_edge() -> None:
     assert abs(result.closest_approach - float(result.statistics["solver_distance"])) < 1.0
 
 
+@pytest.mark.full
 def test_land_is_not_crossed() -> None:
     flow = still_flow()
     wet = flow.grid.wet.copy()

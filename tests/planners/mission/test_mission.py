@@ -212,6 +212,7 @@ def test_a_forbidden_area_is_gone_round_or_passed_under(surface_only: bool):
     assert ring.forbids(track[:, :2]).any() == surface_only
 
 
+@pytest.mark.full
 def test_land_and_shallows_are_gone_round():
     flow = still_flow()
     wet = flow.grid.wet.copy()
@@ -336,6 +337,7 @@ def test_half_planes_keep_a_point_on_its_side_and_lead_out():
     np.testing.assert_array_equal(replace(ring, outside=True).forbids(points), [True, False])
 
 
+@pytest.mark.full
 def test_a_sliver_between_two_areas_does_not_hide_the_way_round_them():
     flow = still_flow()
     areas = (_area(flow, -1e3, -20e3, 1e3, 560.0), _area(flow, -1e3, 640.0, 1e3, 3e3))

@@ -53,6 +53,7 @@ def test_least_energy_goes_at_the_most_frugal_speed():
         assert found.energy == pytest.approx((vehicle.hotel + vehicle.drag * speed**3) * found.duration, rel=1e-3)
 
 
+@pytest.mark.full
 def test_free_depths_are_no_slower():
     flow = eddying_flow(5, speed=0.4)
     ask = (flow, np.array([-15e3, -8e3, 40.0]), np.array([12e3, 9e3, 300.0]))
@@ -61,6 +62,7 @@ def test_free_depths_are_no_slower():
     assert free.duration <= bound.duration * (1.0 + 1e-6)
 
 
+@pytest.mark.full
 def test_an_area_is_gone_round_by_the_shortest_way():
     flow, settings = still_flow(), AuvSettings(free_depth=False)
     area, other = _area(flow, -2e3, -8e3, 2e3, 3e3), _area(flow, 4e3, -2e3, 7e3, 9e3)

@@ -51,6 +51,7 @@ def test_the_first_time_of_a_log_is_not_that_of_a_stray_stamp(ocean):
     assert look_ahead([ocean / "broken.mcap"], CONFIG)[1] < YEAR_2200
 
 
+@pytest.mark.full
 def test_a_stopped_run_over_a_jump_goes_on_to_the_same_bytes(ocean, tmp_path):
     run(ocean, "broken.mcap", tmp_path / "whole.mcap")
     for stop_after in (50, 15):
