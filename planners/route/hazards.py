@@ -152,20 +152,6 @@ def first_crossing(rings: Sequence[Ring], segments: Array, skin: Array) -> tuple
     return name, number, share
 
 
-def first_violation(rings: Sequence[Ring], points: Array, surfacing: bool) -> tuple[str, int] | None:
-    """Return the name of the ring that forbids a point of a path first and the number of the point; None when none is forbidden.
-
-    Args:
-        rings: What is forbidden.
-        points: shape (n, 2) [m], along the path.
-        surfacing: Whether the points are at the surface.
-    """
-    first = [
-        (int(np.argmax(bad)), ring.name) for ring in rings if surfacing or not ring.surface_only if (bad := ring.forbids(points)).any()
-    ]
-    return min(first)[::-1] if first else None
-
-
 def half_planes(rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int, margin: float) -> Array:
     """Return half-planes in which each point may move freely, shape (n, count, 3): normal (east, north) and offset [m].
 

@@ -26,7 +26,6 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     }
 )
 TIMES = ("time", "gps_time", "start_time", "end_time", "dac_time")
-FLAGS = ("gps_flag", "start_flag", "end_flag", "dac_flag")
 
 # how many samples each profile of a ragged array has; which mission a file is of
 _ALWAYS = ("rowsize", "row_size", "trajectory", "mission_name")
