@@ -18,8 +18,9 @@ from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
-from replay_kit.estimator.basis.modes import Basis, build_basis, cell_size, correlation_length
+from replay_kit.estimator.basis.modes import Basis, build_basis
 from replay_kit.estimator.basis.noise import bin_noise
+from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
