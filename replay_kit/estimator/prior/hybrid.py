@@ -9,6 +9,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
 from replay_kit.estimator.prior.localised import localised_part
+from replay_kit.estimator.prior.reduction import Reduction, hybrid_reduction
 
 
 class Prior(Protocol):
@@ -43,6 +44,19 @@ class Prior(Protocol):
 
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        ...
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        ...
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows take from the covariance of sums of levels; see ``reduction.py``.
+
+        Args:
+            directions: shape (s, r), of the rows.
+            matrix: shape (Z s, Z s), symmetric.
+        """
         ...
 
 
@@ -99,6 +113,20 @@ class DiagonalPrior:
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         return np.diag(self.variance[_indices(levels)].ravel())
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        return np.diag(self.variance[list(levels)].sum(axis=0))
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        blocks = matrix.reshape(len(self.variance), len(directions), len(self.variance), -1)
+
+        def reduction(levels: tuple[int, ...]) -> Array:
+            scaled = {level: directions * self.variance[level] for level in levels}
+            return np.asarray(sum(scaled[j].T @ blocks[j, :, k] @ scaled[k] for j in levels for k in levels))
+
+        return reduction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,6 +186,16 @@ class HybridPrior:
         for pairs, of_modes in zip(self._pairs(chosen, chosen), self.horizontal, strict=True):
             block += np.multiply.outer(pairs, of_modes).transpose(0, 2, 1, 3)
         return cov
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        factor, share = self.factor[:, list(levels)].sum(axis=1), np.square(self.vertical[:, list(levels)].sum(axis=1))
+        shares = np.array([share[part].sum() for part, _ in self._groups()])
+        return np.asarray(factor.T @ factor + np.tensordot(shares, self.horizontal, 1))
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        return hybrid_reduction(self.factor, self.vertical, self.horizontal, directions, matrix)
 
     def _groups(self) -> Iterator[tuple[slice, Array]]:
         """Yield the functions that share a covariance of the modes' amplitudes, and that covariance."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -28,6 +27,7 @@ from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prio
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.update.biases import NAMES, BiasScore, significant_bias_notes, unit_bias_rows
 from replay_kit.estimator.update.compression import ProfileRows, compress_profile
+from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.observation_space import initial
@@ -221,7 +221,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the current estimate of a state; its covariance is computed when first asked for."""
-        return self.flow_of(state.mean, cache(state.posterior.covariance), state.time_ns)
+        return self.flow_of(state.mean, PosteriorCovariance(state.posterior), state.time_ns)
 
     def flow_of(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
         """Return the current estimate of weights.
