@@ -18,7 +18,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel, velocity_kernel
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.shifts import shifted_copies
 
@@ -33,18 +33,18 @@ class Basis:
     """Basis flows of a region, and the members in them.
 
     Attributes:
-        grid: The ensemble's grid; its wet top points are the kernel's nodes.
-        kernel: Horizontal kernel.
+        grid: The ensemble's grid; its wet top points are the nodes.
+        horizontal: The horizontal functions; M of them.
         depth_functions: How levels combine.
-        offset: shape (2N, Z), latent velocities of the flow whose weights are zero.
-        modes: shape (2N, r), latent velocities of the basis flows, the same at every level.
+        offset: shape (M, Z), latent values of the flow whose weights are zero.
+        modes: shape (M, r), latent values of the basis flows, the same at every level.
         singular_values: shape (R,), of all modes, R >= r.
         member_weights: shape (E, Z, r).
         truncation_std: shape (Z,) [m/s], RMS truncation error of the members for each component.
     """
 
     grid: Grid
-    kernel: HorizontalKernel
+    horizontal: HorizontalFunctions
     depth_functions: DepthFunctions
     offset: Array
     modes: Array
@@ -66,7 +66,16 @@ class Basis:
             time_ns: Time it holds for [ns, UTC].
         """
         latent = self.offset + self.modes @ mean.reshape(self.grid.levels.size, -1).T
-        return FlowEstimate(self.grid, self.kernel, self.depth_functions, latent, self.modes, covariance, time_ns)
+        return FlowEstimate(self.grid, self.horizontal, self.depth_functions, latent, self.modes, covariance, time_ns)
+
+    def at_place(self, place: Array) -> tuple[Array, Array]:
+        """Return the velocity [m/s] at a place of the offset at each level, shape (2, Z), and of each mode, shape (2, r).
+
+        Args:
+            place: shape (2,) [m], local east and north.
+        """
+        offset, modes = (self.horizontal.velocity(place[None], latent)[:, 0] for latent in (self.offset, self.modes))
+        return offset, modes
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array:
         """Return a velocity minus its least-squares fit by the basis, shape (P, 2) [m/s].
@@ -81,9 +90,10 @@ class Basis:
         out = np.empty_like(velocity)
         for value in np.unique(depth):
             here = depth == value
-            kernel = velocity_kernel(self.kernel, points[here], self.grid.nodes)
-            offset = kernel @ self.offset @ depth_weights(self.depth_functions, np.array([value]), self.grid.levels)[0]
-            out[here] = fit_residual(kernel @ self.modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
+            weights = depth_weights(self.depth_functions, np.array([value]), self.grid.levels)[0]
+            offset = (self.horizontal.velocity(points[here], self.offset) @ weights).ravel()
+            modes = self.horizontal.velocity(points[here], self.modes).reshape(-1, self.n_modes)
+            out[here] = fit_residual(modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
         return out
 
     def representation_std(self, config: EstimatorConfig) -> Array:
@@ -95,12 +105,12 @@ class Basis:
 def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     """Return the basis of the configuration's preset."""
     slices = ensemble_slices(ensemble)
-    kernel = _kernel(ensemble, slices, config)
+    functions = _functions(ensemble, slices, config)
     if config.preset == "paper":
-        return _paper_basis(ensemble.grid, slices, kernel, DepthFunctions("gaussian", config.length_vertical), config.modes)
+        return _paper_basis(ensemble.grid, slices, functions, DepthFunctions("gaussian", config.length_vertical), config.modes)
     few = bool(ensemble.made_from) and (config.modes is None or (ensemble.n_members - 1) * slices.shape[1] < config.modes)
     shift = (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance) if few else 0.0
-    basis = _default_basis(ensemble.grid, slices, kernel, config, shift)
+    basis = _default_basis(ensemble.grid, slices, functions, config, shift)
     return replace(basis, truncation_std=np.hypot(basis.truncation_std, ensemble.representation_error_std))
 
 
@@ -147,38 +157,38 @@ def correlation_length(ensemble: Ensemble) -> float:
     return max(cell, float(np.sqrt(variance / slope))) if slope > 0.0 else cell
 
 
-def embed(kernel: HorizontalKernel, nodes: Array, velocity: Array, nugget: float) -> Array:
-    """Return latent velocities beta with (K + nugget max(eigenvalue) I) beta = velocity.
+def embed(functions: HorizontalFunctions, nodes: Array, velocity: Array, nugget: float) -> Array:
+    """Return the latent values, shape (M, m), of flows with given velocities at nodes: (K + nugget max(eigenvalue) I) beta = velocity.
 
     Args:
-        kernel: Horizontal kernel.
+        functions: The horizontal functions; M of them.
         nodes: shape (N, 2) [m].
         velocity: shape (2N, m) [m/s].
         nugget: Share of the kernel matrix's largest eigenvalue added to its diagonal.
     """
-    eigenvalues, vectors = np.linalg.eigh(velocity_kernel(kernel, nodes, nodes))
+    eigenvalues, vectors = np.linalg.eigh(velocity_kernel(functions.kernel, nodes, nodes))
     return np.asarray(vectors @ ((vectors.T @ velocity) / (eigenvalues + nugget * eigenvalues[-1])[:, None]))
 
 
 def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
     """Return one member, or a truth, as a flow without uncertainty: hats in depth, the default kernel."""
     slices = ensemble_slices(ensemble)[member]
-    kernel = _kernel(ensemble, slices[None], config.model_copy(update={"preset": "default"}))
-    latent = embed(kernel, ensemble.grid.nodes, slices.T, config.nugget)
+    functions = _functions(ensemble, slices[None], config.model_copy(update={"preset": "default"}))
+    latent = embed(functions, ensemble.grid.nodes, slices.T, config.nugget)
     nothing = np.empty((latent.shape[0], 0)), np.empty((0, 0))
-    return FlowEstimate(ensemble.grid, kernel, DepthFunctions("hat", config.length_vertical), latent, *nothing, ensemble.time_ns)
+    return FlowEstimate(ensemble.grid, functions, DepthFunctions("hat", config.length_vertical), latent, *nothing, ensemble.time_ns)
 
 
-def _kernel(ensemble: Ensemble, slices: Array, config: EstimatorConfig) -> HorizontalKernel:
+def _functions(ensemble: Ensemble, slices: Array, config: EstimatorConfig) -> HorizontalFunctions:
     speed = config.speed or float(np.sqrt(np.mean(slices[:, 0] ** 2)))
     if config.preset == "paper":
         length = config.length_horizontal or 10_000.0
-        return HorizontalKernel(length, length, speed)
-    return default_kernel(ensemble.grid, config, speed)
+        return NodeKernel(HorizontalKernel(length, length, speed), ensemble.grid.nodes)
+    return default_functions(ensemble.grid, config, speed)
 
 
-def default_kernel(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> HorizontalKernel:
-    """Return the default preset's kernel, which interpolates a velocity from the nodes to other places.
+def default_functions(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> HorizontalFunctions:
+    """Return the default preset's horizontal functions, which interpolate a velocity from the nodes to other places.
 
     Args:
         grid: Its cells give the lengths.
@@ -186,9 +196,11 @@ def default_kernel(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> H
         speed: Amplitude [m/s].
     """
     if config.length_horizontal is not None:
-        return HorizontalKernel(config.length_horizontal, config.length_horizontal, speed)
-    east, north = cell_size(grid)
-    return HorizontalKernel(DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north, speed)
+        lengths = config.length_horizontal, config.length_horizontal
+    else:
+        east, north = cell_size(grid)
+        lengths = DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north
+    return NodeKernel(HorizontalKernel(*lengths, speed), grid.nodes)
 
 
 def fit_residual(design: Array, values: Array) -> Array:
@@ -206,19 +218,19 @@ def _svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
     return u[:, : min(n_modes or rank, rank)], s
 
 
-def _paper_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions, n_modes: int | None) -> Basis:
+def _paper_basis(grid: Grid, slices: Array, functions: HorizontalFunctions, depth_functions: DepthFunctions, n_modes: int | None) -> Basis:
     """The paper's: latents of the product kernel K_z x K_h without a nugget, SVD of all latent slices, weights about zero."""
     n_members, n_levels, size = slices.shape
     kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
     by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
     by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
-    latent = embed(kernel, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
+    latent = embed(functions, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
     modes, singular_values = _svd(latent, n_modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
-    return Basis(grid, kernel, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
+    return Basis(grid, functions, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
 
 
-def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: EstimatorConfig, shift: float) -> Basis:
+def _default_basis(grid: Grid, slices: Array, functions: HorizontalFunctions, config: EstimatorConfig, shift: float) -> Basis:
     """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
 
     With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
@@ -232,10 +244,10 @@ def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: 
     weights = velocity_modes.T @ anomalies
     truncated = (anomalies - velocity_modes @ weights).reshape(size, n_members, n_levels)
     velocities: Array = np.hstack([mean.T, velocity_modes])
-    latents = embed(kernel, grid.nodes, velocities, config.nugget)
+    latents = embed(functions, grid.nodes, velocities, config.nugget)
     return Basis(
         grid,
-        kernel,
+        functions,
         DepthFunctions("hat", config.length_vertical),
         latents[:, :n_levels],
         latents[:, n_levels:],

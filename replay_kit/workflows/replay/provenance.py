@@ -101,9 +101,9 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
         "modes": str(flow.n_modes),
         "depth_functions": flow.depth_functions.kind,
-        "kernel_length_east_m": repr(flow.kernel.length_east),
-        "kernel_length_north_m": repr(flow.kernel.length_north),
-        "kernel_speed": repr(flow.kernel.speed),
+        "kernel_length_east_m": repr(flow.horizontal.kernel.length_east),
+        "kernel_length_north_m": repr(flow.horizontal.kernel.length_north),
+        "kernel_speed": repr(flow.horizontal.kernel.speed),
     }
 
 

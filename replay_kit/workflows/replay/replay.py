@@ -266,7 +266,7 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
 
 def _notes(session: Session, inputs: _Inputs, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
     """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
-    kernel, estimator = flow.kernel, session.estimator
+    kernel, estimator = flow.horizontal.kernel, session.estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     no_goal = [] if inputs.job.goal is not None else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
