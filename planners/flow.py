@@ -10,7 +10,7 @@ compiled loop over the nodes for each operation, which is faster than the same t
 are an argument: a new estimate needs no new graph.
 """
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -68,10 +68,9 @@ def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
     return np.array([((flow.time_ns or 0) - first) / 1e9 for flow in flows]), np.hstack([flow.latent for flow in flows])
 
 
-def graph_key(flow: FlowEstimate) -> tuple[bytes, bytes, HorizontalKernel, DepthFunctions, Projection]:
-    """Return what makes two estimates share one graph: nodes, levels, kernel, depth functions and frame, but not the latent velocities."""
-    nodes, levels = np.ascontiguousarray(flow.nodes).tobytes(), np.ascontiguousarray(flow.levels).tobytes()
-    return nodes, levels, flow.kernel, flow.depth_functions, flow.grid.projection
+def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Projection]:
+    """Return what makes two estimates share one graph: functions in the horizontal and in depth, levels and frame; no latent values."""
+    return flow.horizontal.key, np.ascontiguousarray(flow.levels).tobytes(), flow.depth_functions, flow.grid.projection
 
 
 def _field(flow: FlowEstimate, levels: Array, functions: DepthFunctions, times: Array | None, axes: tuple[str, ...]) -> ca.Function:
@@ -79,7 +78,7 @@ def _field(flow: FlowEstimate, levels: Array, functions: DepthFunctions, times: 
     names = axes if times is None else (*axes, "time")
     place: Any = ca.MX.sym("place", len(names))
     latent = ca.MX.sym("latent", 2 * len(flow.nodes), levels.size * (1 if times is None else times.size))
-    summed = _SumOverNodes(flow.nodes, flow.kernel, place)
+    summed = _SumOverNodes(flow.nodes, flow.horizontal.kernel, place)
 
     def derivative(*by: str) -> Any:
         """Return the velocity differentiated once by each of the axes given."""

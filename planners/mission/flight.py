@@ -58,7 +58,7 @@ class Currents:
             )
         latent = sum(weights[i] * self.columns[i] for i in np.flatnonzero(weights))
         assert isinstance(latent, np.ndarray), "some level has a weight at every depth"
-        kernel, n = self.flow.kernel, len(self.nodes)
+        kernel, n = self.flow.horizontal.kernel, len(self.nodes)
         dx, dy = place[:, :1] - self.nodes[:, 0], place[:, 1:] - self.nodes[:, 1]
         sx, sy = dx / kernel.length_east**2, dy / kernel.length_north**2
         k = (kernel.speed * kernel.length_east) ** 2 * np.exp(-0.5 * (sx * dx + sy * dy))

@@ -1,11 +1,11 @@
 """A current field with its uncertainty: an immutable value that evaluates itself.
 
-A flow is a sum over levels of a depth function times an incompressible horizontal kernel field,
+A flow is a sum over levels of a depth function times a sum of incompressible horizontal functions h,
 
-    f(x, y, z) = sum_j d_j(z) K((x, y), nodes) latent[:, j],
+    f(x, y, z) = sum_j d_j(z) h(x, y) latent[:, j],
 
 so it is divergence-free in the horizontal wherever it is evaluated. Its uncertainty, when it has one, is a covariance of
-weights w of r modes a level: f = K modes w summed over levels in the same way. Estimates, baselines, truths and ensemble
+weights w of r modes a level: f = h modes w summed over levels in the same way. Estimates, baselines, truths and ensemble
 members are all this one value, as ``FlowEstimate``.
 """
 
@@ -24,7 +24,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.covariance import WeightCovariance, covariance_of_sum, quadratic_form, sums_for
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalFunctions
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 
@@ -36,23 +36,23 @@ _CHUNK = 512
 class FlowField:
     """A horizontally divergence-free flow in a box, with its uncertainty when known.
 
-    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent the kernel fades to zero. Below the
-    last level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
+    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent it fades to zero. Below the last
+    level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
     Points on land have a value too; ``grid.wet`` is the land mask.
 
     Attributes:
-        grid: Grid, local frame and land mask it was built on; its wet top points are the kernel's nodes.
-        kernel: Horizontal kernel.
+        grid: Grid, local frame and land mask it was built on; its wet top points are the nodes.
+        horizontal: The horizontal functions; M of them.
         depth_functions: How levels combine.
-        latent: shape (2N, Z), latent velocities of the flow, all east then all north.
-        modes: shape (2N, r), latent velocities of the modes the uncertainty is expressed in; r = 0 without uncertainty.
+        latent: shape (M, Z), latent values of the flow.
+        modes: shape (M, r), latent values of the modes the uncertainty is expressed in; r = 0 without uncertainty.
         covariance: Of the weights, or a function that returns it for some levels' weights, None for all; read ``weight_cov``.
         time_ns: Time it holds for [ns, UTC]; None when unknown.
         later: Makes the estimate for another time [ns, UTC] from it, as ``evolution`` does; None when the flow has no model of time.
     """
 
     grid: Grid
-    kernel: HorizontalKernel
+    horizontal: HorizontalFunctions
     depth_functions: DepthFunctions
     latent: Array
     modes: Array
@@ -80,7 +80,7 @@ class FlowField:
 
     @property
     def nodes(self) -> Array:
-        """Kernel nodes, shape (N, 2) [m]."""
+        """Nodes of the grid, shape (N, 2) [m]."""
         return self.grid.nodes
 
     @property
@@ -95,7 +95,7 @@ class FlowField:
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the covariance itself, not the estimator's state from which it would be computed."""
-        parts = (self.grid, self.kernel, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
+        parts = (self.grid, self.horizontal, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
         return type(self), parts
 
     @property
@@ -162,8 +162,8 @@ class FlowField:
         return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
 
     def _components(self, places: Array, latent: Array, true_axes: bool) -> Array:
-        """Return the two components, shape (2, M, k), at places, shape (M, 2), of flows with latent velocities, shape (2N, k)."""
-        rows = (velocity_kernel(self.kernel, places, self.nodes) @ latent).reshape(2, len(places), -1)
+        """Return the two components, shape (2, M, k), at places, shape (M, 2), of flows with latent values, shape (size, k)."""
+        rows = self.horizontal.velocity(places, latent)
         if not true_axes:
             return rows
         longitude, latitude = to_geographic(self.grid.projection, *places.T)

@@ -12,7 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution, constant
-from replay_kit.core.flow.horizontal import HorizontalKernel
+from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel
 from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, READ_VERSIONS
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Grid, Projection
@@ -80,9 +80,10 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
     kind = attrs["depth_function_kind"]
     if kind not in ("hat", "gaussian") or latent.shape[0] != 2 * int(grid.wet[0].sum()):
         raise ValueError(f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {int(grid.wet[0].sum())} nodes")
+    kernel = HorizontalKernel(*(float(attrs[f"kernel_{name}"]) for name in ("length_east", "length_north", "speed")))
     flow = FlowEstimate(
         grid=grid,
-        kernel=HorizontalKernel(float(attrs["kernel_length_east"]), float(attrs["kernel_length_north"]), float(attrs["kernel_speed"])),
+        horizontal=NodeKernel(kernel, grid.nodes),
         depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
         latent=latent,
         modes=values.get("modes", np.empty((latent.shape[0], 0))),

@@ -71,9 +71,9 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
     numbers = {
         "projection_longitude": grid.projection.longitude,
         "projection_latitude": grid.projection.latitude,
-        "kernel_length_east": flow.kernel.length_east,
-        "kernel_length_north": flow.kernel.length_north,
-        "kernel_speed": flow.kernel.speed,
+        "kernel_length_east": flow.horizontal.kernel.length_east,
+        "kernel_length_north": flow.horizontal.kernel.length_north,
+        "kernel_speed": flow.horizontal.kernel.speed,
         "depth_function_length": flow.depth_functions.length,
     }
     attrs = {

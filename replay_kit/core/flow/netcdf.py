@@ -12,13 +12,12 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.covariance import quadratic_form
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.field import FlowField
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, history, write_dataset
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.version import __version__
 
-# Points evaluated at once: bounds the kernel matrix to some tens of MB.
+# Points evaluated at once: bounds the matrices to some tens of MB.
 _CHUNK = 512
 
 _COMPONENTS = {"u": "eastward sea water velocity", "v": "northward sea water velocity"}
@@ -137,8 +136,8 @@ def _target(
 def _on_columns(flow: FlowField, longitude: Array, latitude: Array, points: Array, depth: Array) -> tuple[Array, Array | None]:
     """Return velocity and its variance, each (2, D, P) towards true east and north, at every depth over every point.
 
-    The kernel is evaluated once per point and the rows of latent flow and modes are turned to true axes together, so that the
-    variance of a turned component is the same quadratic form and needs no covariance between components.
+    The horizontal functions are evaluated once per point and the rows of latent flow and modes are turned to true axes together, so
+    that the variance of a turned component is the same quadratic form and needs no covariance between components.
     """
     levels = flow.levels.size
     by_depth = depth_weights(flow.depth_functions, depth, flow.levels)
@@ -148,7 +147,7 @@ def _on_columns(flow: FlowField, longitude: Array, latitude: Array, points: Arra
     columns = np.hstack([flow.latent, flow.modes])
     for start in range(0, len(points), _CHUNK):
         part = slice(start, start + _CHUNK)
-        local = (velocity_kernel(flow.kernel, points[part], flow.nodes) @ columns).reshape(2, -1, columns.shape[1])
+        local = flow.horizontal.velocity(points[part], columns)
         for component, rows in enumerate(rotate_to_geographic(flow.grid.projection, longitude[part, None], latitude[part, None], *local)):
             velocity[component, :, part] = by_depth @ rows[:, :levels].T
             if variance is not None and covariances is not None:

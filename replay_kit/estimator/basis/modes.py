@@ -18,7 +18,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel, velocity_kernel
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.decomposition import decompose, exact_svd
 from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, shifted_copies
@@ -35,18 +35,18 @@ class Basis:
     """Basis flows of a region, and the members in them.
 
     Attributes:
-        grid: The ensemble's grid; its wet top points are the kernel's nodes.
-        kernel: Horizontal kernel.
+        grid: The ensemble's grid; its wet top points are the nodes.
+        horizontal: The horizontal functions; M of them.
         depth_functions: How levels combine.
-        offset: shape (2N, Z), latent velocities of the flow whose weights are zero.
-        modes: shape (2N, r), latent velocities of the basis flows, the same at every level.
+        offset: shape (M, Z), latent values of the flow whose weights are zero.
+        modes: shape (M, r), latent values of the basis flows, the same at every level.
         singular_values: shape (R,), of all modes, R >= r.
         member_weights: shape (E, Z, r).
         truncation_std: shape (Z,) [m/s], RMS truncation error of the members for each component.
     """
 
     grid: Grid
-    kernel: HorizontalKernel
+    horizontal: HorizontalFunctions
     depth_functions: DepthFunctions
     offset: Array
     modes: Array
@@ -68,7 +68,16 @@ class Basis:
             time_ns: Time it holds for [ns, UTC].
         """
         latent = self.offset + self.modes @ mean.reshape(self.grid.levels.size, -1).T
-        return FlowEstimate(self.grid, self.kernel, self.depth_functions, latent, self.modes, covariance, time_ns)
+        return FlowEstimate(self.grid, self.horizontal, self.depth_functions, latent, self.modes, covariance, time_ns)
+
+    def at_place(self, place: Array) -> tuple[Array, Array]:
+        """Return the velocity [m/s] at a place of the offset at each level, shape (2, Z), and of each mode, shape (2, r).
+
+        Args:
+            place: shape (2,) [m], local east and north.
+        """
+        offset, modes = (self.horizontal.velocity(place[None], latent)[:, 0] for latent in (self.offset, self.modes))
+        return offset, modes
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array:
         """Return a velocity minus its least-squares fit by the basis, shape (P, 2) [m/s].
@@ -83,9 +92,10 @@ class Basis:
         out = np.empty_like(velocity)
         for value in np.unique(depth):
             here = depth == value
-            kernel = velocity_kernel(self.kernel, points[here], self.grid.nodes)
-            offset = kernel @ self.offset @ depth_weights(self.depth_functions, np.array([value]), self.grid.levels)[0]
-            out[here] = fit_residual(kernel @ self.modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
+            weights = depth_weights(self.depth_functions, np.array([value]), self.grid.levels)[0]
+            offset = (self.horizontal.velocity(points[here], self.offset) @ weights).ravel()
+            modes = self.horizontal.velocity(points[here], self.modes).reshape(-1, self.n_modes)
+            out[here] = fit_residual(modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
         return out
 
     def representation_std(self, config: EstimatorConfig) -> Array:
@@ -103,30 +113,30 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     return _default_basis(ensemble, config, shift)
 
 
-def embed(kernel: HorizontalKernel, nodes: Array, velocity: Array, nugget: float) -> Array:
-    """Return latent velocities beta with (K + nugget max(eigenvalue) I) beta = velocity.
+def embed(functions: HorizontalFunctions, nodes: Array, velocity: Array, nugget: float) -> Array:
+    """Return the latent values, shape (M, m), of flows with given velocities at nodes: (K + nugget max(eigenvalue) I) beta = velocity.
 
     Args:
-        kernel: Horizontal kernel.
+        functions: The horizontal functions; M of them.
         nodes: shape (N, 2) [m].
         velocity: shape (2N, m) [m/s].
         nugget: Share of the kernel matrix's largest eigenvalue added to its diagonal.
     """
-    eigenvalues, vectors = np.linalg.eigh(velocity_kernel(kernel, nodes, nodes))
+    eigenvalues, vectors = np.linalg.eigh(velocity_kernel(functions.kernel, nodes, nodes))
     return np.asarray(vectors @ ((vectors.T @ velocity) / (eigenvalues + nugget * eigenvalues[-1])[:, None]))
 
 
 def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
     """Return one member, or a truth, as a flow without uncertainty: hats in depth, the default kernel."""
     alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
-    kernel = default_kernel(ensemble.grid, config, config.speed or surface_speed(alone))
-    latent = embed(kernel, ensemble.grid.nodes, ensemble_slices(alone)[0].T, config.nugget)
+    functions = default_functions(ensemble.grid, config, config.speed or surface_speed(alone))
+    latent = embed(functions, ensemble.grid.nodes, ensemble_slices(alone)[0].T, config.nugget)
     nothing = np.empty((latent.shape[0], 0)), np.empty((0, 0))
-    return FlowEstimate(ensemble.grid, kernel, DepthFunctions("hat", config.length_vertical), latent, *nothing, ensemble.time_ns)
+    return FlowEstimate(ensemble.grid, functions, DepthFunctions("hat", config.length_vertical), latent, *nothing, ensemble.time_ns)
 
 
-def default_kernel(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> HorizontalKernel:
-    """Return the default preset's kernel, which interpolates a velocity from the nodes to other places.
+def default_functions(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> HorizontalFunctions:
+    """Return the default preset's horizontal functions, which interpolate a velocity from the nodes to other places.
 
     Args:
         grid: Its cells give the lengths.
@@ -134,9 +144,11 @@ def default_kernel(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> H
         speed: Amplitude [m/s].
     """
     if config.length_horizontal is not None:
-        return HorizontalKernel(config.length_horizontal, config.length_horizontal, speed)
-    east, north = cell_size(grid)
-    return HorizontalKernel(DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north, speed)
+        lengths = config.length_horizontal, config.length_horizontal
+    else:
+        east, north = cell_size(grid)
+        lengths = DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north
+    return NodeKernel(HorizontalKernel(*lengths, speed), grid.nodes)
 
 
 def fit_residual(design: Array, values: Array) -> Array:
@@ -149,17 +161,16 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     """The paper's: latents of the product kernel K_z x K_h without a nugget, SVD of all latent slices, weights about zero."""
     grid, slices = ensemble.grid, ensemble_slices(ensemble)
     length = config.length_horizontal or 10_000.0
-    kernel = HorizontalKernel(length, length, config.speed or surface_speed(ensemble))
+    functions = NodeKernel(HorizontalKernel(length, length, config.speed or surface_speed(ensemble)), grid.nodes)
     depth_functions = DepthFunctions("gaussian", config.length_vertical)
     n_members, n_levels, size = slices.shape
     kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
     by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
     by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
-    latent = embed(kernel, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
+    latent = embed(functions, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
     modes, singular_values = exact_svd(latent, config.modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
-    truncated = np.full(n_levels, ensemble.representation_error_std)
-    return Basis(grid, kernel, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, truncated)
+    return Basis(grid, functions, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
 
 
 def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) -> Basis:
@@ -169,28 +180,29 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     their own, and what a basis does not span, the estimate's standard error does not contain.
     """
     grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
-    n_levels, kernel = grid.levels.size, default_kernel(grid, config, config.speed or surface_speed(ensemble))
+    n_levels, functions = grid.levels.size, default_functions(grid, config, config.speed or surface_speed(ensemble))
     mean = np.empty((n_levels, 2, len(nodes)))
-    for part, block in slice_blocks(ensemble):
-        mean[..., part] = block.mean(axis=0)
 
     def anomalies() -> Iterator[tuple[slice, Array]]:
         for part, block in slice_blocks(ensemble):
+            mean[..., part] = block.mean(axis=0)
             yield part, (block - mean[..., part]).reshape(n_members * n_levels, 2, -1)
 
     n_slices, spanned = n_members * n_levels, anomalies
     if shift > 0.0:
-        copies = shifted_copies(ensemble_slices(ensemble) - mean.reshape(n_levels, -1), nodes, shift).reshape(-1, 2, len(nodes))
+        slices = ensemble_slices(ensemble)
+        mean[:] = slices.mean(axis=0).reshape(mean.shape)
+        copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(-1, 2, len(nodes))
         n_slices, spanned = len(copies), lambda: iter([(slice(None), copies)])
     found = decompose(spanned, n_slices, len(nodes), config.modes)
     # the first copy is not shifted, but weighted
     scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
     weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale
     truncated = found.residual_square[: n_members * n_levels].reshape(n_members, n_levels).sum(axis=0) / scale**2
-    latents = embed(kernel, nodes, np.hstack([mean.reshape(n_levels, -1).T, found.vectors]), config.nugget)
+    latents = embed(functions, nodes, np.hstack([mean.reshape(n_levels, -1).T, found.vectors]), config.nugget)
     return Basis(
         grid,
-        kernel,
+        functions,
         DepthFunctions("hat", config.length_vertical),
         latents[:, :n_levels],
         latents[:, n_levels:],

@@ -18,7 +18,6 @@ import scipy.linalg
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.core.progress import counted
 from replay_kit.estimator.basis.modes import Basis
@@ -96,7 +95,8 @@ class Members:
 def members_in_basis(basis: Basis) -> Members:
     """Return an ensemble's members in their basis."""
     nodes = basis.grid.nodes
-    return Members(basis.member_weights, velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes, nodes)
+    velocity_modes = basis.horizontal.velocity(nodes, basis.modes).reshape(2 * len(nodes), -1)
+    return Members(basis.member_weights, velocity_modes, nodes)
 
 
 def choose_settings(members: Members, length: float, config: EstimatorConfig) -> PriorSettings:

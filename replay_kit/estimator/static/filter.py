@@ -13,7 +13,6 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
@@ -238,7 +237,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the compressed rows of a profile's usable bins."""
         grid, depth = self.basis.grid, observation.depth[used]
         east, north = to_local(grid.projection, observation.longitude, observation.latitude)
-        kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), grid.nodes)
+        offset, modes = self.basis.at_place(np.array([east, north], dtype=np.float64))
         weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
         common, correlation = observation.common_std, observation.correlation_depth
         own, extra = observation.error_std[used], np.interp(depth, grid.levels, self.representation_std)
@@ -247,8 +246,8 @@ class ReducedBasisEstimator(Estimator[FilterState]):
             common, correlation = 0.0 if np.isfinite(common) else np.inf, 0.0
         noise = bin_noise(depth, own, extra, common, correlation)
         u, v = rotate_to_local(grid.projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
-        values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
-        return compress_profile(weights, kernel_row @ self.basis.modes, noise, values)
+        values = np.column_stack([u, v]) - weights @ offset.T
+        return compress_profile(weights, modes, noise, values)
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:

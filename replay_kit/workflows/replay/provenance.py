@@ -49,7 +49,7 @@ def run_metadata(
         arguments: The ensemble's files and stores, argument by argument; those of one belong together where members are models.
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
-        bathymetry: The file that the configuration names; None without.
+        bathymetry: The file that is read; None without.
 
     Raises:
         ConfigError: Two logs hold the same bytes.
@@ -101,9 +101,9 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
         "modes": str(flow.n_modes),
         "depth_functions": flow.depth_functions.kind,
-        "kernel_length_east_m": repr(flow.kernel.length_east),
-        "kernel_length_north_m": repr(flow.kernel.length_north),
-        "kernel_speed": repr(flow.kernel.speed),
+        "kernel_length_east_m": repr(flow.horizontal.kernel.length_east),
+        "kernel_length_north_m": repr(flow.horizontal.kernel.length_north),
+        "kernel_speed": repr(flow.horizontal.kernel.speed),
     }
 
 

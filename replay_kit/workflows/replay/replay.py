@@ -159,7 +159,8 @@ def _prepare(
         planner = planner_of(config.planner, ensemble.grid)
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    arguments, bathymetry = find_sources(job.ensemble).arguments, config.planner.bathymetry_path
+    # without a goal nothing reads the bathymetry
+    arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
     metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
@@ -266,7 +267,7 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
 
 def _notes(session: Session, inputs: _Inputs, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
     """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
-    kernel, estimator = flow.kernel, session.estimator
+    kernel, estimator = flow.horizontal.kernel, session.estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     no_goal = [] if inputs.job.goal is not None else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]

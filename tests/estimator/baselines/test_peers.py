@@ -32,7 +32,7 @@ def uncompressed_rows(estimator, place):
     """H of one profile, all east then all north."""
     basis = estimator.basis
     weights = depth_weights(DepthFunctions("hat", 1.0), DEPTHS, GRID.levels)
-    row = velocity_kernel(basis.kernel, place[None], NODES)
+    row = velocity_kernel(basis.horizontal.kernel, place[None], NODES)
     design = np.vstack([np.kron(weights, row[c] @ basis.modes) for c in range(2)])
     error = np.hypot(STD, np.interp(DEPTHS, GRID.levels, basis.truncation_std))
     return design, (weights @ (row @ basis.offset).T).T.ravel(), np.tile(error, 2)

@@ -29,7 +29,7 @@ def test_the_prior_is_the_twin_s_projected_on_the_modes():
     config = EstimatorConfig(sample_share=share, shift_distance=shift, localisation_radius=radius)
     estimator = build_estimator(SMALL, config)
     basis, nodes = estimator.basis, SMALL.grid.nodes
-    velocity_modes = velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes
+    velocity_modes = velocity_kernel(basis.horizontal.kernel, nodes, nodes) @ basis.modes
     fields = basis.member_weights @ velocity_modes.T
     twin = slow.hybrid_covariance(fields, velocity_modes, nodes, share, shift, radius, slow_taper)
     projector = np.kron(np.eye(basis.member_weights.shape[1]), np.linalg.pinv(velocity_modes))

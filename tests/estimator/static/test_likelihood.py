@@ -26,7 +26,7 @@ def dense(profiles, bins):
     rows, values, offsets, errors = [], [], [], []
     for profile, used in zip(profiles, bins, strict=True):
         place = np.array([to_local(grid.projection, profile.longitude, profile.latitude)], float)
-        kernel = velocity_kernel(basis.kernel, place, grid.nodes)
+        kernel = velocity_kernel(basis.horizontal.kernel, place, grid.nodes)
         weights = depth_weights(basis.depth_functions, profile.depth[used], grid.levels)
         measured = rotate_to_local(grid.projection, profile.longitude, profile.latitude, *profile.velocity[used].T)
         for k, bin_at in enumerate(used):

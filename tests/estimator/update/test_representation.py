@@ -69,7 +69,7 @@ def standard_error(flow, east, north, depth):
     """Root of diag(H P H'), shape (n, 2), from one dense H."""
     rows = []
     for point in zip(east, north, depth, strict=True):
-        kernel = velocity_kernel(flow.kernel, np.array([point[:2]]), flow.nodes)
+        kernel = velocity_kernel(flow.horizontal.kernel, np.array([point[:2]]), flow.nodes)
         weights = depth_weights(flow.depth_functions, np.array([point[2]]), flow.levels)
         rows.append([np.kron(weights[0], kernel[c] @ flow.modes) for c in range(2)])
     design = np.array(rows)
