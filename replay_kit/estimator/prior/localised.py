@@ -99,8 +99,8 @@ def localised(covariances: Array, velocity_modes: Array, projector: Array, nodes
             taper = gaspari_cohn(cdist(places[first:last], places[start:stop]), radius)
             if start == first:
                 taper[:, :n] = 0.5 * taper[:, :n]
-            product = np.matmul(here, there.swapaxes(1, 2)).reshape(len(factors), n, 2, m, 2)
-            np.multiply(product, taper[:, None, :, None].astype(precision), out=product)
+            product = np.matmul(here, there.swapaxes(1, 2))
+            np.multiply(product, np.kron(taper, np.ones((2, 2))).astype(precision), out=product)
             projected += (product.reshape(-1, 2 * m) @ back[start:stop].reshape(2 * m, n_modes)).reshape(projected.shape)
         half += np.matmul(back[first:last].reshape(2 * n, n_modes).T, projected)
     return _positive(half + half.swapaxes(1, 2)) if precision is np.float32 else half + half.swapaxes(1, 2)
