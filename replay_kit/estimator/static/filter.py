@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -17,8 +16,9 @@ from replay_kit.core.flow.evolution import constant
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
-from replay_kit.estimator.basis.modes import Basis, build_basis, cell_size, correlation_length
+from replay_kit.estimator.basis.modes import Basis, build_basis
 from replay_kit.estimator.basis.noise import bin_noise
+from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
@@ -26,6 +26,7 @@ from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prio
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.update.biases import NAMES, BiasScore, significant_bias_notes, unit_bias_rows
 from replay_kit.estimator.update.compression import ProfileRows, compress_profile
+from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.observation_space import initial
@@ -219,7 +220,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the current estimate of a state; its covariance is computed when first asked for."""
-        return self.flow_of(state.mean, cache(state.posterior.covariance), state.time_ns)
+        return self.flow_of(state.mean, PosteriorCovariance(state.posterior), state.time_ns)
 
     def flow_of(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
         """Return the current estimate of weights.

@@ -3,7 +3,8 @@
 import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS, cell_size, ensemble_slices
+from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS
+from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
 from tests import synthetic
 from tests.reference import baselines as slow
 
