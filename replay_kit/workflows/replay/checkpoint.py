@@ -2,7 +2,8 @@
 
 A checkpoint holds the states of all stages after a message, without the prior, which the ensemble and the configuration give again, and
 the length of the result's journal at that time. It is made between two blocks of observations only, so that a run with checkpoints and one
-without assimilate the same blocks. The messages before it are read again and passed over.
+without assimilate the same blocks. The messages before it are read again and passed over. Before the states stands the part of
+the forecast that the run found, so that the continued one reads the same.
 """
 
 import hashlib
@@ -23,12 +24,12 @@ from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.observation_space import GrowingCholesky
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
-from replay_kit.workflows.replay.inputs import checkpoint_files
+from replay_kit.workflows.replay.checkpoint_head import MAGIC, checkpoint_files, head
+from replay_kit.workflows.replay.region import FoundRegion
 from replay_kit.workflows.replay.session import ReplayState, Session
 
-#: Begins the file; then the run's identity, the SHA-256 of the rest, and the rest.
-_MAGIC = b"replay-kit checkpoint 5\n"
-_HEAD = len(_MAGIC) + 64 + 32
+# Bytes of the run's identity, and of the SHA-256 of what follows it.
+_IDENTITY, _DIGEST = 64, 32
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
 _CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float")}
@@ -91,7 +92,7 @@ def _unusable(path: Path, error: Exception) -> LogError:
 class CheckpointFile:
     """The checkpoint file of one run, and its journal."""
 
-    def __init__(self, path: Path, identity: str, interval_s: float, prior: object | None) -> None:
+    def __init__(self, path: Path, identity: str, interval_s: float, prior: object | None, region: FoundRegion | None = None) -> None:
         """Bind the file to a run.
 
         Args:
@@ -99,11 +100,13 @@ class CheckpointFile:
             identity: Of the run.
             interval_s: Between checkpoints [s, in the log's time].
             prior: The estimator's prior, which is not stored; None when the estimator has none.
+            region: The part of the forecast that was found from the log; None where it was not.
         """
         self.path = path
         self._identity = identity
         self._interval_ns = int(interval_s * 1e9)
         self._prior = prior
+        self._region = region
         self._next_ns: int | None = None
         self._journal: Journal | None = None
 
@@ -120,9 +123,10 @@ class CheckpointFile:
             data = self.path.read_bytes()
         except OSError as error:
             raise LogError(f"{self.path}: the checkpoint cannot be read: {error.strerror}") from error
-        if not data.startswith(_MAGIC):
+        if not data.startswith(MAGIC):
             raise ConfigError(f"{self.path}: exists and is no checkpoint of this version; choose another name for the checkpoint")
-        identity, digest, body = data[len(_MAGIC) : _HEAD - 32], data[_HEAD - 32 : _HEAD], data[_HEAD:]
+        rest = data[len(MAGIC) :].partition(b"\n")[2]
+        identity, digest, body = rest[:_IDENTITY], rest[_IDENTITY : _IDENTITY + _DIGEST], rest[_IDENTITY + _DIGEST :]
         if hashlib.sha256(body).digest() != digest:
             raise LogError(f"{self.path}: the checkpoint is damaged: its checksum does not match; delete it to begin anew")
         if identity != self._identity.encode():
@@ -167,7 +171,7 @@ class CheckpointFile:
         body = io.BytesIO()
         _Dumper(body, self._prior).dump(Checkpoint(state, measurement, messages, self._journal.flushed(), session.writer.state))
         with atomic_file(self.path) as file:
-            file.write(_MAGIC + self._identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
+            file.write(head(self._region) + self._identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
 
     def close(self) -> None:
         """Close the journal; without a checkpoint no run can continue from it, and it is deleted."""
