@@ -47,6 +47,7 @@ class ReplayJob:
         checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
+        basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
     """
 
     logs: tuple[Path, ...]
@@ -60,6 +61,7 @@ class ReplayJob:
     checkpoint: Path | None = None
     overwrite: bool = False
     include_inputs: bool = False
+    basis_store: Path | None = None
 
 
 def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()) -> None:

@@ -8,13 +8,14 @@ from enum import Enum
 from typing import Any, BinaryIO
 
 from pydantic import BaseModel
+from scipy.sparse import sparray, spmatrix
 
 from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.observation_space import GrowingCholesky
 
 # The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
 _FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
-_CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float")}
+_CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float"), ("builtins", "slice")}
 # Opcodes that the dumper never writes: a place in the memo takes memory for all places before it.
 _FOREIGN = frozenset({"PUT", "BINPUT", "LONG_BINPUT", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "GLOBAL"})
 
@@ -52,9 +53,14 @@ def check_opcodes(body: bytes) -> None:
         raise ValueError(f"it holds {foreign}, which no checkpoint does")
 
 
-def _is_value(kind: type) -> bool:
+def _is_value(kind: type[Any]) -> bool:
     """Return whether constructing an object of a class does no more than hold values."""
-    return is_dataclass(kind) or issubclass(kind, (Enum, tuple, BaseModel)) or kind in (GrowingCholesky, Buffer)
+    return (
+        is_dataclass(kind)
+        or issubclass(kind, (Enum, tuple, BaseModel))
+        or kind in (GrowingCholesky, Buffer)
+        or issubclass(kind, (sparray, spmatrix))
+    )
 
 
 class _Dumper(pickle.Pickler):
@@ -79,8 +85,8 @@ class _Loader(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in _FUNCTIONS | _CLASSES:
             return super().find_class(module, name)
-        if module.startswith(("replay_kit.", "planners.")) and "." not in name:
+        if module.startswith(("replay_kit.", "planners.", "scipy.sparse.")) and "." not in name:
             found = super().find_class(module, name)
             if isinstance(found, type) and found.__module__ == module and _is_value(found):
                 return found
-        raise pickle.UnpicklingError(f"it holds {module}.{name}, which no checkpoint does")
+        raise pickle.UnpicklingError(f"it holds {module}.{name}, which no value of this program does")
