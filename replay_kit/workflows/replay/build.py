@@ -14,7 +14,7 @@ from replay_kit.core.paths import Paths
 from replay_kit.core.region import Region
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.baselines import build_named
-from replay_kit.estimator.basis.modes import correlation_length
+from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.forecast.agreement import WARNING

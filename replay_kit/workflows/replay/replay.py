@@ -25,7 +25,8 @@ from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import failure_json, to_record
-from replay_kit.workflows.replay.build import Forecasts, build
+from replay_kit.workflows.replay.basis_store import built
+from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming, run_identity
 from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
 from replay_kit.workflows.replay.inputs import (
@@ -153,7 +154,7 @@ def _prepare(
     config = with_planner_kind(job, readers, config, float(ensemble.grid.levels[-1]))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
-        estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
+        estimator = built(forecasts, config, job)
         prior_flow = estimator.flow(estimator.initial())
     problem = None
     if job.goal is not None and planner_of is not None:
