@@ -25,7 +25,6 @@ from replay_kit.forecast import read_ensemble
 from tests.benchmarks import planners_mission, planners_scenario
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
-from tests.benchmarks.planners_hazards import hazards_row
 from tests.benchmarks.planners_masked import masked_row
 from tests.benchmarks.planners_search import closest_by_search
 from tests.places import DATA
@@ -52,7 +51,6 @@ def rows(tiny: bool) -> list[Row]:
         *zermelo_rows(tiny),
         front_row(tiny),
         masked_row(3 if tiny else 200),
-        hazards_row(2 if tiny else 300),
     ]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
     made += planners_scenario.rows(
