@@ -103,5 +103,6 @@ def harm_of_files(mission: HazardousMission, plan: MissionPlan, few: Waypoints) 
         "goto_list": read_mission_arguments(waypoint_text(few, Path("goto_l10.ma")))[2],
     }
     # two files with the same places, to the last digit, lead the same way
-    flown = {at.tobytes(): harm_done(mission, follow_waypoints(mission.sea, plan, rows, at)) for at in places.values()}
+    unlike = {at.tobytes(): at for at in places.values()}
+    flown = {key: harm_done(mission, follow_waypoints(mission.sea, plan, rows, at)) for key, at in unlike.items()}
     return {name: flown[at.tobytes()] for name, at in places.items()}

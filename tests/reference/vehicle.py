@@ -13,28 +13,30 @@ from planners import MissionPlan
 from planners.mission.waypoints import heading_for
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rate_in_frame, rotate_to_geographic, to_geographic, to_local
 
-# Longest step [s]: some three metres of way.
-STEP = 20.0
+# Longest step [s]: some ten metres of way.
+STEP = 40.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sea:
-    """A current between its estimates at increasing times, linear in time; the first and the last hold beyond."""
+    """A current between its estimates at increasing times, linear in time and between levels; the first and the last hold beyond."""
 
     flows: Sequence[FlowEstimate]
     start_time_ns: int
 
     def velocity(self, at: Array, depth: float, now: float) -> Array:
         """Return the current [m/s] at a place [m], a depth [m] and a time since the start [s]."""
-        if len(self.flows) == 1:
-            return np.asarray(self.flows[0].velocity(at[0], at[1], depth))
         times = [((flow.time_ns or 0) - self.start_time_ns) / 1e9 for flow in self.flows]
-        latest = int(np.clip(np.searchsorted(times, now), 1, len(times) - 1))
-        share = float(np.clip((now - times[latest - 1]) / (times[latest] - times[latest - 1]), 0.0, 1.0))
-        latent = (1.0 - share) * self.flows[latest - 1].latent + share * self.flows[latest].latent
-        return np.asarray(replace(self.flows[0], latent=latent).velocity(at[0], at[1], depth))
+        (earlier, later), share = _between(times, now)
+        (above, below), depth_share = _between(self.flows[0].levels.tolist(), depth)
+        early, late = (
+            (1.0 - depth_share) * self.flows[k].latent[:, above] + depth_share * self.flows[k].latent[:, below] for k in (earlier, later)
+        )
+        kernel = velocity_kernel(self.flows[0].kernel, at[None], self.flows[0].nodes)
+        return np.asarray(kernel @ ((1.0 - share) * early + share * late))
 
     def drift(self, begin: tuple[Array, float, float], through: Array, down: float, lasts: float) -> list[tuple[Array, float, float]]:
         """Return (place [m], depth [m], time [s]) after each short step of a constant velocity through water towards true east and north.
@@ -68,6 +70,15 @@ class Sea:
             way = self.drift(path[-1], through, float(np.sign(last - first)) * vertical, abs(last - first) / vertical)
             path += [*way[:-1], (way[-1][0], last, way[-1][2])]
         return path[1:]
+
+
+def _between(values: list[float], wanted: float) -> tuple[tuple[int, int], float]:
+    """Return the positions of the two increasing values around one, and its share of the way from the first to the second."""
+    if wanted <= values[0] or wanted >= values[-1]:
+        end = 0 if wanted <= values[0] else len(values) - 1
+        return (end, end), 0.0
+    later = next(k for k, value in enumerate(values) if value > wanted)
+    return (later - 1, later), (wanted - values[later - 1]) / (values[later] - values[later - 1])
 
 
 def fly_commands(sea: Sea, plan: MissionPlan) -> Array:
