@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planners import Auv, AuvSettings, GlideSettings, plan, plan_path
+from planners import Auv, AuvSettings, GlideSettings, PathRequest, plan, plan_path
 from planners.flow import field_function
 from planners.route.region import region_of
 from planners.track import fly_glide, fractions_of_duration, rk4_step
@@ -208,7 +208,7 @@ def zermelo_rows(tiny: bool) -> list[Row]:
         flow = fitted_flow(velocity)
         settings = replace(AuvSettings(), tolerance=5.0)
         took, found = seconds(
-            lambda: plan_path(flow, place(flow, *begin, 50.0), place(flow, *end, 50.0), settings=settings)  # noqa: B023
+            lambda: plan_path(flow, PathRequest(place(flow, *begin, 50.0), place(flow, *end, 50.0), settings=settings))  # noqa: B023
         )
         late = abs(found.duration / exact - 1.0) if found.status == "reached" else np.inf
         made.append(row(f"quickest path in {name}: 0.1 % asked", took, "Zermelo's solution", None, None, {"late_share": late}))
@@ -227,7 +227,7 @@ def front_row(tiny: bool, count: int = 20) -> Row:
                 break
         settings = AuvSettings(pieces=12 if tiny else 30, max_duration=1e6)
         asked = place(flow, *begin, depth), place(flow, *end, depth)
-        spent, found = seconds(lambda: plan_path(flow, *asked, vehicle=Auv(speed=speed), settings=settings))  # noqa: B023
+        spent, found = seconds(lambda: plan_path(flow, PathRequest(*asked, Auv(speed=speed), settings)))  # noqa: B023
         took.append(spent)
         spent, graph = seconds(lambda: graph_time(flow, depth, begin, end, speed, 20 if tiny else 120, 3 if tiny else 6))  # noqa: B023
         theirs.append(spent)

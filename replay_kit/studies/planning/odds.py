@@ -98,8 +98,8 @@ def _report(world: World, made: list[_Judged]) -> StudyReport:
     )
     stated = float(np.mean([one.stated for one in reached]))
     findings = (
-        f"{len(reached)} of {len(made)} missions are called reached, as {ARRIVING:.0%} or more of {JUDGING} samples arrive; {stated:.1%} do "
-        f"in the mean. In {world.job.fresh} fresh samples {fresh.mean():.1%} arrive in the mean and {fresh.min():.1%} in "
+        f"{len(reached)} of {len(made)} missions are called reached, as {ARRIVING:.0%} or more of {JUDGING} samples arrive "
+        f"({stated:.1%} in the mean). In {world.job.fresh} fresh samples {fresh.mean():.1%} arrive in the mean and {fresh.min():.1%} in "
         f"the worst plan; {float(np.mean(fresh >= _FRESH)):.0%} of the plans have {_FRESH:.0%} or more. In the truth {int(arrived.sum())} "
         f"of {len(reached)} arrive; the median miss there is {float(np.median([one.miss for one in reached])):.0f} m."
     )
