@@ -170,8 +170,7 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     latent = embed(functions, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
     modes, singular_values = exact_svd(latent, config.modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
-    truncated = np.full(n_levels, ensemble.representation_error_std)
-    return Basis(grid, functions, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, truncated)
+    return Basis(grid, functions, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
 
 
 def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) -> Basis:
@@ -183,16 +182,17 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
     n_levels, functions = grid.levels.size, default_functions(grid, config, config.speed or surface_speed(ensemble))
     mean = np.empty((n_levels, 2, len(nodes)))
-    for part, block in slice_blocks(ensemble):
-        mean[..., part] = block.mean(axis=0)
 
     def anomalies() -> Iterator[tuple[slice, Array]]:
         for part, block in slice_blocks(ensemble):
+            mean[..., part] = block.mean(axis=0)
             yield part, (block - mean[..., part]).reshape(n_members * n_levels, 2, -1)
 
     n_slices, spanned = n_members * n_levels, anomalies
     if shift > 0.0:
-        copies = shifted_copies(ensemble_slices(ensemble) - mean.reshape(n_levels, -1), nodes, shift).reshape(-1, 2, len(nodes))
+        slices = ensemble_slices(ensemble)
+        mean[:] = slices.mean(axis=0).reshape(mean.shape)
+        copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(-1, 2, len(nodes))
         n_slices, spanned = len(copies), lambda: iter([(slice(None), copies)])
     found = decompose(spanned, n_slices, len(nodes), config.modes)
     # the first copy is not shifted, but weighted
