@@ -75,14 +75,13 @@ def _judged(
     share, miss = NAN, NAN
     if judged.status == "reached":
         share = planners.mission_odds(flow, fresh, plan, request).corrected.reached
-        # the truth on the nodes of the estimate: a sample that nobody has drawn
-        miss = planners.fly_scenarios(flow, (_on_nodes_of(flow, withheld.truth),), plan, pilot=planners.Pilot()).miss_median
+        miss = planners.fly_scenarios(flow, (as_sample(flow, withheld.truth),), plan, pilot=planners.Pilot()).miss_median
     return _Judged(withheld.member, judged.status, stated.corrected.reached, share, miss, settings.tolerance)
 
 
-def _on_nodes_of(flow: FlowEstimate, truth: FlowEstimate) -> FlowEstimate:
-    """Return a truth on the grid, and with the kernel, of an estimate on the same nodes."""
-    return replace(flow.mean_flow(), latent=truth.latent)
+def as_sample(flow: FlowEstimate, truth: FlowEstimate) -> FlowEstimate:
+    """Return a truth as a sample of an estimate on the same nodes, whose kernel differs from the truth's in its speed alone."""
+    return replace(flow.mean_flow(), latent=truth.latent * (truth.kernel.speed / flow.kernel.speed) ** 2)
 
 
 def _report(world: World, made: list[_Judged]) -> StudyReport:
