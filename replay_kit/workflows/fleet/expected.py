@@ -23,7 +23,7 @@ from replay_kit.workflows.fleet.run import Outcome, failure
 from replay_kit.workflows.replay.inputs import forecasts_of, open_readers
 
 #: Of the set-up: nodes a level times levels, seconds, memory [MB]; 50 members, 300 modes, 8 levels.
-SET_UP = ((4216, 3.5, 81.0), (7200, 7.8, 172.0))
+SET_UP = ((800, 2.0, 35.0), (2048, 2.3, 57.0), (4216, 3.5, 81.0), (7200, 7.8, 172.0), (12800, 25.3, 470.0), (28800, 133.0, 2400.0))
 #: Of one profile: weights of the state, seconds for reading, checking, updating and writing.
 PROFILE = ((800, 0.002), (2400, 0.01))
 # What the interpreter and the libraries take before the first array [MB].
@@ -92,7 +92,7 @@ def grown(size: float, measured: Sequence[tuple[float, float]]) -> float:
     at = next((k for k in range(1, len(measured)) if size <= measured[k][0]), len(measured) - 1)
     (size0, low), (size1, high) = measured[at - 1], measured[at]
     exponent = math.log(high / low) / math.log(size1 / size0)
-    return low * float(size / size0) ** exponent
+    return float(low * (size / size0) ** exponent)
 
 
 def in_all_s(each: Sequence[Expected], workers: int) -> float:

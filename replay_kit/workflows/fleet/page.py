@@ -78,7 +78,8 @@ def _figure(key: str, title: str, axis: str, rows: Sequence[Mapping[str, Any]], 
         }
         for k, label in enumerate(values)
     ]
-    spans = "; ".join(f"{label} {min(map(float, each)):.4g} to {max(map(float, each)):.4g}" for label, each in values.items() if each)
+    finite = {label: [value for value in each if value is not None] for label, each in values.items()}
+    spans = "; ".join(f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in finite.items() if each)
     caption = "Near 1 the stated errors fit." if key == "nis" else "Lower is better."
     layout = {"height": 420, "xaxis": {"title": {"text": "mission"}, "type": "category"}, "yaxis": {"title": {"text": axis}}}
     words = f"{title}: {axis} of {len(known)} missions; {spans}."
