@@ -12,7 +12,6 @@ from importlib.util import find_spec
 from typing import Any
 
 from replay_kit.core.errors import ConfigError, EstimatorError, ReplayKitError
-from replay_kit.core.progress import announce
 from replay_kit.core.tasks import made_by
 
 #: How long a scheduler, and its first worker, are waited for [s].
@@ -62,7 +61,7 @@ class Cluster:
         return answers
 
     def map(self, function: Callable[..., Any], *columns: Iterable[Any]) -> Iterator[Any]:
-        """Yield the values of calls in their order, as the builtin ``map``, and announce how many are done.
+        """Yield the values of calls in their order, as the builtin ``map``.
 
         Raises:
             Exception: What the call raised.
@@ -70,8 +69,7 @@ class Cluster:
         done: dict[int, Any] = {}
         following = 0
         calls = list(zip(*columns, strict=False))
-        for count, (number, value, error) in enumerate(self.completed(function, calls), start=1):
-            announce("calls", count, len(calls))
+        for number, value, error in self.completed(function, calls):
             done[number] = value, error
             while following in done:
                 value, error = done.pop(following)

@@ -24,7 +24,7 @@ from replay_kit.workflows.replay.inputs import forecasts_of
 from replay_kit.workflows.replay.look_ahead import open_readers
 
 #: Of the set-up: nodes a level times levels, seconds, memory [MB]; 50 members, 300 modes, 8 levels.
-SET_UP = ((4216, 3.5, 81.0), (7200, 7.8, 172.0))
+SET_UP = ((800, 2.0, 35.0), (2048, 2.3, 57.0), (4216, 3.5, 81.0), (7200, 7.8, 172.0), (12800, 25.3, 470.0), (28800, 133.0, 2400.0))
 #: Of one profile: weights of the state, seconds for reading, checking, updating and writing.
 PROFILE = ((800, 0.002), (2400, 0.01))
 # What the interpreter and the libraries take before the first array [MB].

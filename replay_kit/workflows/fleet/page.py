@@ -66,8 +66,7 @@ def _figure(key: str, title: str, axis: str, rows: Sequence[Mapping[str, Any]], 
     if not known:
         return None
     names = [row["mission"] for row in known]
-    series_values = {label: [float(factor * row[name]) for row in known] for label, name in series.items()}
-    values = {label: column(each) for label, each in series_values.items()}
+    values = {label: column([factor * row[name] for row in known]) for label, name in series.items()}
     traces = [
         {
             "type": "scatter",
@@ -79,7 +78,8 @@ def _figure(key: str, title: str, axis: str, rows: Sequence[Mapping[str, Any]], 
         }
         for k, label in enumerate(values)
     ]
-    spans = "; ".join(f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in series_values.items())
+    finite = {label: [value for value in each if value is not None] for label, each in values.items()}
+    spans = "; ".join(f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in finite.items() if each)
     caption = "Near 1 the stated errors fit." if key == "nis" else "Lower is better."
     layout = {"height": 420, "xaxis": {"title": {"text": "mission"}, "type": "category"}, "yaxis": {"title": {"text": axis}}}
     words = f"{title}: {axis} of {len(known)} missions; {spans}."
