@@ -19,6 +19,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dpotrf, dpstrf
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
@@ -93,6 +94,26 @@ class FlowField:
         """Covariance of the weights, shape (rZ, rZ) [m^2/s^2 of mode amplitude], level after level."""
         return self.covariance(None) if callable(self.covariance) else self.covariance
 
+    @cached_property
+    def weight_factor(self) -> Array:
+        """A factor F of the covariance of the weights, F F' = ``weight_cov``, shape (rZ, rank): kept, so that further samples are quick.
+
+        It is Cholesky's; with pivots (LAPACK's pstrf) where the covariance has not its full rank.
+
+        Raises:
+            EstimatorError: The covariance is not a number.
+        """
+        cov = self.weight_cov
+        if not np.all(np.isfinite(cov)):
+            raise EstimatorError("the estimate's covariance is not a number everywhere, so that no sample of it can be drawn")
+        lower, fails = dpotrf(cov, lower=1)
+        if not fails:
+            return np.asarray(lower)
+        lower, order, rank, _ = dpstrf(cov, lower=1)
+        factor = np.empty_like(lower)
+        factor[order - 1] = np.tril(lower)
+        return np.asarray(factor[:, :rank])
+
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the covariance itself, not the estimator's state from which it would be computed."""
         parts = (self.grid, self.horizontal, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
@@ -150,9 +171,8 @@ class FlowField:
             EstimatorError: The flow carries no uncertainty.
         """
         self._require_uncertainty("sample")
-        values, vectors = np.linalg.eigh(self.weight_cov)
-        factor = vectors * np.sqrt(np.maximum(values, 0.0))
-        draws = factor @ np.random.default_rng(seed).standard_normal((values.size, n))
+        factor = self.weight_factor
+        draws = factor @ np.random.default_rng(seed).standard_normal((factor.shape[1], n))
         by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
         mean_flow = self.mean_flow()
         return tuple(replace(mean_flow, latent=self.latent + self.modes @ weights.T) for weights in by_level)

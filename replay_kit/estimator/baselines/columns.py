@@ -10,7 +10,8 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import HorizontalFunctions
 from replay_kit.core.grid import Grid
-from replay_kit.estimator.basis.modes import default_functions, embed, fit_residual
+from replay_kit.estimator.basis.embedding import embed
+from replay_kit.estimator.basis.modes import default_functions, fit_residual
 
 HATS = DepthFunctions("hat", 1.0)
 _CHUNK = 512  # points at once: bounds the memory of the matrices

@@ -18,9 +18,11 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
+from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.decomposition import decompose, exact_svd
+from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed
 from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, shifted_copies
 from replay_kit.estimator.basis.slices import cell_size, correlation_length, ensemble_slices, slice_blocks, surface_speed
 
@@ -28,6 +30,8 @@ from replay_kit.estimator.basis.slices import cell_size, correlation_length, ens
 LENGTH_IN_CELLS = 1.16
 # The default's: with the paper's, the field sags between nodes.
 DEFAULT_LENGTH_IN_CELLS = 2.0
+# Points of a lattice, in all and for each node, beyond which the kernel's columns are cheaper.
+_MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE = 4096, 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,19 +117,6 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     return _default_basis(ensemble, config, shift)
 
 
-def embed(functions: HorizontalFunctions, nodes: Array, velocity: Array, nugget: float) -> Array:
-    """Return the latent values, shape (M, m), of flows with given velocities at nodes: (K + nugget max(eigenvalue) I) beta = velocity.
-
-    Args:
-        functions: The horizontal functions; M of them.
-        nodes: shape (N, 2) [m].
-        velocity: shape (2N, m) [m/s].
-        nugget: Share of the kernel matrix's largest eigenvalue added to its diagonal.
-    """
-    eigenvalues, vectors = np.linalg.eigh(velocity_kernel(functions.kernel, nodes, nodes))
-    return np.asarray(vectors @ ((vectors.T @ velocity) / (eigenvalues + nugget * eigenvalues[-1])[:, None]))
-
-
 def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
     """Return one member, or a truth, as a flow without uncertainty: hats in depth, the default kernel."""
     alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
@@ -148,7 +139,11 @@ def default_functions(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -
     else:
         east, north = cell_size(grid)
         lengths = DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north
-    return NodeKernel(HorizontalKernel(*lengths, speed), grid.nodes)
+    kernel, nodes = HorizontalKernel(*lengths, speed), grid.nodes
+    lattice = lattice_over(kernel, nodes)
+    # without a nugget the lattice's equations are singular; of lengths far below a cell it has many points for each node
+    exact = config.nugget < LEAST_NUGGET or lattice.size > max(_MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE * len(nodes))
+    return NodeKernel(kernel, nodes) if exact else lattice
 
 
 def fit_residual(design: Array, values: Array) -> Array:

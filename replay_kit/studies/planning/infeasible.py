@@ -9,7 +9,7 @@ import planners
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place, Plan
-from replay_kit.estimator.basis.modes import embed
+from replay_kit.estimator.basis.embedding import embed
 from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.masks import with_land
 from replay_kit.studies.planning.world import World, attempted

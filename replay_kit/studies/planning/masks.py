@@ -9,7 +9,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Grid
-from replay_kit.estimator.basis.modes import embed
+from replay_kit.estimator.basis.embedding import embed
 from replay_kit.studies.planning.flights import Polygon, corners_of, crossed, polygon_of
 from replay_kit.studies.twins.reachable import Pair, place_at
 
