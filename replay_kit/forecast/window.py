@@ -97,6 +97,14 @@ def read_window(ds: xr.Dataset, current: Current, layout: Layout, member: str | 
     return Window(longitude, latitude, levels, velocity, layout.axes, first, (*layout.notes, *counts, *notes))
 
 
+def window_size(ds: xr.Dataset, layout: Layout, config: ForecastConfig, where: str) -> int:
+    """Return what the velocities inside the region take in memory [bytes]; the arguments are those of ``read_window``."""
+    (rows, columns), component = _block(layout, config, where), ds[U]
+    points = (rows.stop - rows.start) * sum(part.stop - part.start for part in columns)
+    fields = [size for dim, size in component.sizes.items() if dim not in layout.u_dims]
+    return 16 * points * int(np.prod(fields))
+
+
 def _block(layout: Layout, config: ForecastConfig, where: str) -> Block:
     x, y = layout.places
     if config.region is None:

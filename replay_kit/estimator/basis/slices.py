@@ -79,13 +79,14 @@ def correlation_length(ensemble: Ensemble) -> float:
         part = slice(start, min(stop + 1, n_rows))
         anomalies, wet = ensemble.rows(part.start, part.stop), grid.wet[:, part]
         anomalies -= anomalies.mean(axis=0)
+        anomalies[..., ~wet] = 0.0
         own = stop - start
-        square += float(np.sum(anomalies[:, :, :, :own][..., wet[:, :own]] ** 2))
+        square += float(np.sum(np.square(anomalies[:, :, :, :own])))
         for axis, rows in ((0, part.stop - start), (1, own)):
             spacing = np.hypot(*(np.diff(place[part][:rows], axis=axis) for place in (grid.east, grid.north)))
             water, values = wet[:, :rows], anomalies[:, :, :, :rows]
             both = np.delete(water, -1, axis=axis + 1) & np.delete(water, 0, axis=axis + 1)
-            slopes[axis] += np.sum((np.diff(values, axis=axis + 3) / spacing)[..., both] ** 2)
+            slopes[axis] += np.sum(np.square(np.diff(values, axis=axis + 3) * (both / spacing)))
     n_values = 2 * ensemble.n_members
     pairs = np.array([np.sum(np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis)) for axis in (1, 2)])
     cell = float(np.sqrt(np.prod(cell_size(grid))))
