@@ -101,8 +101,7 @@ def window_size(ds: xr.Dataset, layout: Layout, config: ForecastConfig, where: s
     """Return what the velocities inside the region take in memory [bytes]; the arguments are those of ``read_window``."""
     (rows, columns), component = _block(layout, config, where), ds[U]
     points = (rows.stop - rows.start) * sum(part.stop - part.start for part in columns)
-    fields = [size for dim, size in component.sizes.items() if dim not in layout.u_dims]
-    return 16 * points * int(np.prod(fields))
+    return int(16 * points * np.prod([size for dim, size in component.sizes.items() if dim not in layout.u_dims]))
 
 
 def _block(layout: Layout, config: ForecastConfig, where: str) -> Block:

@@ -9,7 +9,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, faults, fleet, forecasts, logs, planners, safety, scaling, start
+from tests.benchmarks import estimator, faults, fleet, forecasts, logs, planners, safety, scaling, size, start
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
@@ -20,6 +20,7 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "logs": logs.rows,
     "planners": planners.rows,
     "safety": safety.rows,
+    "size": size.rows,
     "start": start.rows,
 }
 

@@ -22,6 +22,7 @@ ALLOWED = {
     "standard": 1e-10,
     "velocity": 1e-10,
     "differing": 1,
+    "localised": 1e-3,
 }
 
 
