@@ -49,7 +49,7 @@ def run_metadata(
         arguments: The ensemble's files and stores, argument by argument; those of one belong together where members are models.
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
-        bathymetry: The file that the configuration names; None without.
+        bathymetry: The file that is read; None without.
 
     Raises:
         ConfigError: Two logs hold the same bytes.

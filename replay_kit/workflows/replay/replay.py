@@ -159,7 +159,8 @@ def _prepare(
         planner = planner_of(config.planner, ensemble.grid)
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    arguments, bathymetry = find_sources(job.ensemble).arguments, config.planner.bathymetry_path
+    # without a goal nothing reads the bathymetry
+    arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
     metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
