@@ -52,7 +52,7 @@ def build_evolving(
     process = _process(weights, members, settings, times_ns, time)
     oscillating = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))
     operator = ObservationOperator(basis, process, oscillating, biases(time), basis.representation_std(config))
-    return EvolvingEstimator(operator, state_space(operator, time), gating, forecasts[0].time_ns, time.window)
+    return EvolvingEstimator(operator, state_space(operator, time), gating, forecasts[0].time_ns, 0.0)
 
 
 def state_space(operator: ObservationOperator, time: TimeConfig) -> StateSpace:
