@@ -271,8 +271,8 @@ class Innovation:
         mean_current: shape (2,) [m/s], local east and north, what a mean along a path measured; None for a profile.
         mean_kind: Of the mean along a path, as in ``PathMean``; empty for a profile.
         replayed_residual: shape (n, 2) [m/s], of a smoothed result: the residual before smoothing; None in others.
-        profiles: Number of profiles that it holds; where several are combined, depths, innovations and residuals are means over them, ``nis``
-            and ``dof`` are sums, the gate's result is that of the first, and ``source`` is its message.
+        profiles: Number of profiles that it holds. Where several are combined, depths, innovations and residuals are means over them,
+            ``nis`` and ``dof`` are sums, the gate's result is that of the first, and ``source`` is its message.
         totals: Of several profiles; None for one.
     """
 

@@ -7,6 +7,8 @@ member here; none of them needs to know which estimator it has.
 from collections.abc import Iterable, Iterator, Sequence
 from typing import ClassVar, Protocol, TypeVar
 
+import numpy as np
+
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
@@ -77,9 +79,16 @@ class Estimator(Protocol[State]):
         """Return whether an observation has a bin that ``step`` would use."""
         ...
 
-    def innovation(self, state: State, observation: Measurement | ProfileGroup) -> Array:
+    def innovation(self, state: State, observation: Measurement) -> Array:
         """Return measured minus predicted, shape (n, 2) [m/s], local axes, without assimilation; NaN for bins that are not usable."""
         ...
+
+    def group_innovation(self, state: State, group: ProfileGroup) -> Array:
+        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable.
+
+        An estimator without ``grouping`` takes each alone.
+        """
+        return np.concatenate([np.nan_to_num(self.innovation(state, profile)) for profile in group.profiles])
 
     def flow(self, state: State) -> FlowEstimate:
         """Return the current estimate of a state, at the state's time."""

@@ -202,12 +202,14 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return whether an observation has a bin that ``step`` would use."""
         return screen_measurement(observation, self.basis.grid).used.size > 0
 
-    def innovation(self, state: FilterState, observation: Measurement | ProfileGroup) -> Array:
+    def innovation(self, state: FilterState, observation: Measurement) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        if isinstance(observation, ProfileGroup):
-            return group_innovation(self, state, observation)
         screened, rows = self.linearised(observation)
         return screened.scatter(np.empty((0, 2)) if rows is None else rows.residual(rows.matvec(self.by_level(state.mean))))
+
+    def group_innovation(self, state: FilterState, group: ProfileGroup) -> Array:
+        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
+        return group_innovation(self, state, group)
 
     def weights(self, states: Sequence[FilterState]) -> Sequence[Array | None]:
         """Return the means of states, each of shape (Z r,): those of neighbours in one run cost little more than one of them."""

@@ -97,12 +97,12 @@ def gate_innovation(
     return GateResult(decision, statistic, dof, threshold, exceeds, scale, values)
 
 
-def softened_variance(prior: Array, error: float, innovation: Array, factor: float) -> Array:
+def softened_variance(prior: Array, error: Array | float, innovation: Array, factor: float) -> Array:
     """Return error variances that bound how far innovations move the estimate (Sakov and Sandery 2017, Tellus A 69, eq. 8).
 
     Args:
         prior: shape (m,), predicted variance of each innovation without error.
-        error: Its error variance.
+        error: Its error variance, one or those of many.
         innovation: shape (m,).
         factor: K; an update is at most about K prior standard deviations.
     """

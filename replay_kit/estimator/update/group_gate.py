@@ -100,7 +100,7 @@ def gate_profiles(stack: "ProfileStack", mean: Array, cov: Array, how: tuple[Gat
     values = np.broadcast_to(np.maximum(values, 0.0), (n, values.shape[1]))
     innovation = (stack.y - mean).reshape(n, -1)
     along = np.matmul(vectors.swapaxes(1, 2), innovation[..., None])[..., 0]
-    dof, residual_dof = (np.broadcast_to(number, n) for number in (2 * stack.of("k"), stack.of("dof") - 2 * stack.of("k")))
+    dof, residual_dof = (np.broadcast_to(each, n).astype(np.intp) for each in (2 * stack.of("k"), stack.of("dof") - 2 * stack.of("k")))
     scale, square = np.ones(n), stack.residual_square
     if config and config.adapt_errors:
         noisy = (residual_dof > 0) & (square > _thresholds(config.gate_probability, residual_dof))

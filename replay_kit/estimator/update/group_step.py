@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Grid
-from replay_kit.core.observation import Flag, GroupTotals, Innovation, Observation, Reason, reasons_of, usable
+from replay_kit.core.observation import Flag, GroupTotals, Innovation, Measurement, Observation, Reason, reasons_of, usable
 from replay_kit.estimator.update.group_gate import DECISIONS
 from replay_kit.estimator.update.group_screening import local_velocities, relative_velocities, screen_profiles
 from replay_kit.estimator.update.grouping import ProfileGroup
@@ -22,13 +22,13 @@ class Stepped(NamedTuple, Generic[State]):
     """What became of a profile, or of several combined ones.
 
     Attributes:
-        event: The profile or the group.
+        event: The measurement or the group.
         before: The estimator's state before it.
         after: The estimator's state after it.
         innovation: To publish.
     """
 
-    event: Observation | ProfileGroup
+    event: Measurement | ProfileGroup
     before: State
     after: State
     innovation: Innovation
@@ -165,7 +165,9 @@ class GroupResult:
             unused_innovation(stack.observations[0], flags, screened.reasons[at[0]]),
             time_ns=members.time_ns,
             depth=depth,
-            **{name: _mean_of(stack, shown) for name, shown in misfits.items()},
+            innovation=_mean_of(stack, misfits["innovation"]),
+            residual=_mean_of(stack, misfits["residual"]),
+            prior_innovation=_mean_of(stack, misfits["prior_innovation"]),
             innovation_std=_mean_std(stack, self._std(stack)),
             nis=nis,
             dof=dof,
@@ -207,9 +209,8 @@ class GroupResult:
         cov = self.before.predicted_cov(rows.r[None])[0] + np.eye(rows.y[..., 0].size)
         innovation = (rows.y[..., 0] - self.before.predicted(rows.r[None])[0, ..., 0]).ravel()
         square = float(innovation @ np.linalg.solve(cov, innovation)) + rows.residual + float(np.sum(stack.residual_square / inflation))
-        noise = 2.0 * np.broadcast_to(stack.of("half_log_det"), accepted.size) + np.broadcast_to(
-            stack.of("dof"), accepted.size
-        ) * 0.5 * np.log(inflation)
+        half_log_det, dof = (np.broadcast_to(stack.of(name), accepted.size) for name in ("half_log_det", "dof"))
+        noise = 2.0 * half_log_det + 0.5 * dof * np.log(inflation)
         return float(-0.5 * square - 0.5 * np.linalg.slogdet(cov)[1] - np.sum(noise))
 
 
@@ -222,7 +223,7 @@ def _mean_of(stack: ProfileStack, values: Array) -> Array:
     """Return the mean over the profiles that use a bin, shape (m, 2); NaN where none does."""
     counts = stack.used.sum(axis=0)[:, None]
     total = np.sum(np.where(stack.used[..., None], values, 0.0), axis=0)
-    return np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0)
+    return np.asarray(np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0))
 
 
 def _mean_std(stack: ProfileStack, std: Array) -> Array:
@@ -245,15 +246,14 @@ def results_of(result: GroupResult, states: tuple[State, State], seen: State) ->
     before, after = states
     screened, gate = result.screened, result.update.gate
     accepted = np.flatnonzero(gate.accepted)
+    used = set(screened.used.tolist())
     found: list[Stepped[State]] = [
-        Stepped(profile, seen, seen, screened.unused(i))
-        for i, profile in enumerate(screened.profiles)
-        if i not in set(screened.used.tolist())
+        Stepped(profile, seen, seen, screened.unused(i)) for i, profile in enumerate(screened.profiles) if i not in used
     ]
-    rejected = np.flatnonzero(~gate.accepted)
-    found += [
-        Stepped(screened.profiles[int(screened.used[i])], before, before if accepted.size else after, result.rejected(i)) for i in rejected
-    ]
+    # the last thing of a group leaves the estimator in the state after it
+    left = before if accepted.size else after
+    for i in np.flatnonzero(~gate.accepted).tolist():
+        found.append(Stepped(screened.profiles[int(screened.used[i])], before, left, result.rejected(i)))
     if accepted.size:
         group = ProfileGroup(result.update.stack.part(accepted).observations)
         found.append(Stepped(group if accepted.size > 1 else group.profiles[0], before, after, result.combined(accepted)))

@@ -96,7 +96,7 @@ class Grouping:
         return hypot(self.gradient * way, (self.change * elapsed) ** 0.5) <= SHARE * error
 
     def ends(self, first: Observation, event: VehicleState | PathMean) -> bool:
-        """Return whether something else in the log ends a group that begins with a profile: a mean current, or a position that is too late."""
+        """Return whether something else ends a group that begins with a profile: a mean current, or a position too late."""
         return isinstance(event, PathMean) or not 0.0 <= (event.time_ns - first.time_ns) / _NS <= self.seconds
 
 

@@ -6,8 +6,8 @@ With an error variance w_i times the stated one all profiles together say what t
 
     R'R = sum R_i'R_i / w_i,    R y = sum R_i'y_i / w_i
 
-say, which are as many as one profile's. So a group costs the filter one update. Only the place is shared, the mean of the profiles': depths,
-errors and missing bins are each profile's own.
+say, which are as many as one profile's. So a group costs the filter one update. Only the place is shared, the mean of
+the profiles': depths, errors and missing bins are each one's own.
 
 Each profile is judged on its own: its gate, errors and dependence of residuals are those of ``gate.py`` and ``compression.py``, for many
 profiles at once. The first is held against the estimate before the group, the second against that with the first, then two, four, eight ...
@@ -130,7 +130,7 @@ class ProfileStack:
         return found
 
     def misfit(self, rows: Array) -> Array:
-        """Return measured minus predicted bins, shape (n, m, 2) [m/s], 0 where not used; ``rows``, shape (n, 2, q), are the predicted rows."""
+        """Return measured minus predicted bins, shape (n, m, 2) [m/s], 0 where not used; ``rows``, shape (n, 2, q), are predicted."""
         return np.asarray(np.matmul(self.of("unwhiten"), self.whitened_misfit(rows)))
 
     def whitened_misfit(self, rows: Array) -> Array:

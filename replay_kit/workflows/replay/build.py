@@ -68,7 +68,8 @@ def read_forecasts(path: Paths, config: RunConfig, near_ns: int | None, place_at
     if (asked or config.time.window not in ("auto", 0.0)) and not own:
         what = config.estimator.name if config.estimator.name != _OWN else f"preset {config.estimator.preset}"
         raise ConfigError(
-            f"{what} is static and takes each profile alone: it takes no time.scale, oscillators, biases or window; leave them out, or the estimator's name"
+            f"{what} is static and takes each profile alone: it has no time.scale, oscillators, biases or window; leave them out, or the "
+            "estimator's name"
         )
     if own and (asked or config.time.scale == "auto"):
         series = _warned(read_series(path, config.forecast, near_ns=near_ns, place_at=place_at))
@@ -132,7 +133,8 @@ def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> E
         return estimator
     # Any: those that have a grouping are dataclasses
     grouped: Any = estimator
-    return replace(grouped, grouping=grouping.by_hand(window) if window > 0.0 else None)
+    changed: Estimator[Any] = replace(grouped, grouping=grouping.by_hand(window) if window > 0.0 else None)
+    return changed
 
 
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:

@@ -97,7 +97,11 @@ def assimilate(
             members -= len(event.profiles) if isinstance(event, ProfileGroup) else 1
             if event.dive != state.dive:
                 state = replace(state, current=before, dive_start=before, dive=event.dive)
-            dive_innovation = estimator.innovation(state.dive_start, event)
+            dive_innovation = (
+                estimator.group_innovation(state.dive_start, event)
+                if isinstance(event, ProfileGroup)
+                else estimator.innovation(state.dive_start, event)
+            )
             state = replace(state, current=after)
             steps.append(Step(event, before, after, Assimilation(innovation, dive_innovation, next(weights))))
     return replace(state, waiting=waiting), steps
