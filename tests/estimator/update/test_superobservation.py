@@ -222,7 +222,9 @@ def test_a_bad_profile_is_rejected_alone(through_time):
     assert [(step.event.time_ns - DAY) // SECOND for step in others if step.innovation.decision == "rejected"] == [45, 77]
     assert [(step.event.time_ns - DAY) // SECOND for step in others if step.innovation.decision == "unusable"] == [78]
     assert [step.innovation.profiles for step in said if step.innovation.profiles > 1][-1] == 6
-    np.testing.assert_allclose(state.mean, clean.mean, atol=1e-9 * np.abs(clean.mean).max())
+    # a group counts for the mean time of all its profiles, half a second off here
+    tolerance = 1e-4 if through_time else 1e-9
+    np.testing.assert_allclose(state.mean, clean.mean, atol=tolerance * np.abs(clean.mean).max())
 
 
 def test_a_profile_logged_twice_counts_once():
