@@ -72,6 +72,14 @@ class Posterior(ABC):
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
 
+    @abstractmethod
+    def covariance_of(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m).
+
+        Args:
+            design: shape (m, Z, r).
+        """
+
     def prefetch(self, profiles: Sequence[ProfileRows]) -> "list[PriorCrossCovariance]":
         """Return the parts of coming predictions that do not depend on the order of assimilation."""
         return [PriorCrossCovariance(cross, np.empty((0, 0)), 0) for cross in prior_cross_covariances(self.prior, profiles)]
