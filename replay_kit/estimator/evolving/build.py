@@ -22,6 +22,7 @@ from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.prior.fit import Members, choose_settings, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings
 from replay_kit.estimator.prior.localised import localised_part
+from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
 
 # Share of the largest spread below which the members are equal to rounding.
 _LEAST_SPREAD = 1e-3
@@ -55,7 +56,10 @@ def build_evolving(
     process = _process(weights, members, settings, times_ns, time)
     oscillating = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))
     operator = ObservationOperator(basis, process, oscillating, biases(time), basis.representation_std(config))
-    return EvolvingEstimator(operator, state_space(operator, time), gating, forecasts[0].time_ns, time.window)
+    # the squared difference of a current that is forgotten over T grows by 2 variances over T
+    change = 2.0 * spread_of(forecasts) ** 2 / process.local_scale
+    grouping = Grouping(max(current_gradient(each) for each in forecasts), change)
+    return EvolvingEstimator(operator, state_space(operator, time), gating, forecasts[0].time_ns, grouping)
 
 
 def state_space(operator: ObservationOperator, time: TimeConfig) -> StateSpace:

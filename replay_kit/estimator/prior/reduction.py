@@ -10,6 +10,7 @@ directions' size alone.
 """
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
@@ -18,6 +19,30 @@ from replay_kit.core.flow.covariance import Levels
 
 #: Returns X' M X, shape (r, r), for a sum of levels.
 Reduction = Callable[[Levels], Array]
+
+
+class _Products(Protocol):
+    """A covariance known by its products."""
+
+    def matvec_modes(self, basis: Array, levels: Levels | None = None) -> Array:
+        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
+        ...
+
+
+def reduction_by_products(prior: _Products, directions: Array, matrix: Array) -> Reduction:
+    """Return the reduction X' M X of any prior, X by its products.
+
+    Args:
+        prior: The prior.
+        directions: shape (s, r), B.
+        matrix: shape (Z s, Z s), M, symmetric.
+    """
+
+    def reduction(levels: Levels) -> Array:
+        across = prior.matvec_modes(directions, levels).sum(axis=2).reshape(len(matrix), -1)
+        return np.asarray(across.T @ matrix @ across)
+
+    return reduction
 
 
 def hybrid_reduction(factor: Array, vertical: Array, horizontal: Array, directions: Array, matrix: Array) -> Reduction:

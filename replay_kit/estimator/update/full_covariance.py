@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.prior.reduction import Reduction
+from replay_kit.estimator.prior.reduction import Reduction, reduction_by_products
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,12 +73,7 @@ class FullCovariancePrior:
 
     def reduction(self, directions: Array, matrix: Array) -> Reduction:
         """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
-
-        def reduction(levels: tuple[int, ...]) -> Array:
-            across = self.matvec_modes(directions, levels).sum(axis=2).reshape(len(matrix), -1)
-            return np.asarray(across.T @ matrix @ across)
-
-        return reduction
+        return reduction_by_products(self, directions, matrix)
 
     def downdate(self, mean: Array, rows: Array) -> "FullCovariancePrior":
         """Return the Gaussian of another mean with the Gram matrix of ``rows``, shape (m, Z r), subtracted from the covariance."""

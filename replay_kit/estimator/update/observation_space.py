@@ -198,6 +198,12 @@ class ObservationSpacePosterior(Posterior):
 
         return reduction
 
+    def covariance_of(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        cross, m = self.prior.matvec(design), len(design)
+        before = self.factor.solve(self.n, self._rows_times(cross, 0, self.n))
+        return np.asarray(design.reshape(m, -1) @ cross.reshape(m, -1).T - before.T @ before)
+
     def whitened_cross(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the columns of L^-1 H P0 for some levels, None for all, shape (K, L r)."""
         at_levels = self.prior.matvec_modes(self.profile_basis, levels).swapaxes(0, 1)  # (2 n, Z, L, r)

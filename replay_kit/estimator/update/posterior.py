@@ -77,6 +77,14 @@ class Posterior(ABC):
     def reduction(self) -> Reduction:
         """Return what the rows took from the prior's covariance of sums of levels."""
 
+    @abstractmethod
+    def covariance_of(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m).
+
+        Args:
+            design: shape (m, Z, r).
+        """
+
     def prefetch(self, profiles: Sequence[ProfileRows]) -> "list[PriorCrossCovariance]":
         """Return the parts of coming predictions that do not depend on the order of assimilation."""
         return [PriorCrossCovariance(cross, np.empty((0, 0)), 0) for cross in prior_cross_covariances(self.prior, profiles)]

@@ -103,6 +103,12 @@ class ReducedSubspacePosterior(Posterior):
         """Return what the rows took from the prior's covariance of sums of levels."""
         return self.prior.reduction(self.active_directions / self.mode_std, self._without_room())
 
+    def covariance_of(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        cross, m = self.prior.matvec(design), len(design)
+        inside = (cross / self.mode_std @ self.active_directions.T).reshape(m, -1)
+        return np.asarray(design.reshape(m, -1) @ cross.reshape(m, -1).T - inside @ self._without_room() @ inside.T)
+
     def predict(self, rows: ProfileRows, prefetched: PriorCrossCovariance) -> PredictedObservation[Posterior]:
         """Return the prediction of a profile's rows."""
         return self._with_directions_of(rows.basis)._predict(rows, prefetched.cross)

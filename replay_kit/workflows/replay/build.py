@@ -2,7 +2,7 @@
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -83,11 +83,12 @@ def read_forecasts(
         ConfigError: An estimator that knows no time is asked for what needs it, or one that fits no spread for that.
     """
     own = config.estimator.name == _OWN and config.estimator.preset == "default"
-    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases or config.time.window)
-    if asked and not own:
+    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases)
+    if (asked or config.time.window not in ("auto", 0.0)) and not own:
         what = config.estimator.name if config.estimator.name != _OWN else f"preset {config.estimator.preset}"
         raise ConfigError(
-            f"{what} is static: it takes no time.scale, oscillators, biases or window; leave them out, or the estimator's name"
+            f"{what} is static and takes each profile alone: it has no time.scale, oscillators, biases or window; leave them out, or the "
+            "estimator's name"
         )
     part = config.forecast if region is None else config.forecast.model_copy(update={"region": region.region})
     if own and (asked or config.time.scale == "auto"):
@@ -155,8 +156,19 @@ def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> 
         ConfigError: The estimator's name is unknown.
     """
     if forecasts.evolves:
-        return build_evolving(forecasts.series, config.estimator, config.time, config.gating)
-    return build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating)
+        return with_window(build_evolving(forecasts.series, config.estimator, config.time, config.gating), config.time.window)
+    return with_window(build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating), config.time.window)
+
+
+def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> Estimator[Any]:
+    """Return an estimator that combines profiles within a time [s]; auto leaves it to the estimator, 0 combines none."""
+    grouping = estimator.grouping
+    if grouping is None or window == "auto":
+        return estimator
+    # Any: those that have a grouping are dataclasses
+    grouped: Any = estimator
+    changed: Estimator[Any] = replace(grouped, grouping=grouping.by_hand(window) if window > 0.0 else None)
+    return changed
 
 
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:

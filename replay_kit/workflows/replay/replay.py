@@ -216,7 +216,7 @@ def _loop(
             checkpoints.write_when_due(session, state, count)
         on_message()
     session.take(finish(state, measurements))
-    session.assimilate_buffer()
+    session.assimilate_buffer(last=True)
     session.statistics = session.statistics.with_order(merged)
 
 
