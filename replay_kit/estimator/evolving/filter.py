@@ -184,7 +184,7 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         basis, process = self.basis, self.operator.process
         part = slice(0, process.size)
         evolution = Evolution(process, basis.offset, state.mean[part], lambda: state.cov[part, part], state.time_ns)
-        still = FlowEstimate(basis.grid, basis.kernel, basis.depth_functions, basis.offset, basis.modes, np.empty((0, 0)), None)
+        still = FlowEstimate(basis.grid, basis.horizontal, basis.depth_functions, basis.offset, basis.modes, np.empty((0, 0)), None)
         flow = evolution.flow(still, self._time(state))
         return replace(flow, time_ns=None) if state.time_ns is None and self.time_ns is None else flow
 

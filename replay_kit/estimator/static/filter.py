@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -14,12 +13,12 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
-from replay_kit.estimator.basis.modes import Basis, build_basis, cell_size, correlation_length
+from replay_kit.estimator.basis.modes import Basis, build_basis
 from replay_kit.estimator.basis.noise import BinNoise, bin_noise
+from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
@@ -28,6 +27,7 @@ from replay_kit.estimator.static.group import fitting_step, group_innovation, gr
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.update.biases import NAMES, BiasScore, significant_bias_notes, unit_bias_rows
 from replay_kit.estimator.update.compression import ProfileRows, compress_profile
+from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.group_step import Stepped
@@ -217,7 +217,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the current estimate of a state; its covariance is computed when first asked for."""
-        return self.flow_of(state.mean, cache(state.posterior.covariance), state.time_ns)
+        return self.flow_of(state.mean, PosteriorCovariance(state.posterior), state.time_ns)
 
     def flow_of(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
         """Return the current estimate of weights.
@@ -234,12 +234,12 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the compressed rows of a profile's usable bins."""
         grid, depth = self.basis.grid, observation.depth[used]
         east, north = to_local(grid.projection, observation.longitude, observation.latitude)
-        kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), grid.nodes)
+        offset, modes = self.basis.at_place(np.array([east, north], dtype=np.float64))
         weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
         noise = self.noise(observation, used)
         u, v = rotate_to_local(grid.projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
-        values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
-        return compress_profile(weights, kernel_row @ self.basis.modes, noise, values)
+        values = np.column_stack([u, v]) - weights @ offset.T
+        return compress_profile(weights, modes, noise, values)
 
     def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise:
         """Return the noise of a profile's usable bins."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Measurement
 from replay_kit.estimator.basis.noise import BinNoise
@@ -151,15 +150,15 @@ def _stack(estimator: "ReducedBasisEstimator", screened: ScreenedGroup) -> tuple
     grid, functions = estimator.basis.grid, estimator.basis.depth_functions
     middle = ProfileGroup(tuple(screened.profiles[i] for i in screened.used))
     east, north = to_local(grid.projection, middle.longitude, middle.latitude)
-    kernel_row = velocity_kernel(estimator.basis.kernel, np.array([[float(east), float(north)]]), grid.nodes)
+    offset, modes = estimator.basis.at_place(np.array([float(east), float(north)]))
     stack = stack_of(
         screened,
         grid,
-        (kernel_row @ estimator.basis.offset).T,
+        offset.T,
         lambda depth: depth_weights(functions, depth, grid.levels),
         lambda profile, used: (depth_weights(functions, profile.depth[used], grid.levels), estimator.noise(profile, used)),
     )
-    return kernel_row @ estimator.basis.modes, stack
+    return modes, stack
 
 
 def _rows(basis: Array, r: Array, whole: CombinedRows | None = None) -> ProfileRows:
