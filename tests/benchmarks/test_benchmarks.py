@@ -22,6 +22,8 @@ ALLOWED = {
     "standard": 1e-10,
     "velocity": 1e-10,
     "differing": 1,
+    "rmse": 0.01,
+    "unused": 1,
 }
 
 
