@@ -24,7 +24,7 @@ Row = dict[str, Any]
 _DAY = 86_400
 _SPEED = 1.5  # m/s
 _LEG, _APART = 20e3, 3e3  # m
-_SIZES = {False: (Size(members=50), _DAY // 10, _DAY), True: (Size(6, 7, 3, 6, 8), 240, 120)}
+_SIZES = {False: (Size(members=50), _DAY // 10, _DAY), True: (Size(9, 11, 4, 20, 12), 240, 40)}
 
 
 def survey(field: Field, n: int) -> Mission:
@@ -93,7 +93,7 @@ def rows(tiny: bool) -> list[Row]:
                 error["rmse_changed"] = abs(ours["rmse"] / theirs["rmse"] - 1.0)
             found.append(
                 row(
-                    f"long: {n} pings at 1 Hz of a survey, {size.columns} x {size.rows} x {size.levels}, {size.members} members, whole replay",
+                    f"long: replay of {n} pings at 1 Hz, a survey, {size.columns} x {size.rows} x {size.levels}, {size.members} members",
                     ours["seconds"],
                     "every profile alone" if peer else "none",
                     None if theirs is None else theirs["seconds"],
