@@ -23,6 +23,8 @@ ALLOWED = {
     "velocity": 1e-10,
     "differing": 1,
     "localised": 1e-3,
+    "rmse": 0.01,
+    "unused": 1,
 }
 
 
