@@ -95,7 +95,7 @@ def _remaining(warm: Plan | None, start_time_ns: int, turn: float) -> list[Glide
 def _seeds(task: GlideTask) -> list[Candidate]:
     """Return the optimiser's starts, flown in the flow itself, nearest to the goal first; none when no path is finite."""
     found = find_seeds(task, _MOST_SEEDS)
-    reach = _SEED_RANGE * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
+    reach = _SEED_RANGE * max(task.flow.horizontal.kernel.length_east, task.flow.horizontal.kernel.length_north)
     guesses = [seed.glide for seed in found if seed.distance <= found[0].distance + reach]
     return sorted(_flown(task, guesses), key=lambda seed: seed.distance)[: task.settings.starts]
 

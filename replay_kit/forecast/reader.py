@@ -151,13 +151,13 @@ def read_selection(
         ForecastError: As in ``read_ensemble``.
     """
     first = selection.fields[0]
-    layout = _layout(first.part, first.ds, config)
+    layout = layout_of(first.part, first.ds, config)
     window, notes = _read(first, layout, config), list(selection.notes)
     projection = local_grid(window.longitude, window.latitude, window.levels, np.ones(0, bool), None).projection
     fields, alike, moved = [window.velocity], [0], 0
     around = config.model_copy(update={"region": _around(window)})
     for field in selection.fields[1:]:
-        last = layout if _same_grid(field.part, first.part) else _layout(field.part, field.ds, config)
+        last = layout if _same_grid(field.part, first.part) else layout_of(field.part, field.ds, config)
         other = _read(field, last, config if last is layout else around)
         values = other.velocity
         if _alike(other, window):
@@ -190,7 +190,8 @@ def read_selection(
     return Reading(ensemble, layout, check, first.part)
 
 
-def _layout(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
+def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
+    """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
     layout = lay_out(ds, part.current, str(part.paths[0]))
     if config.axes == "auto":
         return layout

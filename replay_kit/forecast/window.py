@@ -98,9 +98,7 @@ def read_window(ds: xr.Dataset, current: Current, layout: Layout, member: str | 
 
 
 def _block(layout: Layout, config: ForecastConfig, where: str) -> Block:
-    x, y = layout.longitude[..., layout.columns], layout.latitude[layout.rows]
-    if layout.longitude.ndim == 2:
-        x, y = x[layout.rows], y[:, layout.columns]
+    x, y = layout.places
     if config.region is None:
         return layout.rows, (layout.columns,)
     block = region_block(x, y, config.region)

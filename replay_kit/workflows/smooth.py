@@ -27,10 +27,12 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.workflows.replay.build import Forecasts, build, flow_at
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of, open_readers, reading
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of, reading
+from replay_kit.workflows.replay.look_ahead import open_readers
 from replay_kit.workflows.replay.outputs import Weights, write
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.publishing import depth_slices
+from replay_kit.workflows.replay.region import REGION_RECORD
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -142,6 +144,8 @@ def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: E
     metadata = run_metadata(
         job.logs, find_sources(job.ensemble).arguments, forecasts.ensemble, {"smoothed": "true", "modes": str(prior.n_modes)}
     )
+    if forecasts.region is not None:
+        metadata[REGION_RECORD] = forecasts.region.to_record()
     writer = ResultWriter(job.out, job.overwrite)
     try:
         writer.start(prior.grid.projection, min(times), metadata, run_settings_toml(config))

@@ -9,12 +9,13 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, faults, forecasts, logs, planners, safety, scaling, start
+from tests.benchmarks import estimator, faults, fleet, forecasts, logs, planners, safety, scaling, start
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "estimator": estimator.rows,
     "faults": faults.rows,
+    "fleet": fleet.rows,
     "forecasts": forecasts.rows,
     "logs": logs.rows,
     "planners": planners.rows,

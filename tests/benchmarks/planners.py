@@ -176,7 +176,7 @@ def _plain(flow: FlowEstimate, latent: Any) -> Callable[[Any], Any]:
     """Return the field written out plainly, for CasADi to differentiate."""
 
     def field(at: Any) -> Any:
-        kernel, n = flow.kernel, len(flow.nodes)
+        kernel, n = flow.horizontal.kernel, len(flow.nodes)
         lower = ca.low(ca.DM(flow.levels), at[2])
         levels = ca.MX(ca.DM(flow.levels))
         share = (at[2] - levels[lower]) / (levels[lower + 1] - levels[lower])

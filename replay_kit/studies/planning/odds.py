@@ -6,6 +6,7 @@ import numpy as np
 
 import planners
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.studies.planning.flights import draw_missions
 from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.world import Withheld, World
@@ -81,7 +82,9 @@ def _judged(
 
 def as_sample(flow: FlowEstimate, truth: FlowEstimate) -> FlowEstimate:
     """Return a truth as a sample of an estimate on the same nodes, whose kernel differs from the truth's in its speed alone."""
-    return replace(flow.mean_flow(), latent=truth.latent * (truth.kernel.speed / flow.kernel.speed) ** 2)
+    # latent velocities have the kernel's variance, the coefficients of a lattice are those of the stream function itself
+    scale = truth.horizontal.kernel.speed / flow.horizontal.kernel.speed if isinstance(truth.horizontal, NodeKernel) else 1.0
+    return replace(flow.mean_flow(), latent=truth.latent * scale**2)
 
 
 def _report(world: World, made: list[_Judged]) -> StudyReport:

@@ -165,8 +165,6 @@ def test_land_is_not_crossed() -> None:
     wet[:, :, 5] = False
     wet[:, 0, 5] = True
     dry = replace(flow, grid=replace(flow.grid, wet=wet))
-    keep = np.tile(wet[0].ravel(), 2)
-    dry = replace(dry, latent=flow.latent[keep], modes=flow.modes[keep])
     result = plan(dry, place(dry, -2e4, 0.0, 0.0), place(dry, 2e4, 5e3, 300.0))
     assert result.status == "unreachable"
     assert result.track[:, 0].max() < 0.0

@@ -37,14 +37,16 @@ def dives(
     from replay_kit.estimator.evolving import build_evolving
     from replay_kit.studies.dives import FILES, print_dives, read_dives, run_dives, to_json, write_dives
     from replay_kit.workflows.replay.build import read_forecasts
-    from replay_kit.workflows.replay.inputs import look_ahead
+    from replay_kit.workflows.replay.look_ahead import look_ahead
+    from replay_kit.workflows.replay.region import find_region
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     if config.estimator.name != "reduced_basis" or config.estimator.preset != "default":
         raise ConfigError("experiment dives predicts with the project's own estimator and its default preset; leave name and preset out")
     place_at, first_ns = look_ahead(logs, config)
     found = read_dives(list(logs), config)
-    forecasts = read_forecasts(ensemble, config, first_ns, place_at)
+    region = find_region(logs, ensemble, config, first_ns, None)
+    forecasts = read_forecasts(ensemble, config, first_ns, place_at, region)
     with progress(config.output.threads) as advance:
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
         for result in run_dives(estimator, found, config, fit, " ".join(map(str, ensemble)), advance):
