@@ -15,6 +15,7 @@ ALLOWED = {
     "unsafe": 0.12,
     "corrected": 0.8,
     "crossed": 1,
+    "below": 1,
     "messages": 0.5,
     "mean": 1e-8,
     "covariance": 1e-6,
