@@ -6,7 +6,9 @@ the scheduler is lost and comes back. A call that outlives no worker ends with a
 
 import logging
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any
@@ -17,7 +19,7 @@ from replay_kit.core.tasks import made_by
 #: How long a scheduler, and its first worker, are waited for [s].
 TIMEOUT_S = 20.0
 # How often a call is given to the scheduler, which itself gives it to up to four workers one after the other.
-_ATTEMPTS = 3
+_ATTEMPTS = 2
 # What is larger is sent once, however many calls have it [bytes]; below that, looking for it costs more than sending it.
 _KEPT = 1 << 14
 
@@ -84,25 +86,24 @@ class Cluster:
         Raises:
             UnreachableError: The scheduler was lost and did not come back in time.
         """
-        from distributed import as_completed
+        from distributed import KilledWorker, as_completed
 
-        left = dict(enumerate(calls))
-        for _ in range(_ATTEMPTS):
+        left, deaths = dict(enumerate(calls)), Counter[int]()
+        while left:
             held: dict[int, Any] = {}
             futures = {self._submit(function, arguments, held): number for number, arguments in left.items()}
             for future in as_completed(list(futures), loop=self._client.loop):
                 number = futures.pop(future)
-                lost, value, error = _outcome(future)
+                value, error = _outcome(future)
                 future.release()
-                if not lost:
+                deaths[number] += isinstance(error, KilledWorker)
+                if isinstance(error, KilledWorker) and deaths[number] == _ATTEMPTS:
+                    error = LostCallError("the worker died each time; was there enough memory?")
+                if not isinstance(error, CancelledError | KilledWorker):
                     del left[number]
                     yield number, value, error
-            if not left:
-                return
-            if self._client.status != "running":
+            if left and self._client.status != "running":
                 self._client = _connected(self.address)
-        for number in left:
-            yield number, None, LostCallError(f"the worker died each of {_ATTEMPTS} times; was there enough memory?")
 
     def close(self) -> None:
         """Disconnect."""
@@ -211,18 +212,12 @@ def _connected(address: str) -> Any:
     return client
 
 
-def _outcome(future: Any) -> tuple[bool, Any, Exception | None]:
-    """Return whether a call that has ended must be made again, its value, and the error that it ended with."""
-    from concurrent.futures import CancelledError
-
-    from distributed import KilledWorker
-
+def _outcome(future: Any) -> tuple[Any, Exception | None]:
+    """Return the value of a call that has ended, and the error that it ended with."""
     try:
-        return False, future.result(), None
-    except (CancelledError, KilledWorker):
-        return True, None, None
+        return future.result(), None
     except Exception as error:
-        return False, None, error
+        return None, error
 
 
 def _is_large(argument: Any) -> bool:

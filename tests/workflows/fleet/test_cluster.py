@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 
+import dask
 import numpy as np
 import pytest
 
@@ -64,7 +65,7 @@ def test_missions_are_given_to_whoever_is_free():
 
 @pytest.mark.full
 def test_a_call_that_kills_its_workers_ends_with_an_error_and_others_are_made():
-    with open_cluster(None, 2) as cluster:
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), open_cluster(None, 2) as cluster:
         by_number = {number: error for number, _, error in cluster.completed(die, [(0,)])}
         assert isinstance(by_number[0], LostCallError)
         assert list(cluster.map(refuse, (0, 2))) == [0, 2]
