@@ -13,8 +13,10 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from replay_kit.core.errors import ConfigError, EstimatorError, ReplayKitError
-from replay_kit.core.tasks import made_by
+from replay_kit.core.tasks import called_by
 
 #: How long a scheduler, and its first worker, are waited for [s].
 TIMEOUT_S = 20.0
@@ -62,16 +64,15 @@ class Cluster:
         answers: dict[str, Any] = self._client.run(function, *arguments, on_error="return")
         return answers
 
-    def map(self, function: Callable[..., Any], *columns: Iterable[Any]) -> Iterator[Any]:
-        """Yield the values of calls in their order, as the builtin ``map``.
+    def starmap(self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
+        """Yield the values of calls in their order, as ``itertools.starmap``.
 
         Raises:
             Exception: What the call raised.
         """
         done: dict[int, Any] = {}
         following = 0
-        calls = list(zip(*columns, strict=False))
-        for number, value, error in self.completed(function, calls):
+        for number, value, error in self.completed(function, rows):
             done[number] = value, error
             while following in done:
                 value, error = done.pop(following)
@@ -160,7 +161,7 @@ def _used(cluster: Cluster) -> Iterator[Cluster]:
 
 @contextmanager
 def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[Cluster | None]:
-    """Let workers make the calls of ``core.tasks.each_of`` in the block; those of this process where neither is given.
+    """Let workers make the calls of ``core.tasks.each_call`` in the block; those of this process where neither is given.
 
     Args:
         scheduler: As in ``open_cluster``.
@@ -173,7 +174,7 @@ def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[Cluste
 
     with open_cluster(scheduler, workers) as cluster:
         check_workers(cluster, ())
-        with made_by(cluster.map):
+        with called_by(cluster.starmap):
             yield cluster
 
 
@@ -227,10 +228,10 @@ def _is_large(argument: Any) -> bool:
 
 
 def _alone(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the value of a function; xarray, which looks for the cluster that it runs on, writes as in any process."""
+    """Return the value of a function with one BLAS thread; xarray, which looks for a cluster that it runs on, writes as anywhere."""
     import dask
 
-    with dask.config.set(scheduler="synchronous"):
+    with threadpool_limits(limits=1), dask.config.set(scheduler="synchronous"):
         return function(*arguments)
 
 
