@@ -8,7 +8,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, faults, forecasts, logs, planners, scaling, start
+from tests.benchmarks import estimator, faults, forecasts, logs, planners, scaling, start, windows
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
@@ -18,6 +18,7 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "logs": logs.rows,
     "planners": planners.rows,
     "start": start.rows,
+    "windows": windows.rows,
 }
 
 

@@ -105,9 +105,7 @@ def mission(of: Sea, strip: Strip, truth: Ensemble, margin: float, seed: int = 1
     field, rng = build_field(truth), np.random.default_rng(seed)
     values = field.velocity(east[:, None], north[:, None], _DEPTHS)
     values += _NOISE * rng.standard_normal(values.shape)
-    return [
-        synthetic.profile(truth.grid, east[k], north[k], _DEPTHS, values[k], _NOISE, time_ns=k * 10**9) for k in range(strip.pings)
-    ]
+    return [synthetic.profile(truth.grid, east[k], north[k], _DEPTHS, values[k], _NOISE, time_ns=k * 10**9) for k in range(strip.pings)]
 
 
 def windowed(of: Sea, strip: Strip, first: Observation, margin: float) -> WindowedEstimator:
@@ -151,9 +149,7 @@ def rows(tiny: bool) -> list[dict[str, Any]]:
     inside = [ping for ping in pings if west <= ping.longitude <= east]
     began = time.process_time()
     alone = build_estimator(of.part(third, slice(0, strip.members)), EstimatorConfig(), GatingConfig())
-    single = alone.initial()
-    for single, _ in alone.steps(single, inside):
-        pass
+    *_, (single, _) = alone.steps(alone.initial(), inside)
     peer_s = time.process_time() - began
     ours, theirs = _error(flows, inside, truth), _error([alone.flow(single)], inside, truth)
     return [
@@ -186,9 +182,8 @@ def _error(flows: Sequence[Any], pings: Sequence[Observation], truth: Ensemble) 
     east, north = to_local(truth.grid.projection, longitude, latitude)
     true = build_field(truth).velocity(east[:, None], north[:, None], _DEPTHS)
     true = np.stack(rotate_to_geographic(truth.grid.projection, longitude[:, None], latitude[:, None], true[..., 0], true[..., 1]), axis=-1)
-    found = np.full(true.shape, np.nan)
-    for flow in flows:
-        values = flow.velocity_at(longitude[:, None], latitude[:, None], _DEPTHS)
-        known = np.isfinite(values.u)
-        found[known] = np.stack([values.u, values.v], axis=-1)[known]
+    values = [flow.velocity_at(longitude[:, None], latitude[:, None], _DEPTHS) for flow in flows]
+    errors = np.array([np.nan_to_num(np.hypot(each.u_standard_error, each.v_standard_error), nan=np.inf) for each in values])
+    best = np.argmin(errors, axis=0)[None]
+    found = np.stack([np.take_along_axis(np.array([getattr(each, name) for each in values]), best, 0)[0] for name in "uv"], axis=-1)
     return float(np.sqrt(np.nanmean((found - true) ** 2)))
