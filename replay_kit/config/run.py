@@ -291,18 +291,18 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
         keys = ", ".join(f"{old} is {new}" for old, new in RENAMED_KEYS.items())
         raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")
     try:
-        return RunConfig.model_validate(_laid_over(tables, overrides or {}))
+        return RunConfig.model_validate(laid_over(tables, overrides or {}))
     except ValidationError as error:
         raise ConfigError(explain(error, RunConfig, path, overrides or {})) from error
 
 
-def _laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table with the values given in place of its own; tables are merged, values of None are not given."""
     merged = dict(table)
     for key, value in given.items():
         below = merged.get(key, {})
         if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "remap":
-            merged[key] = _laid_over(below, value)
+            merged[key] = laid_over(below, value)
         elif value is not None:
             merged[key] = value
     return merged

@@ -91,3 +91,14 @@ class Ensemble:
     def n_members(self) -> int:
         """Number of members E."""
         return int(self.velocity.shape[0])
+
+    def rows(self, start: int, stop: int, level: int | None = None) -> Array:
+        """Return the velocities in some rows of the grid, a copy, shape (E, 2, Z, rows, I).
+
+        Args:
+            start: First row.
+            stop: After the last row.
+            level: The only level, Z = 1; None for all.
+        """
+        levels = slice(None) if level is None else slice(level, level + 1)
+        return np.array(self.velocity[:, :, levels, start:stop], dtype=np.float64)

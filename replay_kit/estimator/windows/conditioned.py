@@ -7,6 +7,7 @@ import scipy.linalg
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.hybrid import Prior, PriorSettings
+from replay_kit.estimator.prior.reduction import Reduction, reduction_by_products
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +52,15 @@ class ConditionedPrior:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         rows = (self.gain if levels is None else self.gain[:, list(levels)]).reshape(len(self.gain), -1)
         return np.asarray(self.before.covariance(levels) - rows.T @ rows)
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        rows = self.gain[:, list(levels)].sum(axis=1)
+        return np.asarray(self.before.of_sum(levels) - rows.T @ rows)
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        return reduction_by_products(self, directions, matrix)
 
 
 def conditioned(prior: Prior, design: Array, innovation: Array) -> tuple[ConditionedPrior, Array]:

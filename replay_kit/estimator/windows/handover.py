@@ -20,7 +20,6 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.posterior import Posterior
@@ -63,8 +62,8 @@ class Learnt:
 
 def velocities_at(basis: Basis, points: Array) -> tuple[Array, Array]:
     """Return the velocities at points of the modes, shape (2P, r), and of the flow without weights, shape (2P, Z)."""
-    kernel = velocity_kernel(basis.kernel, points, basis.grid.nodes)
-    return kernel @ basis.modes, kernel @ basis.offset
+    modes, offset = (basis.horizontal.velocity(points, latent) for latent in (basis.modes, basis.offset))
+    return modes.reshape(2 * len(points), -1), offset.reshape(2 * len(points), -1)
 
 
 def learnt(prior: Prior, posterior: Posterior, modes: Array, offset: Array, next_modes: Array, representation_std: Array) -> Learnt | None:

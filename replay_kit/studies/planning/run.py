@@ -11,6 +11,7 @@ from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.infeasible import infeasible
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
 from replay_kit.studies.planning.masked import masked
+from replay_kit.studies.planning.odds import odds
 from replay_kit.studies.planning.replanning import replanning
 from replay_kit.studies.planning.scenarios import scenarios
 from replay_kit.studies.planning.world import FLOWS, World, build_world
@@ -34,6 +35,7 @@ STUDIES: Mapping[str, Study] = {
     "missions": Study(missions, lambda job: len(FLOWS) * job.pairs),
     "scenarios": Study(scenarios, lambda job: job.scenarios),
     "masked": Study(masked, lambda job: job.masks),
+    "odds": Study(odds, lambda job: job.pairs),
     "infeasible": Study(infeasible, lambda job: 10),
     "replanning": Study(replanning, lambda job: job.replans),
 }

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from replay_kit.core.paths import Paths
 from replay_kit.core.region import Region
 from replay_kit.estimator import Estimator, ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.baselines import build_named
-from replay_kit.estimator.basis.modes import correlation_length
+from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.windows import WindowedEstimator
 from replay_kit.forecast import read_ensemble, read_series
@@ -89,11 +89,12 @@ def read_forecasts(
         ConfigError: An estimator that knows no time is asked for what needs it, or one that fits no spread for that.
     """
     own = config.estimator.name == _OWN and config.estimator.preset == "default"
-    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases or config.time.window)
-    if asked and not own:
+    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases)
+    if (asked or config.time.window not in ("auto", 0.0)) and not own:
         what = config.estimator.name if config.estimator.name != _OWN else f"preset {config.estimator.preset}"
         raise ConfigError(
-            f"{what} is static: it takes no time.scale, oscillators, biases or window; leave them out, or the estimator's name"
+            f"{what} is static and takes each profile alone: it has no time.scale, oscillators, biases or window; leave them out, or the "
+            "estimator's name"
         )
     part = config.forecast if region is None else config.forecast.model_copy(update={"region": region.region})
     if own and (asked or config.time.scale == "auto"):
@@ -172,10 +173,21 @@ def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> 
         ConfigError: The estimator's name is unknown.
     """
     if forecasts.region is not None and forecasts.read is not None:
-        return _windowed(forecasts, forecasts.region, forecasts.read, config)
+        return with_window(_windowed(forecasts, forecasts.region, forecasts.read, config), config.time.window)
     if forecasts.evolves:
-        return build_evolving(forecasts.series, config.estimator, config.time, config.gating)
-    return build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating)
+        return with_window(build_evolving(forecasts.series, config.estimator, config.time, config.gating), config.time.window)
+    return with_window(build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating), config.time.window)
+
+
+def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> Estimator[Any]:
+    """Return an estimator that combines profiles within a time [s]; auto leaves it to the estimator, 0 combines none."""
+    grouping = estimator.grouping
+    if grouping is None or window == "auto":
+        return estimator
+    # Any: those that have a grouping are dataclasses
+    grouped: Any = estimator
+    changed: Estimator[Any] = replace(grouped, grouping=grouping.by_hand(window) if window > 0.0 else None)
+    return changed
 
 
 def _windowed(forecasts: Forecasts, found: FoundRegion, read: Callable[[Region], Ensemble], config: RunConfig) -> WindowedEstimator:
@@ -186,7 +198,8 @@ def _windowed(forecasts: Forecasts, found: FoundRegion, read: Callable[[Region],
         ensemble = forecasts.ensemble if region == found.region else read(region)
         return build_estimator(ensemble, config.estimator, config.gating)
 
-    return WindowedEstimator(found.region, found.margin, found.bounds, estimator_of, config.gating)
+    grouping = estimator_of(found.region).grouping
+    return WindowedEstimator(found.region, found.margin, found.bounds, estimator_of, config.gating, grouping)
 
 
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:

@@ -9,32 +9,22 @@ the forecast that the run found, so that the continued one reads the same.
 import hashlib
 import io
 import json
-import pickle
-import pickletools
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, is_dataclass
-from enum import Enum
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.estimator.update.buffer import Buffer
-from replay_kit.estimator.update.observation_space import GrowingCholesky
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
 from replay_kit.workflows.replay.checkpoint_head import MAGIC, checkpoint_files, head
 from replay_kit.workflows.replay.region import FoundRegion
 from replay_kit.workflows.replay.session import ReplayState, Session
+from replay_kit.workflows.replay.values import check_opcodes, dump, load
 
 # Bytes of the run's identity, and of the SHA-256 of what follows it.
 _IDENTITY, _DIGEST = 64, 32
-# The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
-_FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
-_CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float")}
-# Opcodes that the dumper never writes: a place in the memo takes memory for all places before it.
-_FOREIGN = frozenset({"PUT", "BINPUT", "LONG_BINPUT", "NEXT_BUFFER", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "GLOBAL"})
 # What stages raise on a state whose parts are of other kinds or sizes.
 _FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, MemoryError, RecursionError)
 
@@ -135,8 +125,8 @@ class CheckpointFile:
             )
         # pickle states no end to what it raises on bytes that are not its own
         try:
-            _check_opcodes(body)
-            checkpoint = _Loader(io.BytesIO(body), self._prior).load()
+            check_opcodes(body)
+            checkpoint = load(io.BytesIO(body), self._prior)
             if not isinstance(checkpoint, Checkpoint):
                 raise TypeError(f"expected a checkpoint, got {type(checkpoint).__name__}")
             self._next_ns = int(checkpoint.state.last_ns) + self._interval_ns
@@ -169,7 +159,7 @@ class CheckpointFile:
             return
         self._next_ns = state.last_ns + self._interval_ns
         body = io.BytesIO()
-        _Dumper(body, self._prior).dump(Checkpoint(state, measurement, messages, self._journal.flushed(), session.writer.state))
+        dump(Checkpoint(state, measurement, messages, self._journal.flushed(), session.writer.state), body, self._prior)
         with atomic_file(self.path) as file:
             file.write(head(self._region) + self._identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
 
@@ -184,44 +174,3 @@ class CheckpointFile:
         """Delete the checkpoint and its journal: the result is complete."""
         self.path.unlink(missing_ok=True)
         journal_path(self.path).unlink(missing_ok=True)
-
-
-def _is_value(kind: type) -> bool:
-    """Return whether constructing an object of a class does no more than hold values."""
-    return is_dataclass(kind) or issubclass(kind, (Enum, tuple)) or kind in (GrowingCholesky, Buffer)
-
-
-def _check_opcodes(body: bytes) -> None:
-    """Raise ValueError when what a checkpoint holds would take memory that its bytes do not fill."""
-    foreign = next((opcode.name for opcode, _, _ in pickletools.genops(body) if opcode.name in _FOREIGN), None)
-    if foreign is not None:
-        raise ValueError(f"it holds {foreign}, which no checkpoint does")
-
-
-class _Dumper(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, prior: object | None) -> None:
-        super().__init__(file, protocol=5)
-        self._prior = prior
-
-    def persistent_id(self, obj: Any) -> str | None:
-        return "prior" if self._prior is not None and obj is self._prior else None
-
-
-class _Loader(pickle.Unpickler):
-    """Loads this project's values and arrays; nothing whose construction has side effects."""
-
-    def __init__(self, file: io.BytesIO, prior: object | None) -> None:
-        super().__init__(file)
-        self._prior = prior
-
-    def persistent_load(self, pid: Any) -> Any:
-        return self._prior
-
-    def find_class(self, module: str, name: str) -> Any:
-        if (module, name) in _FUNCTIONS | _CLASSES:
-            return super().find_class(module, name)
-        if module.startswith(("replay_kit.", "planners.")) and "." not in name:
-            found = super().find_class(module, name)
-            if isinstance(found, type) and found.__module__ == module and _is_value(found):
-                return found
-        raise pickle.UnpicklingError(f"it holds {module}.{name}, which no checkpoint does")

@@ -49,6 +49,7 @@ class ReplayJob:
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
         region: The part of the forecast that an earlier run of the job found; None finds it, where the settings do not state it.
+        basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
     """
 
     logs: tuple[Path, ...]
@@ -63,6 +64,7 @@ class ReplayJob:
     overwrite: bool = False
     include_inputs: bool = False
     region: FoundRegion | None = None
+    basis_store: Path | None = None
 
 
 def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()) -> None:

@@ -12,7 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Paths
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, Region, around, centre, degree_of_longitude, inside, text
-from replay_kit.estimator.basis.modes import correlation_length
+from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.geometry import moved_into
 from replay_kit.forecast.extent import Extent, open_extent
 from replay_kit.workflows.replay.look_ahead import places_of
@@ -116,7 +116,7 @@ def find_region(
 def _is_static(extent: Extent, config: RunConfig) -> bool:
     """Return whether an estimate is the project's own and does not change in time: only that is handed from window to window."""
     time, own = config.time, config.estimator.name == "reduced_basis" and config.estimator.preset == "default"
-    asked = time.oscillators or time.biases or time.window or time.scale not in ("auto", "static")
+    asked = time.oscillators or time.biases or time.scale not in ("auto", "static")
     return own and not asked and (time.scale == "static" or not extent.has_several_times)
 
 

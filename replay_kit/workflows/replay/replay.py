@@ -27,7 +27,8 @@ from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import failure_json, to_record
-from replay_kit.workflows.replay.build import Forecasts, build
+from replay_kit.workflows.replay.basis_store import built
+from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming, run_identity
 from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
 from replay_kit.workflows.replay.inputs import (
@@ -155,14 +156,15 @@ def _prepare(
     config = with_planner_kind(job, readers, config, float(ensemble.grid.levels[-1]))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
-        estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
+        estimator = built(forecasts, config, job)
         prior_flow = estimator.flow(estimator.initial())
     problem = None
     if job.goal is not None and planner_of is not None:
         planner = planner_of(config.planner, ensemble.grid)
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    arguments, bathymetry = find_sources(job.ensemble).arguments, config.planner.bathymetry_path
+    # without a goal nothing reads the bathymetry
+    arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
     metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
     if metadata and forecasts.region is not None:
         metadata[REGION_RECORD] = forecasts.region.to_record()
@@ -216,7 +218,7 @@ def _loop(
             checkpoints.write_when_due(session, state, count)
         on_message()
     session.take(finish(state, measurements))
-    session.assimilate_buffer()
+    session.assimilate_buffer(last=True)
     session.statistics = session.statistics.with_order(merged)
 
 
@@ -273,7 +275,7 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
 
 def _notes(session: Session, inputs: _Inputs, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
     """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
-    kernel, estimator = flow.kernel, session.estimator
+    kernel, estimator = flow.horizontal.kernel, session.estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     no_goal = [] if inputs.job.goal is not None else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]

@@ -61,7 +61,7 @@ def test_where_windows_overlap_the_next_knows_what_was_learnt_within_its_standar
     prior_mean, prior_error = at_points(other, other.initial(), points)
     change = np.sqrt(np.mean(((begun_mean - mean) / error) ** 2))
     assert change < 1.0
-    assert change < 0.2 * np.sqrt(np.mean(((prior_mean - mean) / error) ** 2))
+    assert np.sqrt(np.mean(((prior_mean - mean) / error) ** 2)) > 2.0
     assert 0.9 < np.sqrt(np.mean(begun_error**2)) / np.sqrt(np.mean(error**2)) < 1.5
     assert np.all(begun_error < 1.001 * prior_error)
 

@@ -214,7 +214,7 @@ def test_a_checkpoint_that_would_act_is_not_loaded(ocean, tmp_path, what):
     }[what]
     head = checkpoint.read_bytes()[: len(b"replay-kit checkpoint 6\nnull\n") + 64]
     checkpoint.write_bytes(head + hashlib.sha256(body).digest() + body)
-    with pytest.raises(LogError, match="which no checkpoint does"):
+    with pytest.raises(LogError, match="which no value of this program does"):
         run(ocean, tmp_path / "out.mcap", checkpoint)
 
 

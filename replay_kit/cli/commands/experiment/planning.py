@@ -25,12 +25,12 @@ class Truths(OneTruth):
 class Sizes:
     """What is planned, and how many of each."""
 
-    study: Annotated[str | None, parts("glides, missions, scenarios, masked, infeasible, replanning")] = None
-    pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides and missions, over all truths.", least=1)] = 100
+    study: Annotated[str | None, parts("glides, missions, scenarios, masked, odds, infeasible, replanning")] = None
+    pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides, missions and odds, over all truths.", least=1)] = 100
     pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
     legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
     scenarios: Annotated[int, option("--scenarios", "Number of missions planned for samples.", least=1)] = 10
-    fresh: Annotated[int, option("--fresh", "Number of further samples that these are flown through.", least=1)] = 500
+    fresh: Annotated[int, option("--fresh", "Number of further samples that these and odds are flown through.", least=1)] = 500
     masks: Annotated[int, option("--masks", "Number of random cases with islands and areas.", least=1)] = 200
     replans: Annotated[int, option("--replans", "Number of missions planned anew at each surfacing.", least=1)] = 40
     noise: Noise = 0.09
