@@ -45,7 +45,7 @@ class Strip:
     pings: int = 1200
 
 
-TINY = Strip(12, 44, 12, 1.2, 144, 60)
+TINY = Strip(10, 30, 8, 1.2, 144, 24)
 
 
 @dataclass(frozen=True, eq=False)
