@@ -9,7 +9,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, faults, fleet, forecasts, logs, longlogs, planners, safety, scaling, size, start
+from tests.benchmarks import estimator, faults, fleet, forecasts, logs, longlogs, planners, safety, scaling, size, start, windows
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
@@ -23,6 +23,7 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "safety": safety.rows,
     "size": size.rows,
     "start": start.rows,
+    "windows": windows.rows,
 }
 
 

@@ -47,7 +47,7 @@ def dives(
         raise ConfigError("experiment dives predicts with the project's own estimator and its default preset; leave name and preset out")
     place_at, first_ns = look_ahead(logs, config)
     found = read_dives(list(logs), config)
-    region = find_region(logs, ensemble, config, first_ns, None)
+    region = find_region(logs, ensemble, config, first_ns, None, may_follow=False)
     forecasts = read_forecasts(ensemble, config, first_ns, place_at, region)
     with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
