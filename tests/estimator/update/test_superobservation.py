@@ -290,3 +290,9 @@ def test_sparse_pings_are_each_alone_to_the_bit():
         found.append(state.current.mean.tobytes())
         assert [step.assimilation.innovation.profiles for step in steps] == [1] * len(log)
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("wrong", [-1.0, "often", float("nan")])
+def test_a_window_is_a_time_or_auto(wrong):
+    with pytest.raises(ValueError, match="window"):
+        TimeConfig(window=wrong)
