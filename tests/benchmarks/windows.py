@@ -41,7 +41,7 @@ class Strip:
     columns: int = 210
     members: int = 50
     eddy: float = 2.5
-    window: int = 3600
+    window: int = 1600
     pings: int = 1200
 
 
