@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
@@ -19,7 +18,6 @@ from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.progress import Progress, silent
-from replay_kit.core.region import around
 from replay_kit.core.unchanged import check_unchanged
 from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs import merge
@@ -46,7 +44,6 @@ from replay_kit.workflows.replay.look_ahead import check_span, open_readers
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.provenance import run_metadata, run_options, run_settings_toml
-from replay_kit.workflows.replay.region import REGION_RECORD
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
@@ -165,9 +162,8 @@ def _prepare(
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
     # without a goal nothing reads the bathymetry
     arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
-    metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
-    if metadata and forecasts.region is not None:
-        metadata[REGION_RECORD] = forecasts.region.to_record()
+    options = run_options(job, prior_flow)
+    metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, options, bathymetry, forecasts.region)
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
@@ -291,10 +287,8 @@ def _score(session: Session, inputs: _Inputs, truth: Ensemble, flow: FlowEstimat
         truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
         prior_flow = prior_flow.at(session.last_ns)
     if forecasts.read is not None:
-        # windows followed the vehicle: the last one is scored
-        region = around(np.column_stack([flow.grid.longitude.ravel(), flow.grid.latitude.ravel()]), 0.0)
-        truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, region) or truth
-        forecasts = replace(forecasts, series=(forecasts.read(region),))
+        forecasts, box = forecasts.in_last_window(flow.grid)
+        truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
     positions, ensemble = session.statistics.profiles.positions, forecasts.nearest(flow.time_ns)
     try:
         score, truth_flow = score_against_truth(flow, ensemble, truth, positions, job.truth_radius_km, config.estimator)
