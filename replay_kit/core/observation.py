@@ -23,9 +23,12 @@ class Flag(IntEnum):
     MISSING = 9
 
 
+_GOOD, _SUSPECT = np.int8(Flag.GOOD), np.int8(Flag.SUSPECT)
+
+
 def usable(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Return which bins are used: good ones and suspect ones; where the latter are unwanted, measurement quality control fails them."""
-    return np.asarray((flags == Flag.GOOD) | (flags == Flag.SUSPECT))
+    return np.asarray((flags == _GOOD) | (flags == _SUSPECT))
 
 
 class Reason(IntFlag):

@@ -3,31 +3,32 @@
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from itertools import starmap
 from typing import Any, TypeVar
 
 Value = TypeVar("Value")
 
-#: As the builtin ``map``: a function and columns of its arguments in, its values out, in their order.
-Calls = Callable[..., Iterator[Any]]
+#: As ``itertools.starmap``: a function and rows of its arguments in, its values out, in the order of the rows.
+Caller = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], Iterator[Any]]
 
-_MADE: ContextVar[Calls] = ContextVar("tasks", default=map)
+_CALLER: ContextVar[Caller] = ContextVar("caller", default=starmap)
 
 
 @contextmanager
-def made_by(calls: Calls) -> Iterator[None]:
-    """Let a function make the calls of ``each_of`` in this context; results never depend on it."""
-    token = _MADE.set(calls)
+def called_by(caller: Caller) -> Iterator[None]:
+    """Let a function make the calls of ``each_call`` in this context; results never depend on it."""
+    token = _CALLER.set(caller)
     try:
         yield
     finally:
-        _MADE.reset(token)
+        _CALLER.reset(token)
 
 
-def each_of(function: Callable[..., Value], *columns: Iterable[Any]) -> Iterator[Value]:
+def each_call(function: Callable[..., Value], rows: Iterable[tuple[Any, ...]]) -> Iterator[Value]:
     """Yield the values of a function for rows of arguments, in their order; each may be computed in another process.
 
     Args:
-        function: Of a module, without side effects; it and its arguments can be pickled.
-        columns: Its arguments, as for the builtin ``map``; an argument that stands in several rows is sent once.
+        function: Without side effects; it and its arguments can be pickled.
+        rows: Its arguments; one that stands in several rows is sent once. Here each row is asked for after the call before it.
     """
-    return _MADE.get()(function, *columns)
+    return _CALLER.get()(function, rows)

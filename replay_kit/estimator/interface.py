@@ -94,6 +94,10 @@ class Estimator(Protocol[State]):
         """Return the current estimate of a state, at the state's time."""
         ...
 
+    def left_flows(self, state: State) -> Iterator[FlowEstimate]:
+        """Yield the last estimates of windows that the vehicle has left, in order; none where one window holds all."""
+        return iter(())
+
     def weights(self, states: Sequence[State]) -> Sequence[Array | None]:
         """Return the mean weights of states, each of shape (Z r,), level after level; None where the basis is not the run's own."""
         return [None] * len(states)

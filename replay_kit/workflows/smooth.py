@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
@@ -73,7 +74,7 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forec
         LogError: A log cannot be opened.
         ForecastError: The ensemble cannot be used.
         MeasurementError: The logs hold no usable ping of this region.
-        ConfigError: The result exists and may not be replaced, or an option is wrong.
+        ConfigError: Windows follow the vehicle, or the result exists and may not be replaced, or an option is wrong.
     """
     check_outputs(job)
     with threadpool_limits(limits=config.output.threads):
@@ -81,6 +82,7 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forec
         progress(0, 0, "reading the forecast")
         with clock.stage("forecast"):
             forecasts = forecasts or forecasts_of(job, config)
+            check_smoothable(forecasts)
             estimator = build(forecasts, config, None)
         with clock.stage("estimate"):
             readers = open_readers(job.logs, config)
@@ -92,6 +94,15 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forec
             _write(job, config, forecasts, estimator, forward)
     notes = (*forecasts.notes, *forward.statistics.notes(reports), *estimator.notes(), *_notes(estimator))
     return replace(forward.statistics.summary(reports), seconds=dict(clock.seconds), notes=notes)
+
+
+def check_smoothable(forecasts: Forecasts) -> None:
+    """Raise ConfigError when windows follow the vehicle, of which none holds all of the log."""
+    if forecasts.read is not None:
+        raise ConfigError(
+            "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more points "
+            "with forecast.window_points"
+        )
 
 
 def published_times(first_ns: int, last_ns: int, interval: float) -> list[int]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, faults, fleet, forecasts, logs, planners, safety, scaling, size, start
+from tests.benchmarks import estimator, faults, fleet, forecasts, logs, longlogs, planners, safety, scaling, size, start, windows
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
@@ -18,10 +18,12 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "fleet": fleet.rows,
     "forecasts": forecasts.rows,
     "logs": logs.rows,
+    "long": longlogs.rows,
     "planners": planners.rows,
     "safety": safety.rows,
     "size": size.rows,
     "start": start.rows,
+    "windows": windows.rows,
 }
 
 

@@ -20,6 +20,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.gaussian import coverage, crps_gaussian
 from replay_kit.core.progress import counted
+from replay_kit.core.tasks import each_call
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.amplitude import fit_amplitude
 from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
@@ -169,8 +170,8 @@ def score_sample_shares(
     if n_members < 4:
         return []
     by_member = []
-    for member in _spread_over(n_members, left_out):
-        by_member.append(_score_member(few, member, settings, shares))
+    for scored in each_call(_score_member, ((few, member, settings, shares) for member in _spread_over(n_members, left_out))):
+        by_member.append(scored)
         advance()
     log_score, coverage = np.mean(by_member, axis=0)
     return [

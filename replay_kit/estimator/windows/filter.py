@@ -16,6 +16,8 @@ from replay_kit.core.region import Region, inside
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior
 from replay_kit.estimator.static.filter import FilterState, ReducedBasisEstimator
+from replay_kit.estimator.update.group_step import Stepped
+from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.windows.conditioned import conditioned
 from replay_kit.estimator.windows.geometry import next_window
@@ -71,6 +73,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         bounds: The forecast's box [degrees].
         build: Returns the estimator of a window; the same window gives the same estimator, and the latest are kept.
         gating: Gate and covariance inflation; None accepts every profile with its stated errors.
+        grouping: Which profiles are combined; None combines none.
     """
 
     first: Region
@@ -78,6 +81,7 @@ class WindowedEstimator(Estimator[WindowedState]):
     bounds: Region
     build: Callable[[Region], ReducedBasisEstimator]
     gating: GatingConfig | None = None
+    grouping: Grouping | None = None
 
     supports_path_means = True
     block_size = ReducedBasisEstimator.block_size
@@ -93,7 +97,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         return self._of(self.first).basis_size
 
     def _of(self, region: Region) -> ReducedBasisEstimator:
-        return replace(self.build(region), gating=self.gating)
+        return replace(self.build(region), gating=self.gating, grouping=self.grouping)
 
     def initial(self) -> WindowedState:
         """Return the prior of the first window as a state."""
@@ -105,31 +109,36 @@ class WindowedEstimator(Estimator[WindowedState]):
 
     def steps(self, state: WindowedState, observations: Iterable[Measurement]) -> Iterator[tuple[WindowedState, Innovation]]:
         """Yield the state after each observation, and its innovation."""
-        block = list[Measurement]()
-        for observation in observations:
-            if block and (len(block) == self.block_size or not self._stays(state, observation)):
+        for _, _, after, innovation in self.group_steps(state, observations):
+            yield after, innovation
+
+    def group_steps(self, state: WindowedState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[WindowedState]]:
+        """Yield what became of measurements and groups of profiles, each in the window that it lies in."""
+        block = list[Measurement | ProfileGroup]()
+        for item in items:
+            if block and (len(block) == self.block_size or not self._stays(state, item)):
                 state = yield from self._in_window(state, block)
                 block = []
             if not block:
-                state = self._moved(state, observation)
-            block.append(observation)
+                state = self._moved(state, item)
+            block.append(item)
         yield from self._in_window(state, block)
 
     def _in_window(
-        self, state: WindowedState, block: Sequence[Measurement]
-    ) -> Generator[tuple[WindowedState, Innovation], None, WindowedState]:
-        """Yield the state after each observation in one window, and its innovation; return the last state."""
-        for inner, innovation in self._of(state.current.region).steps(state.current.state, block):
-            state = replace(state, current=replace(state.current, state=inner))
-            yield state, innovation
+        self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
+    ) -> Generator[Stepped[WindowedState], None, WindowedState]:
+        """Yield what became of measurements and groups in one window; return the last state."""
+        for event, _, inner, innovation in self._of(state.current.region).group_steps(state.current.state, block):
+            before, state = state, replace(state, current=replace(state.current, state=inner))
+            yield Stepped(event, before, state, innovation)
         return state
 
-    def _stays(self, state: WindowedState, observation: Measurement) -> bool:
+    def _stays(self, state: WindowedState, observation: Measurement | ProfileGroup) -> bool:
         """Return whether an observation certainly leaves the window as it is."""
         region, place = state.current.region, _place(observation)
         return not state.strays and inside(region, *place).item() and next_window(region, self.margin, self.bounds, place) is None
 
-    def _moved(self, state: WindowedState, observation: Measurement) -> WindowedState:
+    def _moved(self, state: WindowedState, observation: Measurement | ProfileGroup) -> WindowedState:
         """Return the state in the window that an observation needs."""
         place, region = _place(observation), state.current.region
         strays = 0 if inside(region, *place) or not inside(self.bounds, *place) else state.strays + 1
@@ -155,6 +164,10 @@ class WindowedEstimator(Estimator[WindowedState]):
     def innovation(self, state: WindowedState, observation: Measurement) -> Array:
         """Return measured minus predicted in the state's window, shape (n, 2) [m/s], local axes; NaN for bins that are not usable."""
         return self._of(state.current.region).innovation(state.current.state, observation)
+
+    def group_innovation(self, state: WindowedState, group: ProfileGroup) -> Array:
+        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
+        return self._of(state.current.region).group_innovation(state.current.state, group)
 
     def flow(self, state: WindowedState) -> FlowEstimate:
         """Return the current estimate in the state's window."""
@@ -214,7 +227,7 @@ def hand_over(before: ReducedBasisEstimator, state: FilterState, after: ReducedB
     return replace(begun, posterior=initial(prior, sensitivity)), said.loss
 
 
-def _place(observation: Measurement) -> tuple[float, float]:
+def _place(observation: Measurement | ProfileGroup) -> tuple[float, float]:
     """Return longitude and latitude of an observation [degrees]; of a path its end."""
     return float(np.atleast_1d(observation.longitude)[-1]), float(np.atleast_1d(observation.latitude)[-1])
 

@@ -1,10 +1,14 @@
 """Where the next window lies."""
 
+import math
+
 from replay_kit.core.geodesy import unwrap_longitude
-from replay_kit.core.region import DEGREE, Region, centre, degree_of_longitude, depth_inside, inside, rounded, width
+from replay_kit.core.region import DEGREE, Region, centre, degree_of_longitude, inside, rounded, width
 
 # Margins between the vehicle and the side of a new window behind it.
 _BEHIND = 1.5
+# Sides nearer to each other are the same [degrees]: boxes are rounded outwards.
+_SAME = 2e-3
 # Margins by which a new window must have more room around the vehicle to be worth it.
 _MORE = 0.25
 
@@ -21,7 +25,7 @@ def next_window(region: Region, margin: float, bounds: Region, place: tuple[floa
         bounds: The forecast's box.
         place: Longitude and latitude of the vehicle [degrees].
     """
-    room = float(depth_inside(region, *place))
+    room = room_in(region, bounds, place)
     if room >= 0.5 * margin or not inside(bounds, *place):
         return None
     (x, y), half = centre(region), (0.5 * width(region), 0.5 * (region[3] - region[1]))
@@ -34,11 +38,25 @@ def next_window(region: Region, margin: float, bounds: Region, place: tuple[floa
             max(size - _BEHIND * margin / length, 0.0) * part / longest
             for size, length, part in zip(half, lengths, from_centre, strict=True)
         ]
-    found = _moved_into(bounds, (place[0] + ahead[0], place[1] + ahead[1]), half)
-    return found if float(depth_inside(found, *place)) > room + _MORE * margin else None
+    found = moved_into(bounds, (place[0] + ahead[0], place[1] + ahead[1]), half)
+    return found if room_in(found, bounds, place) > room + _MORE * margin else None
 
 
-def _moved_into(bounds: Region, middle: tuple[float, float], half: tuple[float, float]) -> Region:
+def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float:
+    """Return how far a place lies from the nearest side of a window that is not the forecast's own [m]; negative outside it."""
+    (x, y), half = centre(region), 0.5 * width(region)
+    along = float(unwrap_longitude(place[0], x)) - x
+    to_bounds = [(side - x + 180.0) % 360.0 - 180.0 for side in (bounds[0], bounds[2])]
+    open_sides = [
+        (along + half, width(bounds) == 360.0 or -half > to_bounds[0] + _SAME),
+        (half - along, width(bounds) == 360.0 or half < to_bounds[1] - _SAME),
+    ]
+    across = [(place[1] - region[1], region[1] > bounds[1] + _SAME), (region[3] - place[1], region[3] < bounds[3] - _SAME)]
+    rooms = [room * degree_of_longitude(y) for room, is_open in open_sides if is_open]
+    return min([*rooms, *(room * DEGREE for room, is_open in across if is_open)], default=math.inf)
+
+
+def moved_into(bounds: Region, middle: tuple[float, float], half: tuple[float, float]) -> Region:
     """Return a window about a place, moved into a box where it reaches beyond it."""
     wide, (x, y) = width(bounds), centre(bounds)
     east = middle[0] if wide == 360.0 else x + _within(float(unwrap_longitude(middle[0], x)) - x, 0.5 * wide - half[0])

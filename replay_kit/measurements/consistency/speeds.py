@@ -7,7 +7,7 @@ import numpy as np
 
 from replay_kit.core.arrays import IN_MEMORY, Array, release
 from replay_kit.core.observation import Observation
-from replay_kit.measurements.consistency.sources import REPAIRABLE
+from replay_kit.measurements.consistency.sources import NOT_REPAIRABLE
 
 # m/s; no region's currents have an RMS speed outside, and no model resolves much faster ones
 _LEAST_RMS, _MOST_RMS, _MOST_SPEED, _PERCENTILE = 0.004, 1.5, 4.0, 99.9
@@ -78,7 +78,7 @@ class SpeedCounts:
     def after(self, observation: Observation, ensemble: EnsembleSpeeds) -> "SpeedCounts":
         """Return the counts after an absolute ping."""
         squared = np.square(observation.velocity).sum(axis=1)
-        good = ((observation.reasons & ~np.int32(REPAIRABLE)) == 0) & np.isfinite(squared + observation.error_std)
+        good = ((observation.reasons & NOT_REPAIRABLE) == 0) & np.isfinite(squared + observation.error_std)
         if not good.any():
             return self
         expected = np.interp(observation.depth[good], ensemble.levels, ensemble.mean_square)

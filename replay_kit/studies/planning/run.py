@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Progress, counter, reason_of
+from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.infeasible import infeasible
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
@@ -61,7 +61,7 @@ def run_planning(
         ConfigError: An option is wrong.
     """
     job.check(STUDIES)
-    world = build_world(ensemble, truth, config, job, counter(sum(STUDIES[name].steps(job) for name in job.studies), progress))
+    world = build_world(ensemble, truth, config, job, Advance(sum(STUDIES[name].steps(job) for name in job.studies), progress))
     reports: list[StudyReport] = []
     seconds: dict[str, float] = {}
     truths = tuple(withheld.case.truth.source for withheld in world.truths)

@@ -6,18 +6,22 @@ the scheduler is lost and comes back. A call that outlives no worker ends with a
 
 import logging
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from replay_kit.core.errors import ConfigError, EstimatorError, ReplayKitError
-from replay_kit.core.tasks import made_by
+from replay_kit.core.tasks import called_by
 
 #: How long a scheduler, and its first worker, are waited for [s].
 TIMEOUT_S = 20.0
 # How often a call is given to the scheduler, which itself gives it to up to four workers one after the other.
-_ATTEMPTS = 3
+_ATTEMPTS = 2
 # What is larger is sent once, however many calls have it [bytes]; below that, looking for it costs more than sending it.
 _KEPT = 1 << 14
 
@@ -60,16 +64,15 @@ class Cluster:
         answers: dict[str, Any] = self._client.run(function, *arguments, on_error="return")
         return answers
 
-    def map(self, function: Callable[..., Any], *columns: Iterable[Any]) -> Iterator[Any]:
-        """Yield the values of calls in their order, as the builtin ``map``.
+    def starmap(self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
+        """Yield the values of calls in their order, as ``itertools.starmap``.
 
         Raises:
             Exception: What the call raised.
         """
         done: dict[int, Any] = {}
         following = 0
-        calls = list(zip(*columns, strict=False))
-        for number, value, error in self.completed(function, calls):
+        for number, value, error in self.completed(function, rows):
             done[number] = value, error
             while following in done:
                 value, error = done.pop(following)
@@ -84,25 +87,24 @@ class Cluster:
         Raises:
             UnreachableError: The scheduler was lost and did not come back in time.
         """
-        from distributed import as_completed
+        from distributed import KilledWorker, as_completed
 
-        left = dict(enumerate(calls))
-        for _ in range(_ATTEMPTS):
+        left, deaths = dict(enumerate(calls)), Counter[int]()
+        while left:
             held: dict[int, Any] = {}
             futures = {self._submit(function, arguments, held): number for number, arguments in left.items()}
             for future in as_completed(list(futures), loop=self._client.loop):
                 number = futures.pop(future)
-                lost, value, error = _outcome(future)
+                value, error = _outcome(future)
                 future.release()
-                if not lost:
+                deaths[number] += isinstance(error, KilledWorker)
+                if isinstance(error, KilledWorker) and deaths[number] == _ATTEMPTS:
+                    error = LostCallError("the worker died each time; was there enough memory?")
+                if not isinstance(error, CancelledError | KilledWorker):
                     del left[number]
                     yield number, value, error
-            if not left:
-                return
-            if self._client.status != "running":
+            if left and self._client.status != "running":
                 self._client = _connected(self.address)
-        for number in left:
-            yield number, None, LostCallError(f"the worker died each of {_ATTEMPTS} times; was there enough memory?")
 
     def close(self) -> None:
         """Disconnect."""
@@ -159,7 +161,7 @@ def _used(cluster: Cluster) -> Iterator[Cluster]:
 
 @contextmanager
 def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[Cluster | None]:
-    """Let workers make the calls of ``core.tasks.each_of`` in the block; those of this process where neither is given.
+    """Let workers make the calls of ``core.tasks.each_call`` in the block; those of this process where neither is given.
 
     Args:
         scheduler: As in ``open_cluster``.
@@ -172,7 +174,7 @@ def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[Cluste
 
     with open_cluster(scheduler, workers) as cluster:
         check_workers(cluster, ())
-        with made_by(cluster.map):
+        with called_by(cluster.starmap):
             yield cluster
 
 
@@ -211,18 +213,12 @@ def _connected(address: str) -> Any:
     return client
 
 
-def _outcome(future: Any) -> tuple[bool, Any, Exception | None]:
-    """Return whether a call that has ended must be made again, its value, and the error that it ended with."""
-    from concurrent.futures import CancelledError
-
-    from distributed import KilledWorker
-
+def _outcome(future: Any) -> tuple[Any, Exception | None]:
+    """Return the value of a call that has ended, and the error that it ended with."""
     try:
-        return False, future.result(), None
-    except (CancelledError, KilledWorker):
-        return True, None, None
+        return future.result(), None
     except Exception as error:
-        return False, None, error
+        return None, error
 
 
 def _is_large(argument: Any) -> bool:
@@ -232,10 +228,10 @@ def _is_large(argument: Any) -> bool:
 
 
 def _alone(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the value of a function; xarray, which looks for the cluster that it runs on, writes as in any process."""
+    """Return the value of a function with one BLAS thread; xarray, which looks for a cluster that it runs on, writes as anywhere."""
     import dask
 
-    with dask.config.set(scheduler="synchronous"):
+    with threadpool_limits(limits=1), dask.config.set(scheduler="synchronous"):
         return function(*arguments)
 
 

@@ -106,7 +106,7 @@ def in_all_s(each: Sequence[Expected], workers: int) -> float:
 
 def expected_fleet(missions: Sequence[Mission], cluster: Cluster) -> tuple[list[Expected], list[Outcome]]:
     """Return what the missions that can be replayed will take, and why others cannot; computed by the workers, which so read the data."""
-    answers = list(cluster.map(expected_of, missions))
+    answers = list(cluster.starmap(expected_of, ((mission,) for mission in missions)))
     return [one for one in answers if isinstance(one, Expected)], [one for one in answers if isinstance(one, Outcome)]
 
 

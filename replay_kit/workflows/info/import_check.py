@@ -92,7 +92,7 @@ def check_logs(logs: Sequence[Path], ensemble: Paths, config: RunConfig) -> Impo
     """
     with threadpool_limits(limits=config.output.threads):
         place_at, near_ns = look_ahead(logs, config)
-        region = find_region(logs, ensemble, config, near_ns, None)
+        region = find_region(logs, ensemble, config, near_ns, None, may_follow=False)
         part = config.forecast if region is None else config.forecast.model_copy(update={"region": region.region})
         forecast = read_ensemble(ensemble, part, near_ns=near_ns, place_at=place_at)
         evidence = odd_ensemble_speeds(forecast.velocity)

@@ -1,23 +1,27 @@
 """From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
 
-from replay_kit.config.run import RunConfig
+from replay_kit.config.run import ForecastConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.paths import Paths
 from replay_kit.core.region import Region
-from replay_kit.estimator import Estimator
+from replay_kit.estimator import Estimator, ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.windows import WindowedEstimator
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.forecast.agreement import WARNING
+from replay_kit.forecast.grid import in_frame
 from replay_kit.workflows.replay.region import FoundRegion
 
 _OWN = "reduced_basis"
@@ -34,6 +38,7 @@ class Forecasts:
         evolves: Whether the estimate goes through time.
         near_ns: Time of the logs' first message [ns, UTC]; None without one.
         region: The part of the forecast, where it was found from the logs; None where all of it or what the settings state was read.
+        read: Reads another window of the forecast, in the local frame of the first; None where one window holds all.
     """
 
     series: tuple[Ensemble, ...]
@@ -41,6 +46,7 @@ class Forecasts:
     evolves: bool
     near_ns: int | None = None
     region: FoundRegion | None = None
+    read: Callable[[Region], Ensemble] | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -102,7 +108,18 @@ def read_forecasts(
     note = _unfitted_spread(config, evolves, series[0].made_from)
     series = (replace(series[0], notes=(*told, *series[0].notes, *note)), *series[1:])
     forecasts = Forecasts(series, series[0], evolves)
-    return replace(forecasts, ensemble=forecasts.nearest(near_ns), near_ns=near_ns, region=region)
+    first = forecasts.nearest(near_ns)
+    read = None
+    if region is not None and region.follows:
+        # terrain-following levels would be those of each window's own deepest column
+        levels = tuple(float(level) for level in first.grid.levels)
+        read = partial(_read_window, path, part.model_copy(update={"levels": levels, "level_step": 1}), near_ns, first.grid.projection)
+    return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=read)
+
+
+def _read_window(path: Paths, config: ForecastConfig, near_ns: int | None, frame: Projection, region: Region) -> Ensemble:
+    """Return a window of a forecast in a local frame."""
+    return in_frame(read_ensemble(path, config.model_copy(update={"region": region}), near_ns=near_ns), frame)
 
 
 def _check_width(ensemble: Ensemble) -> None:
@@ -155,6 +172,8 @@ def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> 
     Raises:
         ConfigError: The estimator's name is unknown.
     """
+    if forecasts.region is not None and forecasts.read is not None:
+        return with_window(_windowed(forecasts, forecasts.region, forecasts.read, config), config.time.window)
     if forecasts.evolves:
         return with_window(build_evolving(forecasts.series, config.estimator, config.time, config.gating), config.time.window)
     return with_window(build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating), config.time.window)
@@ -169,6 +188,18 @@ def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> E
     grouped: Any = estimator
     changed: Estimator[Any] = replace(grouped, grouping=grouping.by_hand(window) if window > 0.0 else None)
     return changed
+
+
+def _windowed(forecasts: Forecasts, found: FoundRegion, read: Callable[[Region], Ensemble], config: RunConfig) -> WindowedEstimator:
+    """Return the estimator of windows that follow the vehicle; the latest two are kept."""
+
+    @lru_cache(maxsize=2)
+    def estimator_of(region: Region) -> ReducedBasisEstimator:
+        ensemble = forecasts.ensemble if region == found.region else read(region)
+        return build_estimator(ensemble, config.estimator, config.gating)
+
+    grouping = estimator_of(found.region).grouping
+    return WindowedEstimator(found.region, found.margin, found.bounds, estimator_of, config.gating, grouping)
 
 
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:

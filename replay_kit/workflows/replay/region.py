@@ -13,6 +13,7 @@ from replay_kit.core.paths import Paths
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, Region, around, centre, degree_of_longitude, inside, text
 from replay_kit.estimator.basis.slices import correlation_length
+from replay_kit.estimator.windows.geometry import moved_into
 from replay_kit.forecast.extent import Extent, open_extent
 from replay_kit.workflows.replay.look_ahead import places_of
 
@@ -34,12 +35,14 @@ class FoundRegion:
         region: West, south, east, north [degrees]; of windows that follow the vehicle the first.
         margin: Between the vehicle and the region's sides [m].
         follows: Whether windows of this size follow the vehicle.
+        bounds: The box of the whole forecast [degrees].
         note: What was taken of what, for the user.
     """
 
     region: Region
     margin: float
     follows: bool
+    bounds: Region
     note: str
 
     def to_record(self) -> dict[str, str]:
@@ -48,6 +51,7 @@ class FoundRegion:
             "region": ",".join(map(repr, self.region)),
             "margin": repr(self.margin),
             "follows": str(self.follows).lower(),
+            "bounds": ",".join(map(repr, self.bounds)),
             "note": self.note,
         }
 
@@ -58,11 +62,18 @@ def from_record(record: Mapping[str, str]) -> FoundRegion:
     Raises:
         ValueError: It is no such record, as are LookupError and TypeError.
     """
-    west, south, east, north = (float(part) for part in record["region"].split(","))
-    return FoundRegion((west, south, east, north), float(record["margin"]), record["follows"] == "true", str(record["note"]))
+    region, bounds = (_numbers(record[key]) for key in ("region", "bounds"))
+    return FoundRegion(region, float(record["margin"]), record["follows"] == "true", bounds, str(record["note"]))
 
 
-def find_region(logs: Sequence[Path], ensemble: Paths, config: RunConfig, near_ns: int | None, goal: Place | None) -> FoundRegion | None:
+def _numbers(text: str) -> Region:
+    west, south, east, north = (float(part) for part in text.split(","))
+    return west, south, east, north
+
+
+def find_region(
+    logs: Sequence[Path], ensemble: Paths, config: RunConfig, near_ns: int | None, goal: Place | None, may_follow: bool = True
+) -> FoundRegion | None:
     """Return the part of a forecast that logs need; None where all of it is to be read, or the settings state the part.
 
     The grid is read first; the log only where the grid is large. The margin around the log's positions and the goal is a number of
@@ -74,6 +85,7 @@ def find_region(logs: Sequence[Path], ensemble: Paths, config: RunConfig, near_n
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
         goal: Where the vehicle should go.
+        may_follow: Whether windows may follow the vehicle where one is not enough.
 
     Raises:
         LogError: A log cannot be opened.
@@ -93,18 +105,18 @@ def find_region(logs: Sequence[Path], ensemble: Paths, config: RunConfig, near_n
         margin = MARGIN_LENGTHS * length
         region = around(places if goal is None else [*places, (goal.longitude, goal.latitude)], margin)
         points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
-        if points > settings.window_points and goal is None and _is_static(extent, config):
+        if points > settings.window_points and goal is None and may_follow and _is_static(extent, config):
             return _first_window(extent, places[0], margin, length, settings.window_points)
         if points > _MOST * whole:
             return None
         what = "the log's positions and" if goal is None else "the log's positions, the goal and"
-        return FoundRegion(region, margin, False, _note(extent, region, what, margin, length))
+        return FoundRegion(region, margin, False, extent.box, _note(extent, region, what, margin, length))
 
 
 def _is_static(extent: Extent, config: RunConfig) -> bool:
     """Return whether an estimate is the project's own and does not change in time: only that is handed from window to window."""
     time, own = config.time, config.estimator.name == "reduced_basis" and config.estimator.preset == "default"
-    asked = time.oscillators or time.biases or time.window or time.scale not in ("auto", "static")
+    asked = time.oscillators or time.biases or time.scale not in ("auto", "static")
     return own and not asked and (time.scale == "static" or not extent.has_several_times)
 
 
@@ -142,16 +154,21 @@ def _first_window(extent: Extent, place: Array, margin: float, length: float, mo
     Raises:
         ForecastError: It does not reach a margin and a half to all sides.
     """
-    half = 0.5 * (np.sqrt(most) - 1.0) * np.array(extent.step)
-    region = around([place - half, place + half], 0.0)
-    reach = float(min(half * (degree_of_longitude(place[1]), DEGREE)))
+    # where the forecast is narrower than a square, the window is longer
+    (rows, columns), side = extent.shape, np.sqrt(most)
+    counts = np.array([min(columns, max(side, most / rows)), min(rows, max(side, most / columns))])
+    half = 0.5 * (counts - 1.0) * np.array(extent.step)
+    region = moved_into(extent.box, (float(place[0]), float(place[1])), (float(half[0]), float(half[1])))
+    free = counts < (columns, rows)
+    reach = float(min((half * (degree_of_longitude(float(place[1])), DEGREE))[free]))
     if reach < 1.5 * margin:
         raise ForecastError(
             f"{extent.source}: a window of {most} points reaches {reach / 1e3:.0f} km, and {1.5 * margin / 1e3:.0f} km are needed around "
             f"the vehicle (correlation length {length / 1e3:.1f} km); allow more with forecast.window_points, or state the region"
         )
-    note = _note(extent, region, "windows of this size follow the vehicle, each with", margin, length)
-    return FoundRegion(region, margin, True, note)
+    what = "windows of this size follow the vehicle (--netcdf and --save-estimate hold the last one), with"
+    note = _note(extent, region, what, margin, length)
+    return FoundRegion(region, margin, True, extent.box, note)
 
 
 def _note(extent: Extent, region: Region, what: str, margin: float, length: float) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
@@ -18,6 +19,7 @@ from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.progress import Progress, silent
+from replay_kit.core.region import around
 from replay_kit.core.unchanged import check_unchanged
 from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs import merge
@@ -256,6 +258,8 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
             session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
+            for number, left in enumerate(session.estimator.left_flows(session.estimation.current), 1):
+                session.writer.window(number, left)
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)
@@ -286,6 +290,11 @@ def _score(session: Session, inputs: _Inputs, truth: Ensemble, flow: FlowEstimat
         # the estimate is of the log's end, and so is what it is compared with
         truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
         prior_flow = prior_flow.at(session.last_ns)
+    if forecasts.read is not None:
+        # windows followed the vehicle: the last one is scored
+        region = around(np.column_stack([flow.grid.longitude.ravel(), flow.grid.latitude.ravel()]), 0.0)
+        truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, region) or truth
+        forecasts = replace(forecasts, series=(forecasts.read(region),))
     positions, ensemble = session.statistics.profiles.positions, forecasts.nearest(flow.time_ns)
     try:
         score, truth_flow = score_against_truth(flow, ensemble, truth, positions, job.truth_radius_km, config.estimator)

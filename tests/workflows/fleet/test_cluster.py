@@ -8,11 +8,12 @@ import sys
 import threading
 import time
 
+import dask
 import numpy as np
 import pytest
 
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.tasks import each_of, made_by
+from replay_kit.core.tasks import called_by, each_call
 from replay_kit.workflows.fleet.cluster import LostCallError, open_cluster
 from replay_kit.workflows.fleet.expected import Expected, grown, in_all_s
 from replay_kit.workflows.fleet.run import run_fleet
@@ -38,12 +39,12 @@ def die(number):
 
 def test_values_come_in_their_order(cluster):
     large = np.ones(100_000)
-    with made_by(cluster.map):
-        assert list(each_of(later, [0.5] * 4, [large] * 4, range(4))) == [100_000.5 + number for number in range(4)]
+    with called_by(cluster.starmap):
+        assert list(each_call(later, ((0.5, large, number) for number in range(4)))) == [100_000.5 + number for number in range(4)]
 
 
 def test_what_a_call_raises_is_raised_at_its_place(cluster):
-    values = cluster.map(refuse, range(3))
+    values = cluster.starmap(refuse, zip(range(3)))
     assert next(values) == 0
     with pytest.raises(MeasurementError, match="one is no number"):
         next(values)
@@ -64,10 +65,10 @@ def test_missions_are_given_to_whoever_is_free():
 
 @pytest.mark.full
 def test_a_call_that_kills_its_workers_ends_with_an_error_and_others_are_made():
-    with open_cluster(None, 2) as cluster:
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), open_cluster(None, 2) as cluster:
         by_number = {number: error for number, _, error in cluster.completed(die, [(0,)])}
         assert isinstance(by_number[0], LostCallError)
-        assert list(cluster.map(refuse, (0, 2))) == [0, 2]
+        assert list(cluster.starmap(refuse, [(0,), (2,)])) == [0, 2]
 
 
 @pytest.mark.full
