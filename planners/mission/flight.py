@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from planners.flow import graph_key, latent_over_time
-from planners.mission.leg import DRIFT_STEPS, fly_steps, frame_function
+from planners.mission.leg import DRIFT_STEPS, Integrator, fly_steps, frame_function
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -136,7 +136,9 @@ class Flight:
     ends: Array
 
 
-def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float = 0.0) -> Flight:
+def fly_legs(
+    currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float = 0.0, method: Integrator = fly_steps
+) -> Flight:
     """Return the flight of some legs.
 
     Args:
@@ -145,6 +147,7 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
         start: shape (2,) [m].
         legs: Its commands.
         start_time: On the clock of the currents' times [s].
+        method: ``fly_steps``, or ``fly_midpoints`` with half of its work.
     """
     time, place = 0.0, np.tile(start, (len(currents.latent), 1))
     path, depths, number, ends = [(place, time)], [float(legs.depths[0][0])], [0], []
@@ -153,12 +156,12 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
         through, durations = along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])]), np.abs(np.diff(steps)) / down
         frame = leg_frame(currents, path[-1][0], through, float(np.sum(durations)))
         rate = rate_over_ground(currents, frame, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])]))
-        path += fly_steps(rate, *path[-1], steps, durations, steps.size - 1)
+        path += method(rate, *path[-1], steps, durations, steps.size - 1)
         depths += list(steps[1:])
         if legs.drifts[k] > 0.0:
             durations, surface = np.full(DRIFT_STEPS, legs.drifts[k] / DRIFT_STEPS), np.zeros(DRIFT_STEPS + 1)
             frame = leg_frame(currents, path[-1][0], np.zeros(2), legs.drifts[k])
-            path += fly_steps(rate_over_ground(currents, frame, start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
+            path += method(rate_over_ground(currents, frame, start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
             depths += [0.0] * DRIFT_STEPS
         number += [k] * (len(path) - len(number))
         ends.append(len(path) - 1)

@@ -36,7 +36,7 @@ _LEVELS = {
 }
 _SECOND = 1_000_000_000
 # attributes that the messages have under the same names
-_OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic signal_dof prior_inflation"
+_OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic signal_dof prior_inflation profiles"
 _OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time energy battery"
 
 

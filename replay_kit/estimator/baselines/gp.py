@@ -17,7 +17,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel, velocity_kernel
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import HATS
-from replay_kit.estimator.basis.modes import Basis, cell_size, ensemble_slices
+from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
 from replay_kit.estimator.prior.hybrid import HybridPrior
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 

@@ -38,7 +38,7 @@ def log_likelihoods(estimator: EvolvingEstimator, observations: Sequence[Measure
             continue
         yield candidate.evaluated.log_likelihood
         means, cov = candidate.posterior(1.0)
-        state = replace(candidate.before, means=means, covariance=cov, last=observation)
+        state = replace(candidate.before, means=means, cov=cov, last=observation)
 
 
 def observed_subspace_estimator(estimator: EvolvingEstimator, observations: Sequence[Measurement]) -> EvolvingEstimator:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
@@ -18,6 +19,7 @@ from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.progress import Progress, silent
+from replay_kit.core.region import around
 from replay_kit.core.unchanged import check_unchanged
 from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs import merge
@@ -25,25 +27,26 @@ from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import failure_json, to_record
-from replay_kit.workflows.replay.build import Forecasts, build
+from replay_kit.workflows.replay.basis_store import built
+from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming, run_identity
 from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
 from replay_kit.workflows.replay.inputs import (
     ReplayJob,
     check_goal,
     check_outputs,
-    check_span,
     copy_inputs,
     forecasts_of,
     input_stamps,
-    open_readers,
     open_truth,
     reading,
     with_planner_kind,
 )
+from replay_kit.workflows.replay.look_ahead import check_span, open_readers
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.provenance import run_metadata, run_options, run_settings_toml
+from replay_kit.workflows.replay.region import REGION_RECORD
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
@@ -113,7 +116,8 @@ def _replay(
     checkpoints = None
     if job.checkpoint is not None:
         identity = run_identity(inputs.metadata, run_settings_toml(session.config))
-        checkpoints = CheckpointFile(job.checkpoint, identity, config.output.checkpoint_interval, session.estimator.common_part)
+        prior, interval = session.estimator.common_part, config.output.checkpoint_interval
+        checkpoints = CheckpointFile(job.checkpoint, identity, interval, prior, inputs.forecasts.region)
     try:
         checkpoint = _open_result(session, inputs, checkpoints, on_digest)
         _loop(session, inputs, checkpoints, checkpoint, reading(inputs.readers, progress, "replaying"))
@@ -147,20 +151,23 @@ def _prepare(
         forecasts = forecasts or forecasts_of(job, config)
         ensemble = forecasts.ensemble
         speeds = checked_speeds(ensemble, config)
-        truth = open_truth(job, config, forecasts.near_ns, ensemble)
+        truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
     readers = open_readers(job.logs, config)
     config = with_planner_kind(job, readers, config, float(ensemble.grid.levels[-1]))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
-        estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
+        estimator = built(forecasts, config, job)
         prior_flow = estimator.flow(estimator.initial())
     problem = None
     if job.goal is not None and planner_of is not None:
         planner = planner_of(config.planner, ensemble.grid)
         check_goal(planner, prior_flow, job, config)
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
-    arguments, bathymetry = find_sources(job.ensemble).arguments, config.planner.bathymetry_path
+    # without a goal nothing reads the bathymetry
+    arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
     metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
+    if metadata and forecasts.region is not None:
+        metadata[REGION_RECORD] = forecasts.region.to_record()
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
@@ -211,7 +218,7 @@ def _loop(
             checkpoints.write_when_due(session, state, count)
         on_message()
     session.take(finish(state, measurements))
-    session.assimilate_buffer()
+    session.assimilate_buffer(last=True)
     session.statistics = session.statistics.with_order(merged)
 
 
@@ -251,6 +258,8 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
             session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
+            for number, left in enumerate(session.estimator.left_flows(session.estimation.current), 1):
+                session.writer.window(number, left)
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)
@@ -279,8 +288,13 @@ def _score(session: Session, inputs: _Inputs, truth: Ensemble, flow: FlowEstimat
     job, forecasts, prior_flow, config = inputs.job, inputs.forecasts, inputs.prior_flow, session.config
     if forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
-        truth = open_truth(job, config, flow.time_ns, forecasts.ensemble) or truth
+        truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
         prior_flow = prior_flow.at(session.last_ns)
+    if forecasts.read is not None:
+        # windows followed the vehicle: the last one is scored
+        region = around(np.column_stack([flow.grid.longitude.ravel(), flow.grid.latitude.ravel()]), 0.0)
+        truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, region) or truth
+        forecasts = replace(forecasts, series=(forecasts.read(region),))
     positions, ensemble = session.statistics.profiles.positions, forecasts.nearest(flow.time_ns)
     try:
         score, truth_flow = score_against_truth(flow, ensemble, truth, positions, job.truth_radius_km, config.estimator)

@@ -3,7 +3,8 @@
 import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.estimator.basis.modes import default_functions, ensemble_slices
+from replay_kit.estimator.basis.modes import default_functions
+from replay_kit.estimator.basis.slices import ensemble_slices
 from tests import synthetic
 from tests.reference import baselines as slow
 from tests.reference import lattice

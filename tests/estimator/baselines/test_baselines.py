@@ -10,8 +10,8 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import BASELINES, average_over_depth, build_baseline
 from replay_kit.estimator.baselines.gp import build_gp, fit_length, second_moments
 from replay_kit.estimator.baselines.letkf import build_letkf
-from replay_kit.estimator.basis.modes import cell_size, ensemble_slices
-from replay_kit.estimator.prior.hybrid import gaspari_cohn
+from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
+from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests import synthetic
 from tests.estimator.baselines.small import (
     CONFIG,

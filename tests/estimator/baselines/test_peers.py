@@ -15,7 +15,7 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import build_baseline
 from replay_kit.estimator.baselines.gp import build_gp, second_moments
 from replay_kit.estimator.baselines.letkf import build_letkf
-from replay_kit.estimator.prior.hybrid import gaspari_cohn
+from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests import synthetic
 from tests.estimator.baselines.small import DEPTHS, GRID, MEMBERS, SMALL, STD, at_nodes, profiles, run
 from tests.reference.lattice import matrix as functions_at

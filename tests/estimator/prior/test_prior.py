@@ -7,8 +7,8 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.basis.modes import cell_size, correlation_length
 from replay_kit.estimator.basis.shifts import shifted_copies
+from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.update.full_covariance import full_covariance_prior
 from tests import synthetic
 from tests.reference import estimator as slow
