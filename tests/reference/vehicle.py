@@ -13,7 +13,6 @@ from planners import MissionPlan
 from planners.mission.waypoints import heading_for
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rate_in_frame, rotate_to_geographic, to_geographic, to_local
 
 # Longest step [s]: some ten metres of way.
@@ -35,8 +34,8 @@ class Sea:
         early, late = (
             (1.0 - depth_share) * self.flows[k].latent[:, above] + depth_share * self.flows[k].latent[:, below] for k in (earlier, later)
         )
-        kernel = velocity_kernel(self.flows[0].kernel, at[None], self.flows[0].nodes)
-        return np.asarray(kernel @ ((1.0 - share) * early + share * late))
+        latent = (1.0 - share) * early + share * late
+        return np.asarray(self.flows[0].horizontal.velocity(at[None], latent[:, None])[:, 0, 0])
 
     def drift(self, begin: tuple[Array, float, float], through: Array, down: float, lasts: float) -> list[tuple[Array, float, float]]:
         """Return (place [m], depth [m], time [s]) after each short step of a constant velocity through water towards true east and north.
