@@ -18,6 +18,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
+from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.planning import STUDIES, PlanningJob
 from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_of_average
 from replay_kit.studies.planning.flights import corners_of, crossed, draw_missions, fly_plan, winds_around
@@ -41,7 +42,7 @@ SQUARE = np.array([[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]])
 
 
 def world():
-    return build_world(MEMBERS, None, CONFIG, JOB, lambda what, steps=1: None)
+    return build_world(MEMBERS, None, CONFIG, JOB, Advance())
 
 
 def flown(flow, miss, error=0.1):

@@ -8,6 +8,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.config.run import RunConfig, load_config
+from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.workflows.qc.check import check_quality
@@ -142,7 +143,8 @@ def test_settings_are_checked_and_come_back_from_a_result(tmp_path):
 
 def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_path):
     synthetic.dataset(seed=4, n_members=8, shape=(5, 5)).to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
-    summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), RunConfig())
+    alone = RunConfig(time=TimeConfig(window=0.0))
+    summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), alone)
     assert (summary.profiles_used, summary.profiles_rejected, summary.bins_used) == (2, 1, 7)
     assert summary.bins_rejected["tilt"] == 5
     with (tmp_path / "out.mcap").open("rb") as stream:
