@@ -11,6 +11,8 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.version import __version__
+from replay_kit.results.losses import iso_time
+from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.inputs import ReplayJob
 
 _BLOCK = 1 << 20
@@ -84,6 +86,15 @@ def run_metadata(
         "replay_kit.members": members,
         "replay_kit.versions": _versions(),
     }
+
+
+def forecast_times(forecasts: Forecasts) -> dict[str, str]:
+    """Return the first and the last time of the forecast that is used, and whether the estimate goes through time; empty without times."""
+    times = [ensemble.time_ns for ensemble in forecasts.series if ensemble.time_ns is not None]
+    if not times:
+        return {}
+    used = times if forecasts.evolves else [forecasts.ensemble.time_ns or times[0]]
+    return {"first": iso_time(min(used), "s"), "last": iso_time(max(used), "s"), "evolves": str(forecasts.evolves).lower()}
 
 
 def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:

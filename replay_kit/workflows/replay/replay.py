@@ -43,7 +43,7 @@ from replay_kit.workflows.replay.inputs import (
 )
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.provenance import run_metadata, run_options, run_settings_toml
+from replay_kit.workflows.replay.provenance import forecast_times, run_metadata, run_options, run_settings_toml
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
@@ -163,6 +163,8 @@ def _prepare(
     metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
+    if metadata and (times := forecast_times(forecasts)):
+        metadata["replay_kit.forecast"] = times
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
     return session, _Inputs(job, readers, forecasts, prior_flow, truth, metadata)
 
