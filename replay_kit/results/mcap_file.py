@@ -70,6 +70,7 @@ class ResultFile:
         self.last_time_ns = 0
         self._digest = hashlib.sha256()
         self._journal = journal
+        self._recording = True
         self._open = True
 
     def __enter__(self) -> Self:
@@ -208,8 +209,17 @@ class ResultFile:
             with suppress(OSError):
                 self._file.close()
 
+    @contextmanager
+    def unrecorded(self) -> Iterator[None]:
+        """Record nothing in the journal but schemas, which later messages need: for what is written anew each time."""
+        self._recording = False
+        try:
+            yield
+        finally:
+            self._recording = True
+
     def _record(self, head: dict[str, Any], data: bytes) -> None:
-        if self._journal is not None:
+        if self._journal is not None and (self._recording or head["kind"] == "schema"):
             self._journal.append(head, data)
 
     @contextmanager

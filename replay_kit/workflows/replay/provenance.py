@@ -18,6 +18,8 @@ from replay_kit.workflows.replay.inputs import ReplayJob
 _BLOCK = 1 << 20
 #: Key of the bathymetry among the inputs.
 BATHYMETRY = "bathymetry"
+#: Record of a result whose logs may grow: what happened to its inputs.
+FOLLOWED = "replay_kit.followed"
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
 
 
@@ -116,6 +118,14 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         "kernel_length_north_m": repr(flow.kernel.length_north),
         "kernel_speed": repr(flow.kernel.speed),
     }
+
+
+def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
+    """Return the records of a result without what may change while its logs grow: the logs, the goal, what was said of them."""
+    inputs = {key: value for key, value in metadata.get("replay_kit.inputs", {}).items() if not key.startswith("log")}
+    options = {key: value for key, value in metadata.get("replay_kit.options", {}).items() if key != "goal"}
+    kept = {key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)}
+    return {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
 
 
 def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, Mapping[str, str]]:
