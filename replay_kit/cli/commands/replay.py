@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
-from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
+from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
@@ -65,15 +66,18 @@ def replay(
     inputs: Annotated[Inputs, TO_INPUTS],
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
+    following: Annotated[Following, TO_OPTIONS] = Following(),
     dry_run: Annotated[bool, flag("--dry-run", "Only report what would be used, and the memory and time expected.")] = False,
 ) -> int:
     """Return the exit code of a replay: that of its summary, 0 for a dry run."""
+    following.check({"--dry-run": dry_run, "--smooth": outputs.smooth, "--checkpoint": outputs.checkpoint, "--truth": inputs.truth})
     radius = inputs.truth_radius
     # no least value of the option, which lets 0 and nan pass
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
-    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page), outputs.overwrite)
+    replaced = outputs.overwrite or following.goes_on(outputs.out)
+    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page), replaced)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
@@ -96,8 +100,10 @@ def replay(
         overwrite=outputs.overwrite,
         include_inputs=outputs.include_inputs,
     )
-    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth])
     console = console_beside(outputs.json_file)
+    if following.follow:
+        return following.run(job, config, console, outputs.page, outputs.json_file)
+    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth])
     if dry_run:
         with progress() as advance:
             advance(0, 0, "reading the forecast and the logs")
