@@ -106,6 +106,11 @@ class ResultFile:
         self._counts[topic] += 1
         self.last_time_ns = max(self.last_time_ns, time_ns)
 
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The result's own topics that have messages."""
+        return tuple(self._channels)
+
     def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment."""
         with self._storing(f"attach {name}"):

@@ -37,6 +37,7 @@ def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEst
     )
     with session.clock.stage("write"):
         if session.writer is not None:
+            session.writer.consistency(session.last_ns, found)
             session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
