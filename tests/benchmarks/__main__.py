@@ -8,10 +8,11 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, faults, forecasts, logs, planners, scaling, start
+from tests.benchmarks import atsea, estimator, faults, forecasts, logs, planners, scaling, start
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
+    "atsea": atsea.rows,
     "estimator": estimator.rows,
     "faults": faults.rows,
     "forecasts": forecasts.rows,

@@ -14,7 +14,7 @@ from replay_kit.core.text import count_text, place_text
 from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files
 from replay_kit.results.status.held import Held, read_held
-from replay_kit.results.status.status import status_of
+from replay_kit.results.status.status import Status, status_of
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.workflows.follow import memory as remembered
 from replay_kit.workflows.follow.goals import read_goal, with_goal
@@ -112,6 +112,7 @@ class Follower:
         self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
         self._held: Held | None = read_held(self._out) if self._good and self._out.is_file() else None
         self._summary: ReplaySummary | None = None
+        self._shown: Status | None = None
         self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
 
     def run(self) -> ReplaySummary | None:
@@ -256,7 +257,9 @@ class Follower:
         wall_ns = self._clock.now_ns()
         under_way = 0 <= wall_ns - held.last_ns < _UNDER_WAY_NS
         status = status_of(held, wall_ns if under_way else None)
-        write_page(status, self._options.status, max(int(self._options.interval_s), 5))
+        if status != self._shown:
+            write_page(status, self._options.status, max(int(self._options.interval_s), 5))
+            self._shown = status
         self._remember(given=standing(status, self._memory.given))
         for alarm in new_alarms(status, self._memory.given):
             self._options.tell(f"ALARM: {alarm.kind}: {alarm.text}")
