@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from replay_kit.cli.console import write_json
 from replay_kit.cli.options import flag, option
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -55,6 +55,11 @@ class Following:
         return self.follow and (self.states(out) / "follow.json").is_file()
 
     @staticmethod
+    def page(out: Path) -> Path:
+        """Return the page of the status of a mission that is followed."""
+        return out.with_suffix(".status.html")
+
+    @staticmethod
     def states(out: Path) -> Path:
         """Return the folder of what is kept between the replays of a followed mission."""
         return out.with_name(f"{out.name}.follow")
@@ -75,7 +80,7 @@ class Following:
 
         options = FollowOptions(
             states=self.states(job.out),
-            status=job.out.with_suffix(".status.html"),
+            status=self.page(job.out),
             interval_s=self.interval,
             until_idle_s=self.until_idle,
             goal_file=self.goal_file,
@@ -85,7 +90,7 @@ class Following:
         )
         summary = follow(job, config, planner_of, options)
         if summary is None:
-            raise ConfigError("--until-idle: no log that can be replayed has come; check the folder")
+            raise LogError("no log that can be replayed has come; check the folder, and what was said of the files in it")
         print_summary(summary, console)
         write_json(json_file, to_json(summary))
         return summary.exit_code

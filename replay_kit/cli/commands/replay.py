@@ -77,7 +77,8 @@ def replay(
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
     replaced = outputs.overwrite or following.goes_on(outputs.out)
-    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page), replaced)
+    status = following.page(outputs.out) if following.follow else None
+    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page, status), replaced)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused

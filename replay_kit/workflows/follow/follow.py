@@ -113,6 +113,7 @@ class Follower:
         self._held: Held | None = read_held(self._out) if self._good and self._out.is_file() else None
         self._summary: ReplaySummary | None = None
         self._shown: Status | None = None
+        self._due = False
         self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
 
     def run(self) -> ReplaySummary | None:
@@ -134,7 +135,7 @@ class Follower:
             always: Replay also when nothing is new.
         """
         moved, changed = self._look_at_goal(), self._look_at_files()
-        if (moved or changed or always) and self._memory.used:
+        if (moved or changed or always or self._due) and self._memory.used:
             self._replay()
         elif always:
             self._options.tell("waiting for a log")
@@ -176,20 +177,27 @@ class Follower:
 
     def _replay(self) -> None:
         """Replay the files that are used; those that are new and make it fail are set aside."""
-        began, used = self._clock.idle_s(), self._memory.used
-        whole = [path for path in used if path.suffix.lower() not in GROWING]
+        began, used, self._due = self._clock.idle_s(), self._memory.used, False
+        # those that grow may change, up to what is read of them
+        whole = [*(path for path in used if path.suffix.lower() not in GROWING), *ensemble_files(self._job.ensemble)]
         stamps = stamps_of(whole)
         try:
             self._run(used)
-        except _UNUSABLE as error:
+        except ReplayKitError as error:
             if stamps_of(whole) != stamps:
+                self._due = True
                 self._options.tell(f"a file changed while it was read; it is read again: {error}")
                 return
-            self._without_new(used, error)
-        if self._held is not None and self._summary is not None:
-            took = self._clock.idle_s() - began
-            dives = count_text(len(self._summary.by_dive), "dive")
-            self._options.tell(f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}")
+            if isinstance(error, _UNUSABLE):
+                self._without_new(used, error)
+                return
+            if self._held is None:
+                raise
+            self._say(f"not replayed, the result before stays: {error}", once=True)
+            return
+        assert self._summary is not None
+        took, dives = self._clock.idle_s() - began, count_text(len(self._summary.by_dive), "dive")
+        self._options.tell(f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}")
 
     def _without_new(self, used: tuple[Path, ...], error: ReplayKitError) -> None:
         """Replay without the new files with which a replay failed, one by one; the first files of a mission are waited for instead."""
@@ -210,13 +218,19 @@ class Follower:
         """Replay some files, and read what the result holds."""
         job = replace(self._job, logs=used, overwrite=True, goal=self._memory.goals[0][1] if self._memory.goals else None)
         forecasts = self._forecasts(job)
-        record = {f"{number:03d}": text for number, text in enumerate(self._memory.said)}
+        record = {f"{number:03d}": self._without_folders(text) for number, text in enumerate(self._memory.said)}
         job = replace(job, following=Following(self._options.states, record, self._memory.goals[1:]))
         summary, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
         self._summary, self._held = summary, read_held(self._out)
         self._good |= set(used)
         if self._options.report is not None:
             report(self._out, self._options.report, overwrite=True, summary=summary)
+
+    def _without_folders(self, text: str) -> str:
+        """Return a text with files by their names: the folder that the inputs are in changes no byte of a result."""
+        for path in (*self._memory.sources, *ensemble_files(self._job.ensemble), *filter(None, [self._options.goal_file])):
+            text = text.replace(str(path), path.name)
+        return text
 
     def _forecasts(self, job: ReplayJob) -> Forecasts:
         """Return the forecast, read anew when its files or the beginning of the logs changed."""

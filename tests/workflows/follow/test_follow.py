@@ -171,6 +171,19 @@ def test_a_newer_forecast_is_taken_with_the_next_dive_and_the_result_before_it_i
     assert same(sea, tmp_path)
 
 
+@pytest.mark.full
+def test_a_newer_forecast_that_cannot_be_used_is_told_and_the_one_before_stays(ocean, dives, tmp_path):
+    sea = Sea(ocean, tmp_path, goal=None)
+    forecast = tmp_path / "forecast.nc"
+    shutil.copy(ocean / "ensemble.nc", forecast)
+    sea.job = ReplayJob((sea.inbox,), forecast, sea.out)
+    sea.put(dives[0].name, dives[0].data)()
+    sea.follow([lambda: forecast.write_bytes(b"cut off"), sea.put(dives[1].name, dives[1].data)])
+    assert any("the newer forecast cannot be used, and the one before stays" in text for text in sea.told)
+    shutil.copy(ocean / "ensemble.nc", forecast)
+    assert same(sea, tmp_path)
+
+
 def test_a_forecast_that_cannot_be_read_ends_the_beginning_with_its_error(ocean, dives, tmp_path):
     sea = Sea(ocean, tmp_path, goal=None)
     sea.put(dives[0].name, dives[0].data)()
