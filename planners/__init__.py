@@ -6,7 +6,7 @@
 * ``fly_scenarios`` summarises a mission flown in samples, with headings that are held or corrected by a ``Pilot``.
 * ``mission_odds`` flies a mission in samples of the estimate; ``with_odds`` says in its status and message how likely it arrives.
 * ``waypoints_of`` reduces a mission to a list of few waypoints.
-* ``plan_path`` makes a free path of a vehicle of bounded speed.
+* ``plan_path`` makes, for a ``PathRequest``, a free path of a vehicle of bounded speed.
 """
 
 from planners.glide.settings import GlideSettings
@@ -19,7 +19,7 @@ from planners.mission.scenarios import fly_scenarios, plan_scenarios
 from planners.mission.values import Line, MissionPlan, MissionRequest, MissionSettings, MonteCarloSummary, Mooring, Weights
 from planners.mission.waypoints import Waypoints, waypoints_of
 from planners.path.plan import AuvPlan, plan_path
-from planners.path.settings import Auv, AuvSettings
+from planners.path.settings import Auv, AuvSettings, PathRequest
 from planners.route.bottom import Bathymetry
 from planners.route.hazards import NoGo
 from planners.vehicle import Glider, SteadyFlight, fit_flight
@@ -39,6 +39,7 @@ __all__ = [
     "MonteCarloSummary",
     "Mooring",
     "NoGo",
+    "PathRequest",
     "Pilot",
     "SteadyFlight",
     "Waypoints",

@@ -1,16 +1,24 @@
 """The current estimate as a CasADi function with exact first and second derivatives.
 
-A flow is a contraction over its levels (and times), then one over its nodes. Both are differentiated by hand: with X and Y the distances
-to a node in kernel lengths and He the Hermite polynomials of probability, every derivative of the stream function is
+A flow is a contraction over its levels (and times), then one over its horizontal functions. Both are differentiated by hand. With X and Y
+the distances to a node in kernel lengths and He the Hermite polynomials of probability, every derivative of a node kernel's stream
+function is
 
     d^(p+q) psi / dX^p dY^q = (-1)^(p+q) sum_nodes k [He_p(X) He_(q+1)(Y) beta_u / l_y - He_(p+1)(X) He_q(Y) beta_v / l_x],
 
-so that a derivative costs what the value costs, where automatic differentiation pays for every operation several times. MX runs one
-compiled loop over the nodes for each operation, which is faster than the same text expanded into scalars (SX). The latent velocities
-are an argument: a new estimate needs no new graph.
+On a lattice, where the stream function is a sum of products of Gaussians g of widths w_x, w_y with the coefficients C around a place,
+
+    d^(p+q) psi / dx^p dy^q = g_p(x)' C g_q(y),    g_p = (-1 / w_x)^p He_p(X) exp(-X^2 / 2),    X = (x - s) / w_x,
+
+in which only ``WINDOW`` lattice lines a direction count: the cost depends on neither the nodes nor the size of the region. The window moves
+with the place by whole lattice lines, at distances where a Gaussian is less than 3e-7.
+
+So a derivative costs what the value costs, where automatic differentiation pays for every operation several times. MX runs one
+compiled loop for each operation, which is faster than the same text expanded into scalars (SX). The latent values are an argument: a
+new estimate needs no new graph.
 """
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -20,27 +28,28 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel
+from replay_kit.core.flow.horizontal import HorizontalFunctions, NodeKernel
+from replay_kit.core.flow.lattice import HALF_WINDOW, WINDOW, StreamFunctionLattice
 from replay_kit.core.grid import Projection
 
 
 def field_function(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
-    """Return the CasADi function (place, latent) -> velocity of every flow on an estimate's nodes; a place is east, north, depth[, time].
+    """Return the CasADi function (place, latent) -> velocity of every flow of an estimate's functions; place: east, north, depth[, time].
 
-    It equals ``FlowEstimate.velocity`` everywhere: constant in depth outside the levels, fading to zero outside the nodes. With times
+    It equals ``FlowEstimate.velocity`` everywhere: constant in depth outside the levels, fading to zero outside the grid. With times
     it is linear between them, and constant before the first and after the last. It is differentiable twice in place and time; the
-    latent velocities are data, and derivatives by them are not defined.
+    latent values are data, and derivatives by them are not defined.
 
     Args:
-        flow: Its nodes, levels, kernel and functions of depth; its latent velocities remain an argument.
-        times: shape (T,) [s], increasing; the latent velocities are then (2N, Z T), all levels of the first time first. None for a
-            flow that does not change, whose latent velocities are (2N, Z).
+        flow: Its levels and functions in the horizontal and in depth; its latent values remain an argument.
+        times: shape (T,) [s], increasing; the latent values are then (M, Z T), all levels of the first time first. None for a
+            flow that does not change, whose latent values are (M, Z).
     """
     return _field(flow, flow.levels, flow.depth_functions, times, ("east", "north", "depth"))
 
 
 def layer_function(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
-    """Return the function (east and north[ and time], latent) -> velocity of one depth, whose latent velocities are (2N, 1) or (2N, T).
+    """Return the function (east and north[ and time], latent) -> velocity of one depth, whose latent values are (M, 1) or (M, T).
 
     A vehicle that passes depths known beforehand contracts the levels once, outside of the optimiser.
     """
@@ -48,13 +57,13 @@ def layer_function(flow: FlowEstimate, times: Array | None = None) -> ca.Functio
 
 
 def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
-    """Return (times [s] since the first, latent velocities (2N, Z T)) of one flow at several times.
+    """Return (times [s] since the first, latent values (M, Z T)) of one flow at several times.
 
     Args:
-        flows: The flow at increasing times, each with its ``time_ns``, all on the same nodes, levels and functions.
+        flows: The flow at increasing times, each with its ``time_ns``, all of the same levels and functions.
 
     Raises:
-        PlanError: There are fewer than two, a time is missing or does not increase, or they are not on the same nodes.
+        PlanError: There are fewer than two, a time is missing or does not increase, or their functions differ.
     """
     if len(flows) < 2:
         raise PlanError(f"a flow that changes needs two times or more, but {len(flows)} came; give one flow alone for one that does not")
@@ -68,18 +77,17 @@ def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
     return np.array([((flow.time_ns or 0) - first) / 1e9 for flow in flows]), np.hstack([flow.latent for flow in flows])
 
 
-def graph_key(flow: FlowEstimate) -> tuple[bytes, bytes, HorizontalKernel, DepthFunctions, Projection]:
-    """Return what makes two estimates share one graph: nodes, levels, kernel, depth functions and frame, but not the latent velocities."""
-    nodes, levels = np.ascontiguousarray(flow.nodes).tobytes(), np.ascontiguousarray(flow.levels).tobytes()
-    return nodes, levels, flow.kernel, flow.depth_functions, flow.grid.projection
+def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Projection]:
+    """Return what makes two estimates share one graph: functions in the horizontal and in depth, levels and frame; no latent values."""
+    return flow.horizontal.key, np.ascontiguousarray(flow.levels).tobytes(), flow.depth_functions, flow.grid.projection
 
 
 def _field(flow: FlowEstimate, levels: Array, functions: DepthFunctions, times: Array | None, axes: tuple[str, ...]) -> ca.Function:
     """Return the function (place, latent) -> velocity with its own derivatives, its place having these axes and time where there is one."""
     names = axes if times is None else (*axes, "time")
     place: Any = ca.MX.sym("place", len(names))
-    latent = ca.MX.sym("latent", 2 * len(flow.nodes), levels.size * (1 if times is None else times.size))
-    summed = _SumOverNodes(flow.nodes, flow.kernel, place)
+    latent = ca.MX.sym("latent", flow.horizontal.size, levels.size * (1 if times is None else times.size))
+    summed = _sum_over(flow.horizontal, place)
 
     def derivative(*by: str) -> Any:
         """Return the velocity differentiated once by each of the axes given."""
@@ -88,7 +96,7 @@ def _field(flow: FlowEstimate, levels: Array, functions: DepthFunctions, times: 
         columns = [(z + levels.size * t, of_time * of_depth) for t, of_time in by_time for z, of_depth in by_depth]
         if not columns:
             return ca.MX(2, 1)
-        combined = sum(weight * latent[:, column] for column, weight in columns)
+        combined = sum(weight * summed.near(latent, column) for column, weight in columns)
         return summed.velocity(combined, by.count("east"), by.count("north"))
 
     first = ca.horzcat(*(derivative(i) for i in names))
@@ -122,15 +130,28 @@ def _with_derivatives(place: Any, latent: Any, value: Any, first: Any, second: A
     return ca.Function("field", inputs, [value], names, ["value"], custom)
 
 
+def _sum_over(functions: HorizontalFunctions, place: Any) -> "_SumOverNodes | _SumOverLattice":
+    if isinstance(functions, StreamFunctionLattice):
+        return _SumOverLattice(functions, place)
+    if not isinstance(functions, NodeKernel):
+        raise TypeError(f"no graph of {type(functions).__name__} is known")
+    return _SumOverNodes(functions, place)
+
+
 class _SumOverNodes:
     """The contraction over the nodes: velocities, and their derivatives in place, of the latent velocities of one depth and time."""
 
-    def __init__(self, nodes: Array, kernel: HorizontalKernel, place: Any) -> None:
+    def __init__(self, functions: NodeKernel, place: Any) -> None:
+        kernel, nodes = functions.kernel, functions.nodes
         # Coordinates in kernel lengths keep every factor of the kernel of order one.
         self.lengths = kernel.length_east, kernel.length_north
         x, y = ((place[i] - nodes[:, i]) / self.lengths[i] for i in (0, 1))
         self.gaussian = (kernel.speed * kernel.length_east) ** 2 * ca.exp(-0.5 * (x * x + y * y))
         self.hermite_x, self.hermite_y = _hermite(x), _hermite(y)
+
+    def near(self, latent: Any, column: Any) -> Any:
+        """Return the latent velocities of a column that count at the place: all."""
+        return latent[:, column]
 
     def velocity(self, latent: Any, east: int, north: int) -> Any:
         """Return the velocity (2 x 1) of latent velocities (2N x 1), differentiated so many times towards east and north."""
@@ -146,6 +167,37 @@ class _SumOverNodes:
         east = ca.dot(self.hermite_x[p] * self.hermite_y[q + 1], self.gaussian * latent[:n])
         north = ca.dot(self.hermite_x[p + 1] * self.hermite_y[q], self.gaussian * latent[n:])
         return (-1) ** (p + q) * (east / self.lengths[1] - north / self.lengths[0])
+
+
+class _SumOverLattice:
+    """The same over the coefficients of a lattice in the window around the place."""
+
+    def __init__(self, lattice: StreamFunctionLattice, place: Any) -> None:
+        first, self.gaussians = [], []
+        for origin, spacing, width, count, at in zip(
+            lattice.origin, lattice.spacing, lattice.widths, lattice.shape, ca.vertsplit(place)[:2], strict=True
+        ):
+            line = ca.fmin(ca.fmax(ca.floor((at - origin) / spacing) - (HALF_WINDOW - 1), 0.0), float(count - WINDOW))
+            x = (at - origin - spacing * (line + np.arange(WINDOW))) / width
+            gaussian = ca.exp(-0.5 * x * x)
+            self.gaussians.append([(-1.0 / width) ** p * he * gaussian for p, he in enumerate(_hermite(x)[:4])])
+            first.append(line)
+        window = np.add.outer(lattice.shape[1] * np.arange(WINDOW), np.arange(WINDOW)).ravel()
+        self.rows, self.size = lattice.shape[1] * first[0] + first[1] + window, lattice.size
+
+    def near(self, latent: Any, column: Any) -> Any:
+        """Return the coefficients of a column in the window, north first."""
+        return latent.nz[self.rows + self.size * column]
+
+    def velocity(self, latent: Any, east: int, north: int) -> Any:
+        """Return the velocity (2 x 1) of the window's coefficients, differentiated so many times towards east and north."""
+        coefficients = ca.reshape(latent, WINDOW, WINDOW)
+        return ca.vertcat(self._stream_function(coefficients, east, north + 1), -self._stream_function(coefficients, east + 1, north))
+
+    def _stream_function(self, coefficients: Any, p: int, q: int) -> Any:
+        """Return d^(p+q) psi / dx^p dy^q."""
+        along_east = ca.mtimes(coefficients.T, self.gaussians[1][q])
+        return ca.dot(self.gaussians[0][p], along_east)
 
 
 def _hermite(x: Any) -> list[Any]:

@@ -17,7 +17,6 @@ It is faster only where one estimate of some hundred nodes is used for several p
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -28,12 +27,11 @@ from planners.solver import Recent
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import velocity_kernel
 
 _CUBIC = 3
 # Random places in the box at which the error is measured.
 _PLACES = 2000
-# Places at which the kernel matrix is evaluated at once.
+# Places at which the flow is evaluated at once.
 _CHUNK = 1024
 
 
@@ -99,7 +97,7 @@ def _spline(flow: FlowEstimate, points: int) -> FlowSpline:
 
 
 def _axes(flow: FlowEstimate, points: int) -> tuple[_Axis, _Axis, _Axis]:
-    grid, kernel, levels = flow.grid, flow.kernel, flow.levels
+    grid, kernel, levels = flow.grid, flow.horizontal.kernel, flow.levels
     east, north = (
         _cubic(float(values.min()) - length, float(values.max()) + length, length / points)
         for values, length in ((grid.east, kernel.length_east), (grid.north, kernel.length_north))
@@ -121,10 +119,7 @@ def _values(flow: FlowEstimate, east: Array, north: Array, depth: Array) -> Arra
     """Return the velocity [m/s] on a grid, shape (n_east, n_north, n_depth, 2)."""
     at = np.column_stack([axis.ravel() for axis in np.meshgrid(east, north, indexing="ij")])
     layers = flow.latent @ depth_weights(flow.depth_functions, depth, flow.levels).T
-    kernel = partial(velocity_kernel, flow.kernel)
-    parts = [
-        (kernel(at[i : i + _CHUNK], flow.nodes) @ layers).reshape(2, -1, depth.size).transpose(1, 2, 0) for i in range(0, len(at), _CHUNK)
-    ]
+    parts = [flow.horizontal.velocity(at[i : i + _CHUNK], layers).transpose(1, 2, 0) for i in range(0, len(at), _CHUNK)]
     return np.concatenate(parts).reshape(east.size, north.size, depth.size, 2)
 
 

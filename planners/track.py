@@ -16,7 +16,6 @@ from planners.flow import field_function
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import velocity_kernel
 
 Integrator = Literal["rk4", "euler"]
 # Each round narrows the time of closest approach sixteenfold; five leave well under a millimetre.
@@ -146,7 +145,7 @@ def fly_glide(flow: FlowEstimate, start: Array, velocity: Array, time: Array) ->
     order = iter([0, *(stage for i in range(steps.size) for stage in (time.size + i, time.size + i, i + 1, i + 1))])
 
     def over_ground(position: Array) -> Array:
-        current = velocity_kernel(flow.kernel, position[None, :2], flow.nodes) @ latent[:, next(order)]
+        current = flow.horizontal.velocity(position[None, :2], latent[:, next(order), None]).ravel()
         ground: Array = velocity + np.append(current, 0.0)
         return ground
 

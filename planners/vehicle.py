@@ -9,6 +9,7 @@ g - a (Graver 2005; Merckelbach, Smeed, Griffiths 2010, J. Atmos. Oceanic Techno
 """
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,7 @@ class Glider:
         volume: Pumped at each apogee [m^3].
         pump_efficiency: Work done on the water for each joule taken.
         hotel: Power of everything else [W].
+        max_depth: Greatest depth that it may go to [m].
     """
 
     speed: float = 0.3
@@ -78,6 +80,7 @@ class Glider:
     volume: float = 4.6e-4
     pump_efficiency: float = 0.5
     hotel: float = 1.0
+    max_depth: float = inf
 
     def __post_init__(self) -> None:
         """Refuse limits that no glide can keep."""
@@ -87,7 +90,7 @@ class Glider:
                 f"glide angles from {self.min_angle:g} to {self.max_angle:g} degrees: expected more than {shallowest:.1f}, increasing, "
                 "less than 90"
             )
-        for name in ("speed", "volume", "pump_efficiency", "hotel"):
+        for name in ("speed", "volume", "pump_efficiency", "hotel", "max_depth"):
             if not getattr(self, name) > 0.0:
                 raise PlanError(f"a glider's {name} is {getattr(self, name)!r}; expected a number above 0")
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel
+from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Grid, Projection
 
@@ -26,9 +26,10 @@ def synthetic_flow(
     wet[2, 4, 5:] = False
     nodes, levels = int(wet[0].sum()), 3
     factor = rng.normal(size=(n_modes * levels, n_modes * levels))
+    grid = Grid(projection, longitude, latitudes, east, north, np.array([0.5, 50.0, 200.0]), wet)
     return FlowEstimate(
-        grid=Grid(projection, longitude, latitudes, east, north, np.array([0.5, 50.0, 200.0]), wet),
-        kernel=HorizontalKernel(1.2 * spacing, 1.1 * spacing, 0.5),
+        grid=grid,
+        horizontal=NodeKernel(HorizontalKernel(1.2 * spacing, 1.1 * spacing, 0.5), grid.nodes),
         depth_functions=DepthFunctions(kind, 90.0),
         latent=rng.normal(size=(2 * nodes, levels)),
         modes=rng.normal(size=(2 * nodes, n_modes)),

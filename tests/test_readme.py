@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from replay_kit.config.fleet import load_fleet
 from replay_kit.config.run import RunConfig, load_config
 from tests.command import run_command
 from tests.places import ROOT
@@ -120,6 +121,9 @@ def test_python_blocks(code, tmp_path):
 @pytest.mark.parametrize("code", SETTINGS)
 def test_settings_blocks(code, tmp_path):
     (tmp_path / "run.toml").write_text(code, encoding="utf-8")
+    if "[[mission]]" in code:
+        assert load_fleet(tmp_path / "run.toml").mission
+        return
     assert load_config(tmp_path / "run.toml") != RunConfig()
 
 

@@ -38,7 +38,7 @@ def _binding(task: GlideTask, best: Candidate) -> str:
     if _distance_to_sides(task, end) < _NEAR:
         return "limit: the edge of the region that the forecast covers"
     if end[2] > task.region.deepest - _NEAR and task.goal[2] < task.region.deepest - _NEAR:
-        return f"limit: the deepest level, {task.region.deepest:g} m"
+        return f"limit: {task.region.floor}"
     if end[2] < _NEAR < task.goal[2]:
         return "limit: the surface"
     through = best.track.velocity[:, :2] - task.flow.velocity(*best.track.position.T)

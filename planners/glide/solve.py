@@ -12,7 +12,7 @@ from planners.glide.explain import explain
 from planners.glide.seeds import find_seeds
 from planners.glide.settings import GlideSettings
 from planners.glide.transcription import Glide, GlideTask
-from planners.route.bottom import Bathymetry, bottom_of
+from planners.route.bottom import bottom_of
 from planners.route.region import locate, region_of
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import true_north_halfway
@@ -36,7 +36,6 @@ def plan(
     settings: GlideSettings = _DEFAULT,
     start_time_ns: int = 0,
     warm: Plan | None = None,
-    bathymetry: Bathymetry | None = None,
 ) -> Plan:
     """Return the glide at one constant velocity through water that passes closest to a goal.
 
@@ -51,15 +50,14 @@ def plan(
         start_time_ns: When it begins [ns, UTC]; copied to the plan.
         warm: An earlier plan for the same goal; its heading, angle and remaining duration are tried first, and when they lead to the
             goal nothing else is tried.
-        bathymetry: Bottom depth; a glide ends where it comes nearer to it than the clearance. None leaves the bottom out of account.
 
     Raises:
-        PlanError: The start or the goal is outside the region, above the surface, below the deepest level, on land, or below the bottom
-            less the clearance.
+        PlanError: The start or the goal is outside the region, above the surface, below the deepest level or the vehicle's limit, on land,
+            or below the bottom less the clearance.
     """
-    region = region_of(flow.grid)
+    region = region_of(flow.grid, settings.max_depth)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
-    bottom = None if bathymetry is None else bottom_of(region, bathymetry, settings.clearance)
+    bottom = None if settings.bathymetry is None else bottom_of(region, settings.bathymetry, settings.clearance)
     if bottom is not None:
         bottom.check("start", begin)
         bottom.check("goal", end)
@@ -97,7 +95,7 @@ def _remaining(warm: Plan | None, start_time_ns: int, turn: float) -> list[Glide
 def _seeds(task: GlideTask) -> list[Candidate]:
     """Return the optimiser's starts, flown in the flow itself, nearest to the goal first; none when no path is finite."""
     found = find_seeds(task, _MOST_SEEDS)
-    reach = _SEED_RANGE * max(task.flow.kernel.length_east, task.flow.kernel.length_north)
+    reach = _SEED_RANGE * max(task.flow.horizontal.kernel.length_east, task.flow.horizontal.kernel.length_north)
     guesses = [seed.glide for seed in found if seed.distance <= found[0].distance + reach]
     return sorted(_flown(task, guesses), key=lambda seed: seed.distance)[: task.settings.starts]
 

@@ -5,13 +5,12 @@ through water is the mean current of the leg, and the error of its prediction is
 that the glider is in.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planners.mission.flight import Currents, Flight, Legs, leg_frame, rate_over_ground
-from planners.mission.leg import DRIFT_STEPS, fly_midpoints, fly_steps
+from planners.mission.leg import DRIFT_STEPS, fly_midpoints
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -81,20 +80,18 @@ class _Leg:
         through = along[:, None] * np.column_stack([np.sin(local), np.cos(local)])
         return np.asarray((end - begin - through * (self.height / down)[:, None]) / time)
 
-    def fly(
-        self, currents: Currents, begin: tuple[Array, Array], method: Callable[..., list[tuple[Array, Array]]]
-    ) -> list[tuple[Array, Array]]:
-        """Return (places (K, 2) [m], times since its beginning (K, 1) [s]) after each step from a place and time, by a method."""
+    def fly(self, currents: Currents, begin: tuple[Array, Array]) -> list[tuple[Array, Array]]:
+        """Return (places (K, 2) [m], times since its beginning (K, 1) [s]) after each step from a place and time."""
         at, began = begin[0], float(np.mean(begin[1]))
         (through, down), heights = self.velocity_through_water, np.abs(np.diff(self.depths))
         frame = leg_frame(currents, at, through, self.height / down)
         rate = rate_over_ground(currents, frame, began, np.concatenate([self.depths, 0.5 * (self.depths[:-1] + self.depths[1:])]))
         durations = [(height / down)[:, None] for height in heights]
-        flown = method(rate, at, np.zeros((len(at), 1)), self.depths, durations, heights.size)
+        flown = fly_midpoints(rate, at, np.zeros((len(at), 1)), self.depths, durations, heights.size)
         if self.drift > 0.0:
             surface = np.zeros(DRIFT_STEPS + 1)
             drifting = rate_over_ground(currents, leg_frame(currents, flown[-1][0], np.zeros(2), self.drift), began, surface)
-            flown += method(drifting, *flown[-1], surface, [self.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)
+            flown += fly_midpoints(drifting, *flown[-1], surface, [self.drift / DRIFT_STEPS] * DRIFT_STEPS, DRIFT_STEPS)
         return flown
 
 
@@ -117,7 +114,7 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
         leg, (begin, began) = _Leg(vehicle, steps, float(legs.drifts[k]), headings[:, k], angles[:, k]), path[-1]
         expected = np.zeros((count, 2))
         for _ in range(_AIMS if k > 0 else 1):
-            end, time = leg.fly(estimate, (begin, began), fly_midpoints)[-1]
+            end, time = leg.fly(estimate, (begin, began))[-1]
             expected = leg.mean_current(projection, begin, end, time)
             if k > 0:
                 current = expected + pilot.persistence * current_error
@@ -125,7 +122,7 @@ def fly_corrected(estimate: Currents, currents: Currents, vehicle: Glider, predi
                 turn = true_north_halfway(projection, begin, np.broadcast_to(targets[k], begin.shape))
                 leg = replace(leg, headings=heading - turn, angles=angle)
         headings[:, k], angles[:, k] = leg.headings, leg.angles
-        flown = leg.fly(currents, (begin, began), fly_steps)
+        flown = leg.fly(currents, (begin, began))
         current_error = leg.mean_current(projection, begin, *flown[-1]) - expected
         path += [(at, began + time) for at, time in flown]
         depths += [*steps[1:], *[0.0] * (len(flown) - steps.size + 1)]

@@ -7,33 +7,33 @@ from functools import cached_property
 import numpy as np
 
 from planners.flow import graph_key, latent_over_time
-from planners.mission.leg import DRIFT_STEPS, fly_steps, frame_function
+from planners.mission.leg import DRIFT_STEPS, Integrator, fly_steps, frame_function
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.horizontal import NodeKernel
+from replay_kit.core.flow.lattice import StreamFunctionLattice
 
 
 @dataclass(frozen=True, eq=False)
 class Currents:
-    """K flows on the same nodes.
+    """K flows of the same functions.
 
     Attributes:
-        flow: One of them: nodes, levels and functions.
-        nodes: shape (N, 2) [m].
-        latent: shape (K, 2N, Z T).
+        flow: One of them: levels and functions.
+        latent: shape (K, M, Z T).
         times: shape (T,) [s]; None for flows that do not change.
     """
 
     flow: FlowEstimate
-    nodes: Array
     latent: Array
     times: Array | None
 
     @cached_property
     def columns(self) -> Array:
-        """The latent velocities of each level and time, shape (Z T, K, 2N): only few of them have a weight at a depth."""
+        """The latent values of each level and time, shape (Z T, K, M): only few of them have a weight at a depth."""
         return np.ascontiguousarray(self.latent.transpose(2, 0, 1))
 
     def weights(self, depths: Array) -> Array:
@@ -42,9 +42,6 @@ class Currents:
 
     def velocity(self, place: Array, of_levels: Array, time: float) -> Array:
         """Return the current of each flow [m/s], shape (K, 2), at its own place, shape (K, 2) [m]; one flow serves any number of places.
-
-        The kernel matrix (``velocity_kernel``) is never formed: with w = k (sy beta_u - sx beta_v), its product with the latent
-        velocities is (k beta_u / ly^2 - sy w, k beta_v / lx^2 + sx w), summed over the nodes.
 
         Args:
             place: shape (K, 2) [m].
@@ -56,37 +53,51 @@ class Currents:
             weights = np.asarray(
                 np.kron([np.interp(time, self.times, one) for one in np.eye(self.times.size)], of_levels), dtype=np.float64
             )
-        latent = sum(weights[i] * self.columns[i] for i in np.flatnonzero(weights))
-        assert isinstance(latent, np.ndarray), "some level has a weight at every depth"
-        kernel, n = self.flow.kernel, len(self.nodes)
-        dx, dy = place[:, :1] - self.nodes[:, 0], place[:, 1:] - self.nodes[:, 1]
-        sx, sy = dx / kernel.length_east**2, dy / kernel.length_north**2
-        k = (kernel.speed * kernel.length_east) ** 2 * np.exp(-0.5 * (sx * dx + sy * dy))
-        east, north = latent[:, :n], latent[:, n:]
-        turning = k * (sy * east - sx * north)
-        u = np.sum(k * east, axis=1) / kernel.length_north**2 - np.sum(sy * turning, axis=1)
-        v = np.sum(k * north, axis=1) / kernel.length_east**2 + np.sum(sx * turning, axis=1)
-        return np.column_stack([u, v])
+        used, functions = np.flatnonzero(weights), self.flow.horizontal
+        if isinstance(functions, StreamFunctionLattice):
+            rows, design = functions.windows(place)
+            flows = np.arange(len(self.latent))[:, None]
+            near = sum(weights[i] * self.columns[i][flows, rows] for i in used)
+            return np.asarray(np.einsum("cpon,pn->pc", design, near))
+        assert isinstance(functions, NodeKernel)
+        return _from_nodes(functions, place, sum(weights[i] * self.columns[i] for i in used))
+
+
+def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:
+    """Return the velocity [m/s], shape (P, 2), of latent velocities, shape (P, 2N) or (1, 2N), each at its own place, shape (P, 2) [m].
+
+    The kernel matrix (``velocity_kernel``) is never formed: with w = k (sy beta_u - sx beta_v), its product with the latent
+    velocities is (k beta_u / ly^2 - sy w, k beta_v / lx^2 + sx w), summed over the nodes.
+    """
+    kernel, nodes, n = functions.kernel, functions.nodes, len(functions.nodes)
+    dx, dy = place[:, :1] - nodes[:, 0], place[:, 1:] - nodes[:, 1]
+    sx, sy = dx / kernel.length_east**2, dy / kernel.length_north**2
+    k = (kernel.speed * kernel.length_east) ** 2 * np.exp(-0.5 * (sx * dx + sy * dy))
+    east, north = latent[:, :n], latent[:, n:]
+    turning = k * (sy * east - sx * north)
+    u = np.sum(k * east, axis=1) / kernel.length_north**2 - np.sum(sy * turning, axis=1)
+    v = np.sum(k * north, axis=1) / kernel.length_east**2 + np.sum(sx * turning, axis=1)
+    return np.column_stack([u, v])
 
 
 def currents_of(flow: FlowEstimate | Sequence[FlowEstimate]) -> Currents:
     """Return one current, of an estimate or of several that hold for increasing times."""
     if isinstance(flow, FlowEstimate):
-        return Currents(flow, flow.nodes, flow.latent[None], None)
+        return Currents(flow, flow.latent[None], None)
     times, latent = latent_over_time(flow)
-    return Currents(flow[0], flow[0].nodes, latent[None], times)
+    return Currents(flow[0], latent[None], times)
 
 
 def currents_of_samples(flows: Sequence[FlowEstimate]) -> Currents:
-    """Return the currents of several flows that do not change, all on the nodes of the first.
+    """Return the currents of several flows that do not change, all of the functions of the first.
 
     Raises:
-        PlanError: One is on other nodes, levels or functions.
+        PlanError: One is of other levels or functions.
     """
     for k, flow in enumerate(flows):
         if graph_key(flow) != graph_key(flows[0]):
             raise PlanError(f"sample {k} is not on the nodes, levels, kernel and depth functions of the first")
-    return Currents(flows[0], flows[0].nodes, np.stack([flow.latent for flow in flows]), None)
+    return Currents(flows[0], np.stack([flow.latent for flow in flows]), None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +136,9 @@ class Flight:
     ends: Array
 
 
-def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float = 0.0) -> Flight:
+def fly_legs(
+    currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float = 0.0, method: Integrator = fly_steps
+) -> Flight:
     """Return the flight of some legs.
 
     Args:
@@ -134,6 +147,7 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
         start: shape (2,) [m].
         legs: Its commands.
         start_time: On the clock of the currents' times [s].
+        method: ``fly_steps``, or ``fly_midpoints`` with half of its work.
     """
     time, place = 0.0, np.tile(start, (len(currents.latent), 1))
     path, depths, number, ends = [(place, time)], [float(legs.depths[0][0])], [0], []
@@ -142,12 +156,12 @@ def fly_legs(currents: Currents, vehicle: Glider, start: Array, legs: Legs, star
         through, durations = along * np.array([np.sin(legs.headings[k]), np.cos(legs.headings[k])]), np.abs(np.diff(steps)) / down
         frame = leg_frame(currents, path[-1][0], through, float(np.sum(durations)))
         rate = rate_over_ground(currents, frame, start_time, np.concatenate([steps, 0.5 * (steps[:-1] + steps[1:])]))
-        path += fly_steps(rate, *path[-1], steps, durations, steps.size - 1)
+        path += method(rate, *path[-1], steps, durations, steps.size - 1)
         depths += list(steps[1:])
         if legs.drifts[k] > 0.0:
             durations, surface = np.full(DRIFT_STEPS, legs.drifts[k] / DRIFT_STEPS), np.zeros(DRIFT_STEPS + 1)
             frame = leg_frame(currents, path[-1][0], np.zeros(2), legs.drifts[k])
-            path += fly_steps(rate_over_ground(currents, frame, start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
+            path += method(rate_over_ground(currents, frame, start_time, surface), *path[-1], surface, durations, DRIFT_STEPS)
             depths += [0.0] * DRIFT_STEPS
         number += [k] * (len(path) - len(number))
         ends.append(len(path) - 1)

@@ -24,6 +24,8 @@ from replay_kit.core.grid import Projection
 
 # Steps of the drift at the surface.
 DRIFT_STEPS = 2
+#: ``fly_steps`` or ``fly_midpoints``.
+Integrator = Callable[[Callable[[Any, Any, Any], Any], Any, Any, Any, Any, int], list[tuple[Any, Any]]]
 
 
 def fly_steps(

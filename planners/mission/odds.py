@@ -8,7 +8,7 @@ import numpy as np
 from planners.mission.feedback import Pilot
 from planners.mission.flight import Flight
 from planners.mission.flights import MissionFlights, legs_of_plan, surfacing_ellipses
-from planners.mission.scenarios import currents_around, fly_samples, points_at, summarise_flights
+from planners.mission.scenarios import currents_around, fly_samples, points_at, predict, summarise_flights
 from planners.mission.task import mission_task
 from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary, Mooring
 from replay_kit.core.arrays import Array
@@ -53,8 +53,9 @@ def mission_odds(
     """
     task = mission_task(flow, replace(request, settings=plan.settings))
     legs, currents, summaries = legs_of_plan(plan, task.flow, 1), currents_around(flow, samples), list[MonteCarloSummary]()
+    predicted = predict(task, legs)
     for pilot in (Pilot(), None):
-        flight, predicted = fly_samples(task, currents, legs, pilot)
+        flight = fly_samples(task, currents, legs, predicted, pilot)
         summary = summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
         summaries.append(summary if mooring is None else _moored(summary, flight, task.goals[0, :2], mooring))
     nothing = np.zeros((len(samples), 0, 2))

@@ -18,6 +18,7 @@ from planners.mission.check import clearances
 from planners.mission.feedback import Pilot, fly_corrected
 from planners.mission.flight import Currents, Flight, Legs, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import legs_of_plan
+from planners.mission.leg import fly_midpoints
 from planners.mission.program import MissionGuess
 from planners.mission.result import to_plan
 from planners.mission.safety_margin import SafetyMargin
@@ -80,7 +81,8 @@ def plan_scenarios(
     attempt, trials, extra = best_of(task, attempts), list[_Trial](), 0.0
     for _ in range(_PLANS):
         legs = replace(attempt.legs, depths=task.depths(attempt.yo_depths))
-        flight, predicted = fly_samples(task, currents, legs, pilot)
+        predicted = predict(task, legs)
+        flight = fly_samples(task, currents, legs, predicted, pilot)
         met = points_at(predicted, attempt.flight.time[attempt.goals.points(attempt.flight)])
         summary, clear = summarise_flights(task, flight, met)
         trials.append(_Trial(attempt, summary, extra, passes_binomial_test(int(np.sum(clear <= 0.0)), len(clear), allowed)))
@@ -122,7 +124,8 @@ def fly_scenarios(
     """
     legs = legs_of_plan(plan, flow if isinstance(flow, FlowEstimate) else flow[0], 1)
     task = mission_task(flow, MissionRequest(plan.start, plan.goals, plan.vehicle, plan.settings, no_go, bathymetry, plan.start_time_ns))
-    flight, predicted = fly_samples(task, currents_around(flow, samples), legs, pilot)
+    predicted = predict(task, legs)
+    flight = fly_samples(task, currents_around(flow, samples), legs, predicted, pilot)
     return summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
 
 
@@ -161,14 +164,17 @@ def summarise_flights(task: MissionTask, flight: Flight, points: NDArray[np.intp
     return MonteCarloSummary(reached, float(np.mean(clear > 0.0)), median, ninety, violations), clear
 
 
-def fly_samples(task: MissionTask, currents: Currents, legs: Legs, pilot: Pilot | None) -> tuple[Flight, Flight]:
-    """Return the flights of legs in K currents, and the predicted one."""
-    start = task.start[:2]
-    predicted = fly_legs(task.currents, task.vehicle, start, legs, task.start_time)
+def predict(task: MissionTask, legs: Legs) -> Flight:
+    """Return the flight of legs in the estimate."""
+    return fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
+
+
+def fly_samples(task: MissionTask, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None) -> Flight:
+    """Return the flights of legs in K currents, by the midpoint method; a pilot leads them where the prediction goes."""
     if pilot is None:
-        return fly_legs(currents, task.vehicle, start, legs, task.start_time), predicted
+        return fly_legs(currents, task.vehicle, task.start[:2], legs, task.start_time, fly_midpoints)
     known, met = (one if one.times is None else replace(one, times=one.times - task.start_time) for one in (task.currents, currents))
-    return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight, predicted
+    return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight
 
 
 def currents_around(flow: FlowEstimate | Sequence[FlowEstimate], samples: Sequence[FlowEstimate]) -> Currents:

@@ -15,7 +15,7 @@ from planners.mission.reference_path import ReferencePath
 from planners.mission.values import MissionRequest, MissionSettings
 from planners.route.bottom import DEPTH_TOLERANCE, Bottom, bottom_of, fixed_rings
 from planners.route.graph import Route, RouteGraph, build_route_graph
-from planners.route.hazards import Ring
+from planners.route.hazards import Ring, check_outside
 from planners.route.region import Region, locate, region_of
 from planners.route.table import tabulate
 from planners.spline import FlowSpline, spline_of
@@ -170,10 +170,11 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     """Return a mission in the local frame of its flow.
 
     Raises:
-        PlanError: A place is outside of the region, on land or where the mission may not go, or the dives are deeper than the flow.
+        PlanError: A place is outside of the region, on land or where the mission may not go, or the dives are deeper than the flow is or
+            the vehicle may go.
     """
     currents, settings = currents_of(flow), request.settings
-    region = region_of(currents.flow.grid)
+    region = region_of(currents.flow.grid, request.vehicle.max_depth)
     _check_request(request, region)
     names = ["goal"] if len(request.goals) == 1 else [f"goal {k + 1}" for k in range(len(request.goals))]
     start = locate(region, request.start, "start")
@@ -181,7 +182,7 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     bottom = bottom_of(region, request.bathymetry, settings.clearance)
     rings = fixed_rings(region, request.no_go, bottom)
     for name, point in zip(["start", *names], [start, *goals], strict=True):
-        _check_place(rings, bottom, name, point, settings.depth)
+        _check_place(rings, bottom, name, point)
     if settings.spline and currents.times is not None:
         raise PlanError("a spline represents one estimate, not a flow that changes in time; plan such a mission without it")
     # a region that is less deep everywhere needs no search for how deep each dive may be
@@ -192,12 +193,10 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     return replace(task, spline=spline_of(currents.flow, settings.spline)) if settings.spline and task.is_finite else task
 
 
-def _check_place(rings: tuple[Ring, ...], bottom: Bottom, name: str, point: Array, depth: float) -> None:
+def _check_place(rings: tuple[Ring, ...], bottom: Bottom, name: str, point: Array) -> None:
     """Raise PlanError where a mission may not begin or end: in an area, or where the bottom leaves no room for a dive."""
     surfacing = name != "start" and point[2] == 0.0
-    area = next((ring.name for ring in rings if (surfacing or not ring.surface_only) and ring.forbids(point[None, :2])[0]), None)
-    if area is not None:
-        raise PlanError(f"{name} is where dives to {depth:g} m may not go: {area}; move it")
+    check_outside([ring for ring in rings if surfacing or not ring.surface_only], name, point)
     deepest, needed = float(bottom.limit_at(point[None, :2])[0]), max(float(point[2]), LEAST_DIVE)
     if deepest < needed - DEPTH_TOLERANCE:
         room = f"the bottom less a clearance of {bottom.clearance:g} m leaves {deepest:g} m" if np.isfinite(deepest) else "land"
@@ -213,7 +212,7 @@ def _check_request(request: MissionRequest, region: Region) -> None:
     if most < len(goals):
         raise PlanError(f"{len(goals)} goals need as many legs, as each is met at the end of one, but only {most} are allowed; allow more")
     if settings.depth > region.deepest:
-        raise PlanError(f"dives to {settings.depth:g} m are deeper than the deepest level, {region.deepest:g} m; choose a lesser depth")
+        raise PlanError(f"dives to {settings.depth:g} m are deeper than {region.floor}; choose a lesser depth")
     deepest = max(goal.depth for goal in goals)
     if deepest > settings.depth:
         raise PlanError(f"the goal at {deepest:g} m is deeper than the dives, {settings.depth:g} m; choose deeper dives")

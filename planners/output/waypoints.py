@@ -89,7 +89,10 @@ def _geojson(waypoints: Waypoints) -> str:
 def _slocum(waypoints: Waypoints) -> str:
     """Return a ``goto_list`` that is run once from its first waypoint on.
 
-    References: Slocum G2 Glider Operators Training Guide, Teledyne Webb Research 2012, ``goto_l10.ma``.
+    Places are longitude and latitude in whole degrees with minutes behind.
+
+    References: Slocum G2 Glider Operators Training Guide, Teledyne Webb Research, revision 06/12, "Mission Files (.mi and .ma)",
+    ``goto_l10.ma`` and the meanings of ``start_when`` (manualshive.com/manual/teledyne/slocum-g2/1080372, pages 26 to 38).
     """
     lines = [
         "behavior_name=goto_list",
@@ -113,7 +116,8 @@ def _slocum(waypoints: Waypoints) -> str:
 def _seaglider(waypoints: Waypoints) -> str:
     """Return a file of targets, each leading to the next and the last to itself.
 
-    References: Seaglider File Formats Manual, University of Washington 2012, ``targets``.
+    References: Seaglider File Formats Manual, University of Washington, version 66.12, April 2012, ``targets``
+    (sahale.apl.washington.edu/svn/Archive/software/releases/main66.12/docs/File_Formats_Man.html).
     """
     lines, last = [f"/ {waypoints.message}"], len(waypoints.times)
     for k, (x, y) in enumerate(zip(waypoints.longitude, waypoints.latitude, strict=True), start=1):
@@ -124,7 +128,8 @@ def _seaglider(waypoints: Waypoints) -> str:
 def _slocum_yo(waypoints: Waypoints) -> str:
     """Return a ``yo`` with the dives of the waypoints: the shallowest depth and the mean pitch on the way to any of them.
 
-    References: Slocum G2 Glider Operators Training Guide, Teledyne Webb Research 2012, ``yo10.ma``.
+    References: Slocum G2 Glider Operators Training Guide, Teledyne Webb Research, revision 06/12, "Mission Files (.mi and .ma)",
+    ``yo10.ma``.
     """
     pitch = float(np.deg2rad(np.mean(waypoints.pitches_deg)))
     lines = [

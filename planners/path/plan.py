@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.path.program import AuvProblem, PathSolution, solve_path
-from planners.path.settings import Auv, AuvSettings
-from planners.route.bottom import Bathymetry, Bottom, bottom_of, fixed_rings
+from planners.path.settings import AuvSettings, PathRequest
+from planners.route.bottom import Bottom, bottom_of, fixed_rings
 from planners.route.graph import build_route_graph
-from planners.route.hazards import NoGo, Ring, first_crossing
+from planners.route.hazards import Ring, check_outside, first_crossing
 from planners.route.region import locate, region_of
 from planners.route.table import tabulate
 from planners.solver import HOUR
@@ -67,45 +67,31 @@ class AuvPlan:
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
 
 
-_AUV, _SETTINGS = Auv(), AuvSettings()
-
-
-def plan_path(
-    flow: FlowEstimate,
-    start: Place,
-    goal: Place,
-    *,
-    vehicle: Auv = _AUV,
-    settings: AuvSettings = _SETTINGS,
-    no_go: tuple[NoGo, ...] = (),
-    bathymetry: Bathymetry | None = None,
-) -> AuvPlan:
+def plan_path(flow: FlowEstimate, request: PathRequest) -> AuvPlan:
     """Return the best path found, of those begun at the route of a graph search and at a straight line.
 
     Args:
         flow: The current, held constant in time.
-        start: Where it begins.
-        goal: Where it should end.
-        vehicle: The vehicle.
-        settings: How the path is planned.
-        no_go: Areas that must not be entered.
-        bathymetry: Bottom depth; without one, the lowest level that is wet in the forecast limits the depth.
+        request: Start, goal, vehicle, settings and constraints.
 
     Raises:
-        PlanError: The start or the goal is outside of the region, on land or below the bottom less the clearance, or the flow is not a
-            number.
+        PlanError: The start or the goal is outside of the region, on land, in an area, below the vehicle's limit or below the bottom
+            less the clearance, or the flow is not a number.
     """
-    region = region_of(flow.grid)
+    start, goal, settings = request.start, request.goal, request.settings
+    region = region_of(flow.grid, request.vehicle.max_depth)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
     if not np.all(np.isfinite(flow.latent)):
         raise PlanError("the current is not a number; check the estimate's latent velocities")
     # a free path has no surfacings: every area counts at all depths
-    areas = tuple(replace(area, surface_only=False) for area in no_go)
-    bottom = bottom_of(region, bathymetry, settings.clearance)
+    areas = tuple(replace(area, surface_only=False) for area in request.no_go)
+    bottom = bottom_of(region, request.bathymetry, settings.clearance)
     for name, point in (("start", begin), ("goal", end)):
         bottom.check(name, point)
     fixed, deep = fixed_rings(region, areas, bottom), float(max(begin[2], end[2]))
-    problem = AuvProblem(flow, region, (*fixed, *bottom.rings(deep)), bottom, vehicle, settings, begin, end)
+    for name, point in (("start", begin), ("goal", end)):
+        check_outside(fixed, name, point)
+    problem = AuvProblem(flow, region, (*fixed, *bottom.rings(deep)), bottom, request.vehicle, settings, begin, end)
 
     def made(guess: Array, free: bool, held: tuple[Array, float] | None = None) -> AuvPlan:
         return _to_plan(problem, start, goal, solve_path(problem, guess, free, held))

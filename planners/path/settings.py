@@ -1,7 +1,12 @@
 """A vehicle of bounded speed, and how its free path is planned."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import inf
 from typing import Literal
+
+from planners.route.bottom import Bathymetry
+from planners.route.hazards import NoGo
+from replay_kit.core.plan import Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,11 +17,13 @@ class Auv:
         speed: Most through water [m/s].
         drag: Power of propulsion over the cube of the speed [W s^3/m^3].
         hotel: Power of everything else [W].
+        max_depth: Greatest depth that it may go to [m].
     """
 
     speed: float = 1.0
     drag: float = 40.0
     hotel: float = 20.0
+    max_depth: float = inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,3 +49,24 @@ class AuvSettings:
     free_depth: bool = True
     margin: float = 50.0
     clearance: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class PathRequest:
+    """What a free path is planned for.
+
+    Attributes:
+        start: Where it begins.
+        goal: Where it should end.
+        vehicle: The vehicle.
+        settings: How the path is planned.
+        no_go: Areas that must not be entered.
+        bathymetry: Bottom depth; without one, the lowest level that is wet in the forecast limits the depth.
+    """
+
+    start: Place
+    goal: Place
+    vehicle: Auv = field(default_factory=Auv)
+    settings: AuvSettings = field(default_factory=AuvSettings)
+    no_go: tuple[NoGo, ...] = ()
+    bathymetry: Bathymetry | None = None

@@ -113,6 +113,8 @@ class Bottom:
             skin: shape (n,) [m], how far from a segment the path may bend.
         """
         tree, limits = self._cells
+        if not np.any(limits < np.max(depths, initial=-np.inf)):
+            return np.zeros(len(segments), dtype=bool)
         lines = shapely.linestrings(segments)
         line, cell = tree.query(lines, predicate="dwithin", distance=skin)
         deep = depths.max(axis=1)[line] > limits[cell] + DEPTH_TOLERANCE

@@ -129,6 +129,13 @@ def _densified(corners: Array) -> tuple[Array, ...]:
     return (np.concatenate(straight), np.concatenate(shortest)) if longest else (corners,)
 
 
+def check_outside(rings: Sequence[Ring], name: str, point: Array) -> None:
+    """Raise PlanError when a ring forbids a point, shape (3,) [m], that is called ``start`` or ``goal``."""
+    area = next((ring.name for ring in rings if ring.forbids(point[None, :2])[0]), None)
+    if area is not None:
+        raise PlanError(f"{name} is where the vehicle may not go: {area}; move it, or change the area")
+
+
 def first_crossing(rings: Sequence[Ring], segments: Array, skin: Array) -> tuple[str, int, float] | None:
     """Return the ring's name that a path crosses first, the number of the segment and the share of it before that; None for no crossing.
 

@@ -1,6 +1,7 @@
 """Where a glide may go: inside the grid's outline, between the surface and the deepest level, in water."""
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +24,23 @@ class Region:
     Attributes:
         grid: The grid.
         tree: Its horizontal points, for the nearest one.
+        limit: Greatest depth of the vehicle [m].
     """
 
     grid: Grid
     tree: cKDTree
+    limit: float = inf
 
     @property
     def deepest(self) -> float:
-        """Deepest level [m]."""
-        return float(self.grid.levels[-1])
+        """Greatest depth allowed anywhere [m]: the deepest level or the vehicle's limit."""
+        return min(float(self.grid.levels[-1]), self.limit)
+
+    @property
+    def floor(self) -> str:
+        """What the greatest depth is, in messages."""
+        name = "the vehicle's limit" if self.limit < self.grid.levels[-1] else "the deepest level"
+        return f"{name}, {self.deepest:g} m"
 
     def wet(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
@@ -52,7 +61,7 @@ class Region:
         return inside_grid(self.grid, points[..., 0], points[..., 1])
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether points, shape (n, 3) [m], lie within the outline, the surface and the deepest level."""
+        """Return whether points, shape (n, 3) [m], lie within the outline, the surface and the greatest depth allowed."""
         depth_fits = (points[:, 2] >= -_DEPTH_MARGIN) & (points[:, 2] <= self.deepest + _DEPTH_MARGIN)
         return np.asarray(depth_fits & self.inside_outline(points[:, :2]))
 
@@ -84,9 +93,9 @@ def _parabola(points: Array, centre: Array) -> Array:
     return np.concatenate([normal, tangent, fit])
 
 
-def region_of(grid: Grid) -> Region:
-    """Return the region that a grid covers."""
-    return Region(grid, cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])))
+def region_of(grid: Grid, limit: float = inf) -> Region:
+    """Return the region that a grid covers, down to the greatest depth of a vehicle [m]."""
+    return Region(grid, cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])), limit)
 
 
 def locate(region: Region, place: Place, role: str) -> Array:
@@ -98,7 +107,7 @@ def locate(region: Region, place: Place, role: str) -> Array:
         role: What it is called in an error: ``start`` or ``goal``.
 
     Raises:
-        PlanError: It is outside the region, above the surface, below the deepest level or on land.
+        PlanError: It is outside the region, above the surface, below the deepest level or the vehicle's limit, or on land.
     """
     where = f"{role} at {place.longitude:.5f}, {place.latitude:.5f}, {place.depth:g} m"
     if not np.all(np.isfinite([place.longitude, place.latitude, place.depth])):
@@ -112,7 +121,7 @@ def locate(region: Region, place: Place, role: str) -> Array:
             + (_swapped(region.grid, place) or "choose a place inside it or a forecast that covers it")
         )
     if not 0.0 <= place.depth <= region.deepest:
-        raise PlanError(f"{where} is not between the surface and the deepest level, {region.deepest:g} m; choose a depth within them")
+        raise PlanError(f"{where} is not between the surface and {region.floor}; choose a depth within them")
     if not region.wet(point[None])[0]:
         raise PlanError(
             f"{where} is on land in the forecast: the nearest grid point is dry there; choose a place in water {_bounds(region.grid)}"

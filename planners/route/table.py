@@ -10,7 +10,6 @@ from planners.route.region import Region
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import velocity_kernel
 
 # Table points for each kernel length, and at most how many along a side.
 _PER_LENGTH, _MOST_POINTS = 3.0, 120
@@ -64,7 +63,7 @@ def tabulate(flow: FlowEstimate, region: Region) -> FlowTable:
     grid = flow.grid
     low = np.array([grid.east.min(), grid.north.min()])
     extent = np.array([grid.east.max(), grid.north.max()]) - low
-    lengths = np.array([flow.kernel.length_east, flow.kernel.length_north])
+    lengths = np.array([flow.horizontal.kernel.length_east, flow.horizontal.kernel.length_north])
     size = np.clip(np.ceil(extent / lengths * _PER_LENGTH).astype(int) + 1, 2, _MOST_POINTS)
     east, north = (np.linspace(low[i], low[i] + extent[i], size[i]) for i in (0, 1))
     points = np.stack(np.meshgrid(east, north), axis=-1)
@@ -72,8 +71,8 @@ def tabulate(flow: FlowEstimate, region: Region) -> FlowTable:
     finer = 1 if flow.depth_functions.kind == "hat" else 4
     depths = np.interp(np.arange((flow.levels.size - 1) * finer + 1) / finer, np.arange(flow.levels.size), flow.levels)
     weights = depth_weights(flow.depth_functions, depths, flow.levels)
-    rows = [velocity_kernel(flow.kernel, row, flow.nodes) @ flow.latent for row in points]
-    velocity = np.stack([row.reshape(2, size[0], -1) @ weights.T for row in rows], axis=1)
+    rows = [flow.horizontal.velocity(row, flow.latent) for row in points]
+    velocity = np.stack([row @ weights.T for row in rows], axis=1)
     allowed = region.inside_outline(points) & region.wet_by_level(points)
     allowed = allowed[:, 1:, 1:] & allowed[:, 1:, :-1] & allowed[:, :-1, 1:] & allowed[:, :-1, :-1]
     return FlowTable(low, extent / (size - 1), depths, np.ascontiguousarray(velocity.transpose(0, 3, 1, 2)), allowed, region)

@@ -71,6 +71,10 @@ _COMMANDS = {
         "Make a synthetic ensemble (incompressible, eddying, baroclinic) and a truth withheld from it.",
     ),
     "fit": ("ENSEMBLE -o TOML", "Fit the prior to an ensemble by leaving members out, and report what was chosen."),
+    "fleet": (
+        "MISSIONS.toml|LOG... -o DIR",
+        "Replay many missions on many processes: a result of each, and one table and page over all.",
+    ),
     "verify": (
         "OUT.mcap",
         "Make a result again from its inputs and the configuration in it, and name the first difference, with exit code 5.",

@@ -220,3 +220,13 @@ def place(text: str, name: str) -> "Place":
     from replay_kit.core.plan import Place
 
     return Place(*numbers(text, name, PLACE.form))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Processes:
+    """Which processes do the work."""
+
+    scheduler: Annotated[
+        str | None, option("--scheduler", "Address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786.", metavar="ADDRESS")
+    ] = None
+    workers: Annotated[int | None, option("--workers", "Number of processes of this machine.", metavar="N", least=1)] = None

@@ -1,5 +1,6 @@
 """``[planner]``: what a replay plans, and when."""
 
+from math import inf
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -28,6 +29,11 @@ class PlannerConfig(BaseModel):
     interval: float = Field(default=43200.0, gt=0.0, description="Log time between plans [s]; a very large number plans at the end only.")
     max_duration: float = Field(default=432000.0, gt=0.0, description="Longest glide or mission considered [s].")
     depth: float = Field(default=500.0, gt=0.0, description="Depth of a mission's dives [m].")
+    max_depth: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="Greatest depth of the vehicle [m]; deeper dives and goals are refused. Default: none.",
+    )
     dives: int = Field(default=1, ge=1, description="Number of a mission's dives between surfacings; heading and glide angle are held.")
     surface_time: float = Field(default=0.0, ge=0.0, description="Time that a mission drifts at each surfacing [s].")
     legs: int | None = Field(
@@ -66,6 +72,11 @@ class PlannerConfig(BaseModel):
         return self
 
     @property
+    def depth_limit(self) -> float:
+        """Greatest depth of the vehicle [m]; infinite where none is stated."""
+        return inf if self.max_depth is None else self.max_depth
+
+    @property
     def bathymetry_path(self) -> Path | None:
         """File of the bathymetry; None without."""
         return None if self.bathymetry is None else Path(self.bathymetry)
@@ -82,5 +93,5 @@ class PlannerConfig(BaseModel):
             return self
         if not of_glider:
             return self.model_copy(update={"kind": "glide"})
-        depth = self.depth if "depth" in self.model_fields_set else min(max(self.depth, goal_depth), deepest)
+        depth = self.depth if "depth" in self.model_fields_set else min(max(self.depth, goal_depth), deepest, self.depth_limit)
         return self.model_copy(update={"kind": "mission", "depth": depth})

@@ -23,6 +23,8 @@ from replay_kit.config.toml_file import read_toml
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.time import parse_time
 
+#: The region that ``--region all`` stands for.
+EVERYWHERE = (-180.0, -90.0, 180.0, 90.0)
 _Depth = Annotated[float, Field(ge=0.0)]
 
 
@@ -139,8 +141,17 @@ class ForecastConfig(_Section):
     axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(
         default="auto", description="Whether velocities lie along the grid's axes or along true east and north; auto: as the file says."
     )
-    region: Annotated[tuple[float, float, float, float] | None, Option("--region", "W,S,E,N")] = Field(
-        default=None, description="West, south, east and north bound of the part used [degrees]. Default: all."
+    region: Annotated[tuple[float, float, float, float] | None, Option("--region", "W,S,E,N|all")] = Field(
+        default=None,
+        description="West, south, east and north bound of the part used [degrees], or all. Default: all of a forecast of 1,200 points a "
+        "level or fewer; of a larger one the log's positions, the goal and four correlation lengths around them, if these are less than "
+        "two thirds of it. All where no log says where.",
+    )
+    window_points: int = Field(
+        default=3600,
+        ge=100,
+        description="Grid points a level of one window at most, where the region is found from the log; where it has more, windows of this "
+        "size follow the vehicle, and each hands over what it learnt to the next. With a goal, one window holds all.",
     )
     levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
         default=None, description="Depth levels used [m]; the nearest are taken. Default: all."
@@ -162,6 +173,12 @@ class ForecastConfig(_Section):
     place: Annotated[bool, Option("--place-ensemble")] = Field(
         default=False, description="Move the ensemble's centre to the mean fix of the log."
     )
+
+    @field_validator("region", mode="before")
+    @classmethod
+    def _all_is_the_earth(cls, value: object) -> object:
+        # an option is split at its commas
+        return EVERYWHERE if value in ("all", ["all"]) else value
 
     @field_validator("members")
     @classmethod
@@ -274,18 +291,18 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
         keys = ", ".join(f"{old} is {new}" for old, new in RENAMED_KEYS.items())
         raise ConfigError(f"{path}: the table [trust] is now called [gating], and of its keys {keys}; rename them")
     try:
-        return RunConfig.model_validate(_laid_over(tables, overrides or {}))
+        return RunConfig.model_validate(laid_over(tables, overrides or {}))
     except ValidationError as error:
         raise ConfigError(explain(error, RunConfig, path, overrides or {})) from error
 
 
-def _laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table with the values given in place of its own; tables are merged, values of None are not given."""
     merged = dict(table)
     for key, value in given.items():
         below = merged.get(key, {})
         if isinstance(value, Mapping) and isinstance(below, Mapping) and key != "remap":
-            merged[key] = _laid_over(below, value)
+            merged[key] = laid_over(below, value)
         elif value is not None:
             merged[key] = value
     return merged

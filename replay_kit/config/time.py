@@ -30,10 +30,10 @@ class TimeConfig(BaseModel):
         ge=0.0,
         description="Total standard deviation of the directions of the localised prior that are left out, at most [m/s].",
     )
-    window: float = Field(
-        default=0.0,
-        ge=0.0,
-        description="Time within which profiles are combined into one update [s], for logs of 1 to 10 Hz; 0 updates with each alone.",
+    window: Literal["auto"] | Annotated[float, Field(ge=0.0)] = Field(
+        default="auto",
+        description="Time within which profiles that repeat each other are combined into one update [s], for logs of 1 to 10 Hz; 0 "
+        "updates with each alone; auto: while the current differs between them by less than a tenth of their error.",
     )
     oscillators: Annotated[tuple[Oscillation, ...], Option("--oscillators", "O1,O2,...")] = Field(
         default=(),

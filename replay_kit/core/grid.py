@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, release
 from replay_kit.core.text import span_text, time_text
 
 
@@ -63,7 +63,8 @@ class Ensemble:
 
     Attributes:
         grid: Where the members are given.
-        velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry.
+        velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry. It lies on disk where it is
+            larger than memory.
         time_ns: Time of the forecast [ns, UTC]; None when the file gives none.
         source: Path of the file, with ``#member`` when one was chosen.
         notes: What a user should know of how the file was read.
@@ -83,7 +84,7 @@ class Ensemble:
 
     def __repr__(self) -> str:
         """Return its source, size and time, and its grid."""
-        speed = float(np.sqrt(np.nanmean(self.velocity**2)))
+        speed = self.component_rms
         first = f"Ensemble of {self.n_members} members from {self.source}, {time_text(self.time_ns)}, RMS component speed {speed:.3f} m/s"
         return f"{first}\n  {self.grid}"
 
@@ -91,3 +92,31 @@ class Ensemble:
     def n_members(self) -> int:
         """Number of members E."""
         return int(self.velocity.shape[0])
+
+    @property
+    def component_rms(self) -> float:
+        """Root mean square of a component over all members and wet points [m/s]."""
+        return component_rms(self.velocity)
+
+    def rows(self, start: int, stop: int, level: int | None = None) -> Array:
+        """Return the velocities in some rows of the grid, a copy, shape (E, 2, Z, rows, I).
+
+        Args:
+            start: First row.
+            stop: After the last row.
+            level: The only level, Z = 1; None for all.
+        """
+        levels = slice(None) if level is None else slice(level, level + 1)
+        copy = np.array(self.velocity[:, :, levels, start:stop], dtype=np.float64)
+        release(self.velocity)
+        return copy
+
+
+def component_rms(velocity: Array) -> float:
+    """Return the root mean square of a component [m/s], member by member; ``velocity`` of shape (E, ...), NaN where dry."""
+    square, count = 0.0, 0
+    for member in velocity:
+        wet = member[np.isfinite(member)]
+        square, count = square + float(wet @ wet), count + wet.size
+    release(velocity)
+    return float(np.sqrt(square / count)) if count else float("nan")

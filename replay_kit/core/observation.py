@@ -23,9 +23,12 @@ class Flag(IntEnum):
     MISSING = 9
 
 
+_GOOD, _SUSPECT = np.int8(Flag.GOOD), np.int8(Flag.SUSPECT)
+
+
 def usable(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Return which bins are used: good ones and suspect ones; where the latter are unwanted, measurement quality control fails them."""
-    return np.asarray((flags == Flag.GOOD) | (flags == Flag.SUSPECT))
+    return np.asarray((flags == _GOOD) | (flags == _SUSPECT))
 
 
 class Reason(IntFlag):
@@ -57,6 +60,13 @@ class Reason(IntFlag):
     OUT_OF_ORDER = 4194304
     DEAD = 8388608
     INCONSISTENT = 16777216
+
+
+def reasons_of(reasons: NDArray[np.int32], flags: NDArray[np.int8]) -> list[tuple[str, int]]:
+    """Return the names of the reasons for which bins are not used, each with its number of bins."""
+    not_used = reasons[~usable(flags)]
+    found = int(np.bitwise_or.reduce(not_used, initial=0))
+    return [(str(reason.name).lower(), int(np.count_nonzero(not_used & reason.value))) for reason in Reason if found & reason.value]
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,6 +223,27 @@ Measurement = Observation | PathMean
 Decision = Literal["accepted", "softened", "rejected", "unusable"]
 
 
+@dataclass(frozen=True, slots=True)
+class GroupTotals:
+    """Sums over the profiles of a superobservation, each against the estimate of its turn.
+
+    Attributes:
+        softened: Number of profiles whose errors the gate increased.
+        bins: Number of bins used.
+        before: Squared innovations [m^2/s^2], of all bins and both components.
+        after: Squared residuals after the update [m^2/s^2].
+        prior: Squared innovations against the prior without observations [m^2/s^2].
+        not_used: Number of bins not used, by reason.
+    """
+
+    softened: int
+    bins: int
+    before: float
+    after: float
+    prior: float
+    not_used: tuple[tuple[str, int], ...] = ()
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Innovation:
     """What one observation said against the prediction made before it.
@@ -243,6 +274,9 @@ class Innovation:
         mean_current: shape (2,) [m/s], local east and north, what a mean along a path measured; None for a profile.
         mean_kind: Of the mean along a path, as in ``PathMean``; empty for a profile.
         replayed_residual: shape (n, 2) [m/s], of a smoothed result: the residual before smoothing; None in others.
+        profiles: Number of profiles that it holds. Where several are combined, depths, innovations and residuals are means over them,
+            ``nis`` and ``dof`` are sums, the gate's result is that of the first, and ``source`` is its message.
+        totals: Of several profiles; None for one.
     """
 
     time_ns: int
@@ -268,6 +302,8 @@ class Innovation:
     mean_current: Array | None = None
     mean_kind: str = ""
     replayed_residual: Array | None = None
+    profiles: int = 1
+    totals: GroupTotals | None = None
 
     def __repr__(self) -> str:
         """Return what was done with the observation, and how far it lay from the prediction."""

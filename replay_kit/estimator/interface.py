@@ -7,9 +7,13 @@ member here; none of them needs to know which estimator it has.
 from collections.abc import Iterable, Iterator, Sequence
 from typing import ClassVar, Protocol, TypeVar
 
+import numpy as np
+
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
+from replay_kit.estimator.update.group_step import Stepped
+from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 
 State = TypeVar("State")
 
@@ -24,6 +28,11 @@ class Estimator(Protocol[State]):
 
     supports_path_means: ClassVar[bool] = False
     block_size: ClassVar[int] = 1
+
+    @property
+    def grouping(self) -> Grouping | None:
+        """Which profiles are combined before they are given; None combines none."""
+        return None
 
     @property
     def state_size(self) -> int:
@@ -56,6 +65,16 @@ class Estimator(Protocol[State]):
             state, innovation = self.step(state, observation)
             yield state, innovation
 
+    def group_steps(self, state: State, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[State]]:
+        """Yield what became of measurements and groups of profiles: several things of a group where some of it is not used.
+
+        An estimator without ``grouping`` is given none.
+        """
+        measurements = [item for item in items if not isinstance(item, ProfileGroup)]
+        for measurement, (after, innovation) in zip(measurements, self.steps(state, measurements), strict=True):
+            yield Stepped(measurement, state, after, innovation)
+            state = after
+
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a bin that ``step`` would use."""
         ...
@@ -64,9 +83,20 @@ class Estimator(Protocol[State]):
         """Return measured minus predicted, shape (n, 2) [m/s], local axes, without assimilation; NaN for bins that are not usable."""
         ...
 
+    def group_innovation(self, state: State, group: ProfileGroup) -> Array:
+        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable.
+
+        An estimator without ``grouping`` takes each alone.
+        """
+        return np.concatenate([np.nan_to_num(self.innovation(state, profile)) for profile in group.profiles])
+
     def flow(self, state: State) -> FlowEstimate:
         """Return the current estimate of a state, at the state's time."""
         ...
+
+    def left_flows(self, state: State) -> Iterator[FlowEstimate]:
+        """Yield the last estimates of windows that the vehicle has left, in order; none where one window holds all."""
+        return iter(())
 
     def weights(self, states: Sequence[State]) -> Sequence[Array | None]:
         """Return the mean weights of states, each of shape (Z r,), level after level; None where the basis is not the run's own."""

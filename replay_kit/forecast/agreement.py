@@ -5,8 +5,9 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, release
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.grid import component_rms
 from replay_kit.core.text import count_text
 
 #: Beginning of the notes that say that something is probably wrong.
@@ -16,14 +17,19 @@ _ODD_SPEEDS = (0.004, 1.5)
 
 
 def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[Array, NDArray[np.bool_], tuple[str, ...]]:
-    """Return velocities where all members have one, where that is, and what was lost by it.
+    """Return velocities where all members have one, NaN being written elsewhere, where that is, and what was lost by it.
 
     Raises:
         ForecastError: No water is left at the first level.
     """
-    own = np.asarray(np.isfinite(velocity).all(axis=1))
-    wet, anywhere = np.asarray(own.all(axis=0)), np.asarray(own.any(axis=0))
-    missing = (anywhere & ~own).sum(axis=(1, 2, 3))
+    wet, anywhere = np.ones(velocity.shape[2:], dtype=bool), np.zeros(velocity.shape[2:], dtype=bool)
+    counts = []
+    for member in velocity:
+        own = np.isfinite(member).all(axis=0)
+        wet &= own
+        anywhere |= own
+        counts.append(int(own.sum()))
+    missing = int(anywhere.sum()) - np.array(counts)
     worst = int(np.argmax(missing))
     if not anywhere[0].any():
         raise ForecastError(f"{source}: every point of the first level is land; check the region and the variables' missing values")
@@ -38,7 +44,10 @@ def common_water(velocity: Array, labels: tuple[str, ...], source: str) -> tuple
             f"taken for land: {count_text(int((anywhere & ~wet).sum()), 'point')} without values in {int(np.count_nonzero(missing))} of "
             f"{len(labels)} members, most in '{labels[worst]}' ({int(missing[worst])} of {int(anywhere.sum())} points)",
         )
-    return velocity if wet.all() else np.where(wet, velocity, np.nan), wet, notes
+    for member in velocity if missing.any() else ():
+        member[:, ~wet] = np.nan
+    release(velocity)
+    return velocity, wet, notes
 
 
 def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[str, ...]:
@@ -59,7 +68,7 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
         raise ForecastError(f"{source}: all {len(labels)} members are the same; give members that differ")
     if same:
         notes.append(f"{WARNING}members that are copies of others count twice: {len(same)}, such as {same[0]}; leave them out")
-    rms = float(np.sqrt(np.nanmean(velocity**2)))
+    rms = component_rms(velocity)
     if not _ODD_SPEEDS[0] < rms < _ODD_SPEEDS[1]:
         notes.append(f"{WARNING}currents of {rms:.3g} m/s rms are no usual ones; check the attribute units of the velocities")
     if len(labels) > 3 and np.sqrt(np.nanmean(velocity.mean(axis=0) ** 2)) < 1e-3 * rms:

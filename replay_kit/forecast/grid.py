@@ -1,11 +1,13 @@
 """Pure functions on the grid's arrays: the part inside a region, land, and components along the local axes."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local, unwrap_longitude
-from replay_kit.core.grid import Grid, Projection
+from replay_kit.core.geodesy import rotate_to_geographic, rotate_to_local, to_geographic, to_local, unwrap_longitude
+from replay_kit.core.grid import Ensemble, Grid, Projection
 
 
 def centre_longitude(longitude: Array) -> float:
@@ -89,6 +91,15 @@ def true_to_local(projection: Projection, longitude: Array, latitude: Array, vel
     """Return velocities, shape (..., 2, Z, J, I), turned from true east and north to the local axes."""
     east, north = rotate_to_local(projection, longitude, latitude, velocity[..., 0, :, :, :], velocity[..., 1, :, :, :])
     return np.stack([east, north], axis=-4)
+
+
+def in_frame(ensemble: Ensemble, projection: Projection) -> Ensemble:
+    """Return an ensemble in another local frame: its places and velocities are the same, along the other's axes."""
+    grid = ensemble.grid
+    east, north = to_local(projection, grid.longitude, grid.latitude)
+    turned = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, *np.moveaxis(ensemble.velocity, 1, 0))
+    velocity = np.stack(rotate_to_local(projection, grid.longitude, grid.latitude, *turned), axis=1)
+    return replace(ensemble, grid=replace(grid, projection=projection, east=east, north=north), velocity=velocity)
 
 
 def grid_to_local(east: Array, north: Array, velocity: Array) -> Array:

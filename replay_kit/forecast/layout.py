@@ -53,6 +53,12 @@ class Layout:
     notes: tuple[str, ...] = ()
 
     @property
+    def places(self) -> tuple[Array, Array]:
+        """Longitude and latitude of the centres that are used, each once [degrees], shapes as of the file's."""
+        x, y = self.longitude[..., self.columns], self.latitude[self.rows]
+        return (x[self.rows], y[:, self.columns]) if self.longitude.ndim == 2 else (x, y)
+
+    @property
     def name(self) -> str:
         """The arrangement in words."""
         grid = "longitude-latitude grid" if self.longitude.ndim == 1 else "curvilinear grid"

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, large_array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Ensemble, Projection
@@ -16,7 +16,8 @@ from replay_kit.core.text import count_text
 from replay_kit.forecast.agreement import common_water, unusual_members
 from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.blocks import Block, Collection, open_collection
-from replay_kit.forecast.grid import centre_longitude, grid_to_local, local_grid, true_to_local
+from replay_kit.forecast.gather import MemberStore, in_groups, in_local_frame
+from replay_kit.forecast.grid import centre_longitude, local_grid
 from replay_kit.forecast.layout import Layout, lay_out
 from replay_kit.forecast.members import MADE, MemberRule, parse_rule
 from replay_kit.forecast.names import MEMBER_NAMES
@@ -150,34 +151,30 @@ def read_selection(
     Raises:
         ForecastError: As in ``read_ensemble``.
     """
-    first = selection.fields[0]
-    layout = _layout(first.part, first.ds, config)
+    layout = layout_of(selection.fields[0].part, selection.fields[0].ds, config)
+    fields = [part for field in selection.fields for part in in_groups(field, layout, config)]
+    first = fields[0]
     window, notes = _read(first, layout, config), list(selection.notes)
     projection = local_grid(window.longitude, window.latitude, window.levels, np.ones(0, bool), None).projection
-    fields, alike, moved = [window.velocity], [0], 0
+    count = sum(1 if field.extra else len(field.labels) for field in fields)
+    members, moved = MemberStore(large_array((count, *window.velocity.shape[1:])), window, projection), 0
+    members.add(window.velocity, turned=False)
     around = config.model_copy(update={"region": _around(window)})
-    for field in selection.fields[1:]:
-        last = layout if _same_grid(field.part, first.part) else _layout(field.part, field.ds, config)
+    for field in fields[1:]:
+        last = layout if _same_grid(field.part, first.part) else layout_of(field.part, field.ds, config)
         other = _read(field, last, config if last is layout else around)
-        values = other.velocity
-        if _alike(other, window):
-            alike.append(len(fields))
-        else:
-            values, moved = _moved(other, _local(other, projection), window, projection), moved + values.shape[0]
-        fields.append(values.mean(axis=0, keepdims=True) if field.extra else values)
+        values, alike = other.velocity, _alike(other, window)
+        if not alike:
+            values, moved = _moved(other, in_local_frame(other, projection), window, projection), moved + values.shape[0]
+        members.add(values.mean(axis=0, keepdims=True) if field.extra else values, turned=not alike)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
-    # at once, as the turn of the frame's axes is the same for all
-    turned = _local(replace(window, velocity=np.concatenate([fields[k] for k in alike])), projection)
-    ends = np.cumsum([len(fields[k]) for k in alike])[:-1]
-    for k, values in zip(alike, np.split(turned, ends), strict=True):
-        fields[k] = values
     if moved:
         notes.append(f"{count_text(moved, 'member')} interpolated to the grid of the first (bilinear; linear in depth)")
-    velocity = np.concatenate(fields) if moved else turned
+    velocity = members.finished()
     if selection.change is not None:
         velocity, changed = selection.change(velocity)
         notes += changed
-    labels = tuple(label for field in selection.fields if not field.extra for label in field.labels)
+    labels = tuple(label for field in fields if not field.extra for label in field.labels)
     velocity, wet, holes = common_water(velocity, labels, source)
     check = check_axes(window, layout, velocity, wet, projection)
     # who states the axes has been told
@@ -190,7 +187,8 @@ def read_selection(
     return Reading(ensemble, layout, check, first.part)
 
 
-def _layout(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
+def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
+    """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
     layout = lay_out(ds, part.current, str(part.paths[0]))
     if config.axes == "auto":
         return layout
@@ -213,14 +211,6 @@ def _same_grid(one: Part, other: Part) -> bool:
             if not (np.array_equal(ends[0], ends[2]) and np.array_equal(ends[1], ends[3])):
                 return False
     return one.current == other.current
-
-
-def _local(window: Window, projection: Projection) -> Array:
-    """Return a window's velocities along the axes of a local frame."""
-    if window.axes == "true":
-        return true_to_local(projection, window.longitude, window.latitude, window.velocity)
-    east, north = to_local(projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude)
-    return grid_to_local(east, north, window.velocity)
 
 
 def _around(window: Window) -> tuple[float, float, float, float]:

@@ -36,7 +36,7 @@ def read_series(
     if config.lead is not None or config.time is not None:
         return (read_ensemble(path, config, near_ns=near_ns, place_at=place_at),)
     with open_collection(path, parse_rule(config.members)) as found:
-        chosen = _choices(found, config)
+        chosen = dated_choices(found, config)
         if len(chosen) < 2:
             return (read_members(found, config, near_ns, place_at).ensemble,)
         series = [read_members(found, config.model_copy(update=choice), None, place_at).ensemble for choice in chosen]
@@ -60,7 +60,7 @@ def read_series(
     return tuple(replace(part, notes=notes if k == 0 else ()) for k, part in enumerate(series))
 
 
-def _choices(found: Collection, config: ForecastConfig) -> list[dict[str, object]]:
+def dated_choices(found: Collection, config: ForecastConfig) -> list[dict[str, object]]:
     """Return the settings that choose each dated time in turn, in order; none where the members are of several times themselves."""
     block = found.blocks[0]
     ds, dims = block.parts[0].ds, [dim for dim in block.parts[0].ds[U].dims if dim != block.member]

@@ -97,10 +97,15 @@ def read_window(ds: xr.Dataset, current: Current, layout: Layout, member: str | 
     return Window(longitude, latitude, levels, velocity, layout.axes, first, (*layout.notes, *counts, *notes))
 
 
+def window_size(ds: xr.Dataset, layout: Layout, config: ForecastConfig, where: str) -> int:
+    """Return what the velocities inside the region take in memory [bytes]; the arguments are those of ``read_window``."""
+    (rows, columns), component = _block(layout, config, where), ds[U]
+    points = (rows.stop - rows.start) * sum(part.stop - part.start for part in columns)
+    return int(16 * points * np.prod([size for dim, size in component.sizes.items() if dim not in layout.u_dims]))
+
+
 def _block(layout: Layout, config: ForecastConfig, where: str) -> Block:
-    x, y = layout.longitude[..., layout.columns], layout.latitude[layout.rows]
-    if layout.longitude.ndim == 2:
-        x, y = x[layout.rows], y[:, layout.columns]
+    x, y = layout.places
     if config.region is None:
         return layout.rows, (layout.columns,)
     block = region_block(x, y, config.region)

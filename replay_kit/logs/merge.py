@@ -1,20 +1,14 @@
 """Messages of several logs in one order of time, with a bounded window for reordering."""
 
 import heapq
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Generic, Protocol, TypeVar, cast
 
 from replay_kit.core.message import Message
 from replay_kit.core.raw import RawMessage
-from replay_kit.logs.shared.stamps import FAR_NS, LOOK_AHEAD, ClockJump, LogClock, settle
-
-#: Last part of latched topics, and words in it: their messages come once, when a recording begins, and hold from then on.
-_LATCHED_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})
-_LATCHED_WORDS = ("config", "parameter")
-
+from replay_kit.logs.shared.stamps import FAR_NS, ClockJump, Settled, Settling, is_latched
 
 _T = TypeVar("_T", bound=Message | RawMessage)
 _Read = TypeVar("_Read", bound=Message | RawMessage, covariant=True)
@@ -106,27 +100,25 @@ class Merge(Generic[_T]):
 
     def _steady(self, messages: Iterator[_T]) -> Iterator[_T]:
         """Yield one log's messages with corrected times; those with a stamp far from its neighbours are counted."""
-        last_ns, offset_ns = None, 0
-        ahead: deque[_T] = deque()
-        while (message := ahead.popleft() if ahead else next(messages, None)) is not None:
-            time_ns = message.time_ns + offset_ns
-            if last_ns is None or abs(time_ns - last_ns) > FAR_NS:
-                # what comes once may be older than the recording
-                if is_latched(message.topic):
-                    yield message
-                    continue
-                ahead.extend(islice(messages, LOOK_AHEAD - len(ahead)))
-                clock = None if last_ns is None else LogClock(last_ns, offset_ns)
-                settled = settle(clock, message.time_ns, [other.time_ns for other in ahead if not is_latched(other.topic)])
-                if settled is None:
-                    self._astray[message.topic] += 1
-                    continue
-                if last_ns is not None and settled.offset_ns != offset_ns:
-                    self._jumps.append(ClockJump(message.input, last_ns, message.time_ns, settled.offset_ns))
-                time_ns, offset_ns = settled.last_ns, settled.offset_ns
-            last_ns = time_ns
+        settling: Settling[_T] = Settling()
+        for message in messages:
+            time_ns, last_ns = message.time_ns, settling.steady_since()
+            if last_ns is not None and abs(time_ns - last_ns) <= FAR_NS:
+                settling.go_on(time_ns)
+                yield message
+            else:
+                yield from self._kept(settling.take(message, time_ns, message.topic))
+        yield from self._kept(settling.finish())
+
+    def _kept(self, judged: Iterator[Settled[_T]]) -> Iterator[_T]:
+        for message, time_ns, jump in judged:
+            if time_ns is None:
+                self._astray[message.topic] += 1
+                continue
+            if jump is not None:
+                self._jumps.append(ClockJump(message.input, jump[0], message.time_ns, jump[1]))
             # both are tuples, whose copy is of their own kind
-            yield cast(_T, message._replace(time_ns=time_ns)) if offset_ns else message
+            yield message if time_ns == message.time_ns else cast(_T, message._replace(time_ns=time_ns))
 
 
 def merge(
@@ -146,12 +138,6 @@ def merge(
         keep_late: Whether late messages are yielded out of order instead of left out.
     """
     return Merge(readers, reorder_window_s, start_ns, end_ns, keep_late)
-
-
-def is_latched(topic: str) -> bool:
-    """Return whether a topic is latched: its messages (static transforms, parameters, configuration) stay valid from then on."""
-    last = topic.rsplit("/", 1)[-1]
-    return last in _LATCHED_TOPICS or any(word in last.lower() for word in _LATCHED_WORDS)
 
 
 def _order(message: _T) -> tuple[int, int, int]:

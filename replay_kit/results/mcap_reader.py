@@ -9,7 +9,20 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_bytes
 from replay_kit.core.paths import as_path
-from replay_kit.results.mcap_writer import ESTIMATE_NAME
+from replay_kit.results.mcap_writer import ESTIMATE_NAME, WINDOW_NAME
+
+
+def read_windows(path: str | Path) -> tuple[FlowEstimate, ...]:
+    """Return the estimates of all windows of a result, in order; that of the last one is ``read_estimate``'s.
+
+    Raises:
+        ForecastError: As for ``read_estimate``.
+    """
+    last, path = read_estimate(path), as_path(path, "result")
+    with path.open("rb") as file:
+        left = [record for record in make_reader(file).iter_attachments() if record.name.startswith(WINDOW_NAME)]
+    left.sort(key=lambda record: int(record.name.removeprefix(WINDOW_NAME).removesuffix(".nc")))
+    return (*(load_bytes(record.data, f"{path}#{record.name}") for record in left), last)
 
 
 def read_estimate(path: str | Path) -> FlowEstimate:

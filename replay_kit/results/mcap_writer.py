@@ -30,6 +30,8 @@ from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message, seabed_message
 
 ESTIMATE_NAME = "estimate.nc"
+#: Beginning of the names of the estimates of windows that the vehicle left; their number and ``.nc`` follow.
+WINDOW_NAME = "estimate_window_"
 CONFIG_NAME = "config.toml"
 SUMMARY_NAME = "summary.json"
 LAYOUT_NAME = "layout.json"
@@ -192,6 +194,16 @@ class ResultWriter(ResultFile):
             summary: As ``replay_kit.results.summary.to_record`` returns it.
         """
         self.attach(time_ns, SUMMARY_NAME, "application/json", (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
+
+    def window(self, number: int, flow: FlowEstimate) -> None:
+        """Attach the last estimate of a window that the vehicle has left, as ``estimate_window_1.nc`` and so on.
+
+        Args:
+            number: Of the window, from 1.
+            flow: The estimate.
+        """
+        time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
+        self.attach(time_ns, f"{WINDOW_NAME}{number}.nc", "application/netcdf", save_bytes(flow))
 
     def finish(self, flow: FlowEstimate) -> None:
         """Attach the last estimate without loss, with its covariance, as ``estimate.nc``; then close.

@@ -12,16 +12,18 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.points import Velocities
+from replay_kit.core.flow.windows import best_velocity_at
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.columns import ListValues, SingleValues, shared, single_columns
-from replay_kit.results.mcap_reader import read_estimate
+from replay_kit.results.mcap_reader import read_estimate, read_windows
 from replay_kit.results.mcap_writer import ESTIMATE_NAME
 from replay_kit.results.schemas import decode
 from replay_kit.results.summary import ReplaySummary
@@ -69,6 +71,23 @@ class ResultFile:
             ForecastError: The result holds none.
         """
         return read_estimate(self.path)
+
+    @cached_property
+    def estimates(self) -> tuple[FlowEstimate, ...]:
+        """The last estimate of each window, where windows followed the vehicle, in order; else ``estimate`` alone.
+
+        Raises:
+            ForecastError: The result holds none.
+        """
+        return read_windows(self.path)
+
+    def velocity_at(self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike) -> Velocities:
+        """Return velocity and standard error at points, each from the window that knows it best; as ``FlowEstimate.velocity_at``.
+
+        Raises:
+            ForecastError: The result holds no estimate.
+        """
+        return best_velocity_at(self.estimates, longitude, latitude, depth)
 
     @cached_property
     def fixes(self) -> "pd.DataFrame":

@@ -72,6 +72,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("double", "gate_statistic", "gate_threshold", "signal_dof", "prior_inflation"),
         *_fields(".replay_kit.MeanCurrent", "mean_current"),
         *_fields("double[]", "replayed_residual_east", "replayed_residual_north"),
+        *_fields("uint32", "profiles"),
     ),
     "MeanCurrent": (
         *_fields("string", "kind"),

@@ -12,7 +12,8 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.progress import announce, counted
 from replay_kit.core.version import __version__
-from replay_kit.estimator.basis.modes import build_basis, correlation_length
+from replay_kit.estimator.basis.modes import build_basis
+from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.prior.fit import FitRow, best, fit_settings, fit_steps, members_in_basis
 from replay_kit.estimator.prior.hybrid import PriorSettings
 from replay_kit.results.text import print_table

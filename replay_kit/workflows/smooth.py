@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState
 from replay_kit.core.progress import Progress, silent
 from replay_kit.estimator import Estimator
@@ -27,10 +28,12 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.workflows.replay.build import Forecasts, build, flow_at
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
-from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of, open_readers, reading
+from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of, reading
+from replay_kit.workflows.replay.look_ahead import open_readers
 from replay_kit.workflows.replay.outputs import Weights, write
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.publishing import depth_slices
+from replay_kit.workflows.replay.region import REGION_RECORD
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -71,7 +74,7 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forec
         LogError: A log cannot be opened.
         ForecastError: The ensemble cannot be used.
         MeasurementError: The logs hold no usable ping of this region.
-        ConfigError: The result exists and may not be replaced, or an option is wrong.
+        ConfigError: Windows follow the vehicle, or the result exists and may not be replaced, or an option is wrong.
     """
     check_outputs(job)
     with threadpool_limits(limits=config.output.threads):
@@ -79,6 +82,7 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forec
         progress(0, 0, "reading the forecast")
         with clock.stage("forecast"):
             forecasts = forecasts or forecasts_of(job, config)
+            check_smoothable(forecasts)
             estimator = build(forecasts, config, None)
         with clock.stage("estimate"):
             readers = open_readers(job.logs, config)
@@ -90,6 +94,15 @@ def smooth(job: ReplayJob, config: RunConfig, progress: Progress = silent, forec
             _write(job, config, forecasts, estimator, forward)
     notes = (*forecasts.notes, *forward.statistics.notes(reports), *estimator.notes(), *_notes(estimator))
     return replace(forward.statistics.summary(reports), seconds=dict(clock.seconds), notes=notes)
+
+
+def check_smoothable(forecasts: Forecasts) -> None:
+    """Raise ConfigError when windows follow the vehicle, of which none holds all of the log."""
+    if forecasts.read is not None:
+        raise ConfigError(
+            "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more points "
+            "with forecast.window_points"
+        )
 
 
 def published_times(first_ns: int, last_ns: int, interval: float) -> list[int]:
@@ -142,6 +155,8 @@ def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: E
     metadata = run_metadata(
         job.logs, find_sources(job.ensemble).arguments, forecasts.ensemble, {"smoothed": "true", "modes": str(prior.n_modes)}
     )
+    if forecasts.region is not None:
+        metadata[REGION_RECORD] = forecasts.region.to_record()
     writer = ResultWriter(job.out, job.overwrite)
     try:
         writer.start(prior.grid.projection, min(times), metadata, run_settings_toml(config))

@@ -26,6 +26,7 @@ from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.provenance import BATHYMETRY, file_hash, with_bathymetry
+from replay_kit.workflows.replay.region import REGION_RECORD, from_record
 from replay_kit.workflows.replay.replay import replay
 
 _VERSIONS = "replay_kit.versions"
@@ -163,7 +164,9 @@ def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
     ensemble = tuple(tuple(found[key] for key in keys) for _, keys in groupby(of_ensemble, lambda key: key.partition("_")[0]))
     goal = options.get("goal")
     where = Place(*(float(part) for part in goal.split(","))) if goal else None
-    return ReplayJob(logs, ensemble, out, goal=where, include_inputs=options.get("include_inputs") == "true")
+    record = recorded.metadata.get(REGION_RECORD)
+    region = None if record is None else from_record(record)
+    return ReplayJob(logs, ensemble, out, goal=where, include_inputs=options.get("include_inputs") == "true", region=region)
 
 
 def _numbers(key: str) -> list[int]:

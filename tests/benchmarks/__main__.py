@@ -3,22 +3,28 @@
 import argparse
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import atsea, estimator, faults, forecasts, logs, planners, scaling, start
+from tests.benchmarks import atsea, estimator, faults, fleet, forecasts, logs, longlogs, planners, safety, scaling, size, start, windows
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "atsea": atsea.rows,
     "estimator": estimator.rows,
     "faults": faults.rows,
+    "fleet": fleet.rows,
     "forecasts": forecasts.rows,
     "logs": logs.rows,
+    "long": longlogs.rows,
     "planners": planners.rows,
+    "safety": safety.rows,
+    "size": size.rows,
     "start": start.rows,
+    "windows": windows.rows,
 }
 
 
@@ -30,13 +36,15 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--json", type=Path, help="file of the results; the figure is written beside it")
     parser.add_argument("--tiny", action="store_true", help="once, at a tiny size: do they still work?")
     parser.add_argument("--threads", type=int, default=1, help="BLAS threads")
+    parser.add_argument("--count", type=int, default=300, help="missions of safety")
     options = parser.parse_args(arguments)
     names = options.names or known
+    benchmarks = BENCHMARKS | {"safety": partial(safety.rows, count=options.count)}
     with threadpool_limits(options.threads):
         result = {"limits": limits(options.tiny), "threads": options.threads, "rows": [], "scaling": []} | environment()
         for name in names:
-            if name in BENCHMARKS:
-                result["rows"] += [_shared(row, result["limits"]) for row in BENCHMARKS[name](options.tiny)]
+            if name in benchmarks:
+                result["rows"] += [_shared(row, result["limits"]) for row in benchmarks[name](options.tiny)]
         if "scaling" in names:
             result["scaling"] = scaling.curves(options.tiny)
     _print(result)

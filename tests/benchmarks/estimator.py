@@ -19,8 +19,9 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator import ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.baselines import build_baseline
 from replay_kit.estimator.baselines.letkf import RADIUS_IN_CELLS
-from replay_kit.estimator.basis.modes import build_basis, cell_size, ensemble_slices
-from replay_kit.estimator.prior.hybrid import gaspari_cohn
+from replay_kit.estimator.basis.modes import build_basis
+from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
+from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests.benchmarks import scene, slow
 from tests.benchmarks.measure import alone, peak_mb, seconds
 
@@ -104,7 +105,7 @@ def basis_row(work: Work) -> Row:
     depth_kernel = depth_weights(basis.depth_functions, ensemble.grid.levels, ensemble.grid.levels)
 
     def peer():
-        latents = slow.dense_embedding(slices, basis.kernel, ensemble.grid.nodes, depth_kernel)
+        latents = slow.dense_embedding(slices, basis.horizontal.kernel, ensemble.grid.nodes, depth_kernel)
         modes = np.linalg.svd(latents.reshape(-1, latents.shape[2]).T, full_matrices=False)[0]
         return latents, modes
 
@@ -213,7 +214,7 @@ def letkf_row(work: Work) -> Row:
     """The estimate at the nodes after each ping; both errors against the truth."""
     ensemble, truth = work.world
     estimator, grid = work.estimators["hybrid"], ensemble.grid
-    at_nodes = velocity_kernel(estimator.basis.kernel, grid.nodes, grid.nodes)
+    at_nodes = velocity_kernel(estimator.basis.horizontal.kernel, grid.nodes, grid.nodes)
     show, offset = at_nodes @ estimator.basis.modes, at_nodes @ estimator.basis.offset
     state, ours_s = estimator.initial(), 0.0
     for start in range(0, len(work.track), ReducedBasisEstimator.block_size):
@@ -247,9 +248,9 @@ def letkf_row(work: Work) -> Row:
 
 def _observer(work: Work, observation: Observation) -> Callable[[np.ndarray], np.ndarray]:
     estimator, grid = work.estimators["hybrid"], work.world[0].grid
-    inverse = np.linalg.inv(velocity_kernel(estimator.basis.kernel, grid.nodes, grid.nodes))
+    inverse = np.linalg.inv(velocity_kernel(estimator.basis.horizontal.kernel, grid.nodes, grid.nodes))
     place = np.array([to_local(grid.projection, observation.longitude, observation.latitude)])
-    row_at = velocity_kernel(estimator.basis.kernel, place, grid.nodes) @ inverse
+    row_at = velocity_kernel(estimator.basis.horizontal.kernel, place, grid.nodes) @ inverse
     weights = depth_weights(estimator.basis.depth_functions, observation.depth, grid.levels)
 
     def observe(members: np.ndarray) -> np.ndarray:

@@ -84,7 +84,11 @@ def decisions(result: Path) -> Counter[str]:
     repeated = int(Reason.DUPLICATE | Reason.OUT_OF_ORDER)
     with result.open("rb") as file:
         said = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics="/flow/innovation")
-        return Counter("repeated" if any(bits & repeated for bits in one.reasons) else one.decision for *_, one in said)
+        found: Counter[str] = Counter()
+        for *_, one in said:
+            # profiles that were combined have one message
+            found["repeated" if any(bits & repeated for bits in one.reasons) else one.decision] += one.profiles
+        return found
 
 
 def stages_row(folder: Path, tiny: bool) -> Row:

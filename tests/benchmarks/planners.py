@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planners import Auv, AuvSettings, GlideSettings, plan, plan_path
+from planners import Auv, AuvSettings, GlideSettings, PathRequest, plan, plan_path
 from planners.flow import field_function
 from planners.route.region import region_of
 from planners.track import fly_glide, fractions_of_duration, rk4_step
@@ -25,7 +25,6 @@ from replay_kit.forecast import read_ensemble
 from tests.benchmarks import planners_mission, planners_scenario
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
-from tests.benchmarks.planners_hazards import hazards_row
 from tests.benchmarks.planners_masked import masked_row
 from tests.benchmarks.planners_search import closest_by_search
 from tests.places import DATA
@@ -52,7 +51,6 @@ def rows(tiny: bool) -> list[Row]:
         *zermelo_rows(tiny),
         front_row(tiny),
         masked_row(3 if tiny else 200),
-        hazards_row(2 if tiny else 300),
     ]
     made += planners_mission.rows(_flows(tiny)[0], 1 if tiny else 6, tiny)
     made += planners_scenario.rows(
@@ -178,7 +176,7 @@ def _plain(flow: FlowEstimate, latent: Any) -> Callable[[Any], Any]:
     """Return the field written out plainly, for CasADi to differentiate."""
 
     def field(at: Any) -> Any:
-        kernel, n = flow.kernel, len(flow.nodes)
+        kernel, n = flow.horizontal.kernel, len(flow.nodes)
         lower = ca.low(ca.DM(flow.levels), at[2])
         levels = ca.MX(ca.DM(flow.levels))
         share = (at[2] - levels[lower]) / (levels[lower + 1] - levels[lower])
@@ -210,7 +208,7 @@ def zermelo_rows(tiny: bool) -> list[Row]:
         flow = fitted_flow(velocity)
         settings = replace(AuvSettings(), tolerance=5.0)
         took, found = seconds(
-            lambda: plan_path(flow, place(flow, *begin, 50.0), place(flow, *end, 50.0), settings=settings)  # noqa: B023
+            lambda: plan_path(flow, PathRequest(place(flow, *begin, 50.0), place(flow, *end, 50.0), settings=settings))  # noqa: B023
         )
         late = abs(found.duration / exact - 1.0) if found.status == "reached" else np.inf
         made.append(row(f"quickest path in {name}: 0.1 % asked", took, "Zermelo's solution", None, None, {"late_share": late}))
@@ -229,7 +227,7 @@ def front_row(tiny: bool, count: int = 20) -> Row:
                 break
         settings = AuvSettings(pieces=12 if tiny else 30, max_duration=1e6)
         asked = place(flow, *begin, depth), place(flow, *end, depth)
-        spent, found = seconds(lambda: plan_path(flow, *asked, vehicle=Auv(speed=speed), settings=settings))  # noqa: B023
+        spent, found = seconds(lambda: plan_path(flow, PathRequest(*asked, Auv(speed=speed), settings)))  # noqa: B023
         took.append(spent)
         spent, graph = seconds(lambda: graph_time(flow, depth, begin, end, speed, 20 if tiny else 120, 3 if tiny else 6))  # noqa: B023
         theirs.append(spent)

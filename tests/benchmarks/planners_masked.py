@@ -53,8 +53,8 @@ def islands(flow: FlowEstimate, rng: np.random.Generator) -> FlowEstimate:
         j, i = (rng.integers(0, size) for size in wet.shape[1:])
         high, wide = rng.permutation([rng.integers(1, 4), rng.integers(1, 3)])
         wet[rng.integers(0, 3) :, j : j + high, i : i + wide] = False
-    keep = np.tile(wet[0].ravel(), 2)
-    return replace(flow, grid=replace(flow.grid, wet=wet), latent=flow.latent[keep], modes=flow.modes[keep])
+    keep, grid = np.tile(wet[0].ravel(), 2), replace(flow.grid, wet=wet)
+    return replace(flow, grid=grid, horizontal=flow.horizontal.at_nodes(grid.nodes), latent=flow.latent[keep], modes=flow.modes[keep])
 
 
 def crosses(flow: FlowEstimate, plan: MissionPlan, areas: tuple[NoGo, ...]) -> bool:

@@ -11,7 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from planners import Glider, MissionPlan, MissionRequest, MissionSettings, NoGo, Pilot, fly_scenarios, plan_mission, plan_scenarios
+from planners import (
+    Glider,
+    MissionPlan,
+    MissionRequest,
+    MissionSettings,
+    NoGo,
+    Pilot,
+    fly_scenarios,
+    mission_odds,
+    plan_mission,
+    plan_scenarios,
+)
 from planners.mission.flight import Legs, currents_of, fly_legs
 from planners.mission.leg import leg_depths, steps_needed
 from replay_kit.config.run import RunConfig
@@ -72,7 +83,30 @@ def rows(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool)
     )
     worst = float(of["corrected"].max())
     pilot_row = summary(flown, "flown", "headings held", "corrected_share", "corrected", worst_share=worst)
-    return [kept_row, pilot_row]
+    return [kept_row, pilot_row, odds_row(data, members, missions, tiny)]
+
+
+def odds_row(data: Path | None, members: tuple[int, ...], missions: int, tiny: bool) -> Row:
+    """Return the row of what the odds of missions cost, samples drawn anew for each: processor time over that of the plan."""
+    costs, plans, parts = list[float](), list[float](), list[float]()
+    for member in members:
+        flow = _estimate(data, member)
+        # a plan is given its estimate, not what that is computed from
+        cov = flow.weight_cov
+        for seed in range(missions):
+            request, known = _mission(flow, np.random.default_rng(seed), 4 if tiny else DIVES), replace(flow, covariance=cov)
+            request = replace(request, settings=replace(request.settings, legs=None))
+            plan_mission(known, request)  # the graphs of these nodes are built once for all estimates on them
+            began = time.process_time()
+            plan = plan_mission(known, request)
+            plans.append(time.process_time() - began)
+            began = time.process_time()
+            mission_odds(known, known.sample(40, seed), plan, request)
+            costs.append(time.process_time() - began)
+            parts.append(costs[-1] / plans[-1])
+    what = f"odds of {len(parts)} missions in 40 samples, with drawing them: processor time over that of the plan, 1 asked"
+    more = {"ratio_median": float(np.median(parts)), "ratio_largest": float(np.max(parts)), "ratio_of_sums": sum(costs) / sum(plans)}
+    return row(what, float(np.median(costs)), "the plan, its graph built before", float(np.median(plans)), 1.0, {}, **more)
 
 
 def _estimate(data: Path | None, member: int) -> FlowEstimate:

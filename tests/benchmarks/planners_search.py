@@ -38,7 +38,7 @@ def tabulated(flow: FlowEstimate) -> Table:
     """Return a flow's table, made once."""
     if flow not in _tables:
         low, high = (np.array([f(flow.grid.east), f(flow.grid.north)]) for f in (np.min, np.max))
-        lengths = np.array([flow.kernel.length_east, flow.kernel.length_north])
+        lengths = np.array([flow.horizontal.kernel.length_east, flow.horizontal.kernel.length_north])
         size = np.ceil((high - low) / lengths / _SPACING).astype(int) + 1
         east, north = (np.linspace(low[i], high[i], size[i]) for i in (0, 1))
         rows = [flow.velocity(east[None], y, flow.levels[:, None]) for y in north]

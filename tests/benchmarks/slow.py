@@ -70,7 +70,7 @@ def dense_embedding(ensemble_slices, kernel, nodes, depth_kernel):
 
 def grid_std(flow, nodes):
     """Velocity and standard error at every node and level through H, (Z 2N, n): diag(H P H')."""
-    at_nodes = velocity_kernel(flow.kernel, nodes, nodes)
+    at_nodes = velocity_kernel(flow.horizontal.kernel, nodes, nodes)
     design = np.kron(np.eye(flow.levels.size), at_nodes @ flow.modes)
     return at_nodes @ flow.latent, np.sqrt(np.einsum("ij,ij->i", design @ flow.weight_cov, design)).reshape(flow.levels.size, -1)
 

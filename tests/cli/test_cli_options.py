@@ -39,7 +39,7 @@ OUTPUTS = [
     for words, option, _ in OPTIONS
     if option in WRITTEN or (words == ("synthesize",) and option in ("--ensemble", "--truth"))
 ]
-FOLDERS = [(words, option) for words, option in OUTPUTS if words[0] == "experiment" and option == "--out"]
+FOLDERS = [(words, option) for words, option in OUTPUTS if words[0] in ("experiment", "fleet") and option == "--out"]
 
 
 def refusal(*arguments: object) -> str:
@@ -52,7 +52,7 @@ def refusal(*arguments: object) -> str:
 
 def test_the_outputs_of_every_command_are_known() -> None:
     assert {words for words, option in OUTPUTS if option == "--out"} == {
-        *(("replay",), ("smooth",), ("report",), ("plot",), ("export",), ("convert",), ("plan",), ("twin",), ("fit",)),
+        *(("replay",), ("smooth",), ("report",), ("plot",), ("export",), ("convert",), ("plan",), ("twin",), ("fit",), ("fleet",)),
         *(("experiment", name) for name in ("accuracy", "dives", "paper", "missions", "planning")),
     }
     without = set(COMMANDS) - {words for words, option in OUTPUTS if option == "--json"}

@@ -161,6 +161,8 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
         (["--mooring", "500,2", "--objective", "energy"], 2, "a mooring has none"),
         (["--objective", "time=1,closest=0"], 3, "a weight of 0"),
         (["--depth", "4000"], 3, "deepest level"),
+        (["--max-depth", "200"], 3, "deeper than the vehicle's limit, 200 m"),
+        (["--max-depth", "0"], 2, "max_depth"),
         (["--goal=170,-40,0"], 3, "outside the forecast"),
     ],
 )

@@ -135,7 +135,7 @@ def toml(data: bytes) -> None:
 
 def checkpoint(data: bytes) -> None:
     """What a checkpoint holds, with the right version, run and checksum before it."""
-    _file().write_bytes(b"replay-kit checkpoint 6\n" + IDENTITY.encode() + hashlib.sha256(data).digest() + data)
+    _file().write_bytes(b"replay-kit checkpoint 6\nnull\n" + IDENTITY.encode() + hashlib.sha256(data).digest() + data)
     with contextlib.suppress(LogError):
         CheckpointFile(_file(), IDENTITY, 3600.0, None).read()
 

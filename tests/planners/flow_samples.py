@@ -9,7 +9,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel, velocity_kernel
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.plan import Place
@@ -32,8 +32,8 @@ def still_flow(
     depths = np.array(levels)
     grid = Grid(CENTRE, longitude, latitude, east, north, depths, np.full((depths.size, *shape), True))
     n = 2 * len(grid.nodes)
-    kernel = HorizontalKernel(length, 0.9 * length, 0.2)
-    return FlowEstimate(grid, kernel, DepthFunctions(kind, 80.0), np.zeros((n, depths.size)), np.empty((n, 0)), np.empty((0, 0)), None)
+    functions = NodeKernel(HorizontalKernel(length, 0.9 * length, 0.2), grid.nodes)
+    return FlowEstimate(grid, functions, DepthFunctions(kind, 80.0), np.zeros((n, depths.size)), np.empty((n, 0)), np.empty((0, 0)), None)
 
 
 def eddying_flow(
@@ -51,7 +51,7 @@ def eddying_flow(
 def uniform_flow(east: float, north: float) -> FlowEstimate:
     """Return a current that is uniform to a fraction of a percent over the inner grid, at all depths."""
     flow = still_flow(length=40e3)
-    matrix = velocity_kernel(flow.kernel, flow.nodes, flow.nodes)
+    matrix = velocity_kernel(flow.horizontal.kernel, flow.nodes, flow.nodes)
     wanted = np.repeat([east, north], len(flow.nodes))
     latent = np.linalg.solve(matrix + 1e-9 * np.eye(len(matrix)), wanted)
     return replace(flow, latent=np.tile(latent[:, None], (1, flow.levels.size)))
@@ -74,7 +74,7 @@ def random_points(flow: FlowEstimate, n: int, seed: int) -> Array:
 def fitted_flow(velocity: Callable[[Array, Array], tuple[Array, Array]], shape: tuple[int, int] = (13, 15)) -> FlowEstimate:
     """Return a flow of one level that is a given divergence-free one, of local east and north [m], over the inner grid."""
     flow = still_flow(shape, (50.0,), length=22e3)
-    matrix = velocity_kernel(flow.kernel, flow.nodes, flow.nodes)
+    matrix = velocity_kernel(flow.horizontal.kernel, flow.nodes, flow.nodes)
     wanted = np.concatenate(velocity(*flow.nodes.T))
     latent = np.linalg.lstsq(matrix, wanted, rcond=1e-13)[0]
     return replace(flow, latent=latent[:, None])

@@ -2,42 +2,53 @@
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import shapely
 from scipy.interpolate import RegularGridInterpolator
 
-from planners import Bathymetry, MissionPlan, MissionRequest, MissionSettings, NoGo
-from planners.mission.flights import fly_mission
+from planners import Bathymetry, MissionPlan, MissionRequest, MissionSettings, NoGo, Waypoints
+from planners.output.waypoints import waypoint_text
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from tests.planners.flow_samples import eddying_flow, place
+from tests.reference.vehicle import Sea, follow_waypoints, read_csv_waypoints, read_mission_arguments, read_targets
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55, 91)
 CLEARANCE = 20.0
+# When missions begin, and the times of the estimates: how many, and how far apart [ns].
+BEGIN_NS, TIMES, EVERY_NS = 10**18, 9, 6 * 3600 * 10**9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HazardousMission:
-    """A current, or estimates of it at increasing times, and a mission to plan in it."""
+    """Estimates of a current at increasing times, and a mission to plan in it."""
 
-    flow: FlowEstimate | list[FlowEstimate]
+    flow: list[FlowEstimate]
     request: MissionRequest
 
     @property
-    def grid_flow(self) -> FlowEstimate:
-        """A flow on the nodes."""
-        return self.flow if isinstance(self.flow, FlowEstimate) else self.flow[0]
+    def sea(self) -> Sea:
+        """The current, to fly in."""
+        return Sea(self.flow, self.request.start_time_ns)
 
 
 def random_mission(seed: int) -> HazardousMission:
-    """Return a mission of 10 to 16 km between two places, with two to four things in its way; every third in a current that changes."""
+    """Return a mission of 10 to 16 km between two places, with two to five things in its way, in a current that changes.
+
+    Within two days one field of eddies turns into another and then into the opposite of the first.
+    """
     rng = np.random.default_rng(seed)
-    flow: FlowEstimate | list[FlowEstimate] = eddying_flow(seed, speed=rng.uniform(0.03, 0.15))
-    if seed % 3 == 0:
-        flow = [replace(flow, time_ns=10**18 + k * 43200 * 10**9, latent=flow.latent * (1.0 - 0.3 * k)) for k in range(5)]
-    here = flow if isinstance(flow, FlowEstimate) else flow[0]
+    speed = rng.uniform(0.03, 0.15)
+    first, second = (eddying_flow(number, speed=speed) for number in (seed, seed + 1000))
+    turned = np.linspace(0.0, np.pi, TIMES)
+    flow = [
+        replace(first, time_ns=BEGIN_NS + k * EVERY_NS, latent=np.cos(at) * first.latent + np.sin(at) * second.latent)
+        for k, at in enumerate(turned)
+    ]
+    here = first
     longitude, latitude = np.meshgrid(LONGITUDE, LATITUDE)
     east, north = to_local(here.grid.projection, longitude, latitude)
     depth = np.full(longitude.shape, rng.uniform(350.0, 900.0))
@@ -51,9 +62,8 @@ def random_mission(seed: int) -> HazardousMission:
     far = rng.uniform(5e3, 8e3)
     ends = place(here, -far, rng.uniform(-2e3, 2e3), 0.0), place(here, far, rng.uniform(-2e3, 2e3), 0.0)
     settings = MissionSettings(depth=rng.uniform(200.0, 390.0), surface_time=300.0, max_legs=80, clearance=CLEARANCE)
-    when = 0 if isinstance(flow, FlowEstimate) else 10**18
     bottom = Bathymetry(longitude, latitude, depth)
-    request = MissionRequest(ends[0], (ends[1],), settings=settings, no_go=areas, bathymetry=bottom, start_time_ns=when)
+    request = MissionRequest(ends[0], (ends[1],), settings=settings, no_go=areas, bathymetry=bottom, start_time_ns=BEGIN_NS)
     return HazardousMission(flow, request)
 
 
@@ -69,10 +79,8 @@ def _thin_area(flow: FlowEstimate, rng: np.random.Generator, number: int) -> NoG
 
 def harm_done(mission: HazardousMission, track: Array) -> str | None:
     """Return what a track, shape (n, 3) [m], crosses at steps of a metre; None when it crosses nothing."""
-    frame, fine = (
-        mission.grid_flow.grid.projection,
-        np.concatenate([np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)]),
-    )
+    frame = mission.flow[0].grid.projection
+    fine = np.concatenate([np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)])
     for area in mission.request.no_go:
         ring = shapely.Polygon(np.column_stack(to_local(frame, *np.array(area.polygon).T)))
         counted = fine[fine[:, 2] <= 1e-3] if area.surface_only else fine
@@ -85,10 +93,16 @@ def harm_done(mission: HazardousMission, track: Array) -> str | None:
     return "the bottom" if np.min(bottom - fine[:, 2]) < CLEARANCE - 0.1 else None
 
 
-def flown_track(mission: HazardousMission, plan: MissionPlan) -> Array:
-    """Return the track of a plan's commands, flown anew in steps five times as fine where the current does not change."""
-    if not isinstance(mission.flow, FlowEstimate):
-        return plan.track
-    finer = replace(plan, settings=replace(plan.settings, steps=5 * plan.settings.steps))
-    flight = fly_mission(mission.flow, finer)
-    return np.column_stack([flight.place[0], flight.depth])
+def harm_of_files(mission: HazardousMission, plan: MissionPlan, few: Waypoints) -> dict[str, str | None]:
+    """Return what a glider crosses that heads for the waypoints of each file, read back; the dives are those of the CSV."""
+    rows = read_csv_waypoints(waypoint_text(few, Path("few.csv")))
+    targets = read_targets(waypoint_text(few, Path("targets"))).values()
+    places = {
+        "csv": np.array([[row["longitude"], row["latitude"]] for row in rows]),
+        "targets": np.array([[target["lon"], target["lat"]] for target in targets]),
+        "goto_list": read_mission_arguments(waypoint_text(few, Path("goto_l10.ma")))[2],
+    }
+    # two files with the same places, to the last digit, lead the same way
+    unlike = {at.tobytes(): at for at in places.values()}
+    flown = {key: harm_done(mission, follow_waypoints(mission.sea, plan, rows, at)) for key, at in unlike.items()}
+    return {name: flown[at.tobytes()] for name, at in places.items()}

@@ -9,7 +9,7 @@ import pytest
 
 from planners.flow import field_function, latent_over_time
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.horizontal import velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
 from tests.planners.flow_samples import eddying_flow, random_points
 
 CASES = [("hat", (5.0, 40.0, 110.0, 230.0, 400.0)), ("gaussian", (5.0, 40.0, 110.0, 230.0, 400.0)), ("hat", (50.0,)), ("gaussian", (50.0,))]
@@ -98,7 +98,7 @@ def test_a_sequence_of_flows_that_cannot_be_one_is_refused() -> None:
         ([flow], "two times or more"),
         ([flow, flow], "increasing"),
         ([flow, replace(flow, time_ns=None)], "increasing"),
-        ([flow, replace(flow, time_ns=20, kernel=replace(flow.kernel, speed=0.3))], "nodes"),
+        ([flow, replace(flow, time_ns=20, horizontal=replace(flow.horizontal, kernel=HorizontalKernel(1e4, 1e4, 0.3)))], "nodes"),
     ):
         with pytest.raises(PlanError, match=words):
             latent_over_time(flows)
@@ -109,5 +109,5 @@ def test_the_hermite_sums_are_the_kernel() -> None:
     flow = eddying_flow(10, levels=(50.0,))
     latent = np.zeros_like(flow.latent)
     latent[[3, len(flow.nodes) + 7]] = 2.0
-    matrix = velocity_kernel(flow.kernel, np.array([[5e3, -7e3]]), flow.nodes)
+    matrix = velocity_kernel(flow.horizontal.kernel, np.array([[5e3, -7e3]]), flow.nodes)
     np.testing.assert_allclose(field_function(flow)([5e3, -7e3, 50.0], latent).full().ravel(), matrix @ latent[:, 0], rtol=1e-12)

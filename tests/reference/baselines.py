@@ -34,17 +34,14 @@ def kernel_matrix(points, nodes, length_east, length_north):
     return out
 
 
-def member_at(slices, nodes, levels, lengths, place, depth, nugget):
-    """One member, shape (Z, 2N), interpolated to a point by the kernel in the horizontal and hats in depth."""
-    kernel = kernel_matrix(nodes, nodes, *lengths)
-    kernel += nugget * np.linalg.eigvalsh(kernel)[-1] * np.eye(len(kernel))
-    row = kernel_matrix([place], nodes, *lengths)
-    return sum(hat(depth, levels, z) * (row @ np.linalg.solve(kernel, slices[z])) for z in range(len(levels)))
+def member_at(slices, levels, at_place, depth):
+    """One member, shape (Z, 2N), interpolated to a point: from the nodes by a matrix, shape (2, 2N), and by hats in depth."""
+    return sum(hat(depth, levels, z) * (at_place @ slices[z]) for z in range(len(levels)))
 
 
-def design_of_members(members, nodes, levels, lengths, place, depths, nugget):
+def design_of_members(members, levels, at_place, depths):
     """Velocity of every member at every bin, shape (E, n, 2)."""
-    return np.array([[member_at(m, nodes, levels, lengths, place, depth, nugget) for depth in depths] for m in members])
+    return np.array([[member_at(member, levels, at_place, depth) for depth in depths] for member in members])
 
 
 def nearest(members_at_profiles, values, error_std):

@@ -114,3 +114,13 @@ def log_density(value, mean, cov):
     """Logarithm of a Gaussian density without the constant of 2 pi, by determinant and inverse."""
     residual = value - mean
     return -0.5 * (residual @ np.linalg.inv(cov) @ residual + np.linalg.slogdet(cov)[1])
+
+
+def localised_covariance(covariance, modes, nodes, radius, taper):
+    """Tapered covariance of the modes' amplitudes, (r, r), pair of nodes by pair, from ``modes`` (2N, r) at the nodes."""
+    n_nodes, projector = len(nodes), np.linalg.pinv(modes)
+    fields = modes @ covariance @ modes.T
+    for a in range(2 * n_nodes):
+        for b in range(2 * n_nodes):
+            fields[a, b] *= taper(np.hypot(*(nodes[a % n_nodes] - nodes[b % n_nodes])), radius)
+    return projector @ fields @ projector.T

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from replay_kit.cli.console import console_beside, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_OUTPUTS, Answer, Ending, argument, option
+from replay_kit.cli.options import PART_OF_FORECAST, TO_OPTIONS, TO_OUTPUTS, Answer, Ending, Processes, argument, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_paths
 
@@ -22,6 +22,7 @@ def fit(
     *ensemble: Annotated[Path, argument("ENSEMBLE", "Ensemble forecast: NetCDF files, Zarr stores, folders or patterns.")],
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     left_out: Annotated[int, option("--left-out", "Number of members that are left out in turn.", least=1)] = 12,
 ) -> int:
     """Return 0."""
@@ -30,9 +31,10 @@ def fit(
 
     from replay_kit.forecast import read_ensemble
     from replay_kit.workflows.fit import fit_json, fit_prior, print_fit, write_fit
+    from replay_kit.workflows.fleet.cluster import calls_made_by
 
     members = read_ensemble(ensemble, config.forecast)
-    with progress(config.output.threads):
+    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads):
         fitted = fit_prior(members, config.estimator, left_out)
     write_fit(fitted, outputs.out)
     print_fit(fitted, console_beside(outputs.json_file))

@@ -87,6 +87,7 @@ def replay(
     from replay_kit.workflows.replay import dry_run as dry
     from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of
     from replay_kit.workflows.replay.replay import replay as replay_logs
+    from replay_kit.workflows.smooth import check_smoothable
 
     job = ReplayJob(
         logs=logs,
@@ -116,6 +117,8 @@ def replay(
         with part_named(outputs.out), progress() as advance:
             advance(0, 0, "reading the forecast")
             forecasts = forecasts_of(job, config)
+            if outputs.smooth is not None:
+                check_smoothable(forecasts)
             summary, _ = replay_logs(job, config, planner_of, advance, forecasts=forecasts)
     except (MeasurementError, ForecastError) as error:
         write_json(outputs.json_file, error.answer or failure_json(error))

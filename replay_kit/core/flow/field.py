@@ -1,29 +1,31 @@
 """A current field with its uncertainty: an immutable value that evaluates itself.
 
-A flow is a sum over levels of a depth function times an incompressible horizontal kernel field,
+A flow is a sum over levels of a depth function times a sum of incompressible horizontal functions h,
 
-    f(x, y, z) = sum_j d_j(z) K((x, y), nodes) latent[:, j],
+    f(x, y, z) = sum_j d_j(z) h(x, y) latent[:, j],
 
 so it is divergence-free in the horizontal wherever it is evaluated. Its uncertainty, when it has one, is a covariance of
-weights w of r modes a level: f = K modes w summed over levels in the same way. Estimates, baselines, truths and ensemble
+weights w of r modes a level: f = h modes w summed over levels in the same way. Estimates, baselines, truths and ensemble
 members are all this one value, as ``FlowEstimate``.
 """
 
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dpotrf, dpstrf
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.covariance import WeightCovariance, covariance_of_sum, quadratic_form, sums_for
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalFunctions
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 
@@ -35,27 +37,27 @@ _CHUNK = 512
 class FlowField:
     """A horizontally divergence-free flow in a box, with its uncertainty when known.
 
-    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent the kernel fades to zero. Below the
-    last level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
+    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent it fades to zero. Below the last
+    level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
     Points on land have a value too; ``grid.wet`` is the land mask.
 
     Attributes:
-        grid: Grid, local frame and land mask it was built on; its wet top points are the kernel's nodes.
-        kernel: Horizontal kernel.
+        grid: Grid, local frame and land mask it was built on; its wet top points are the nodes.
+        horizontal: The horizontal functions; M of them.
         depth_functions: How levels combine.
-        latent: shape (2N, Z), latent velocities of the flow, all east then all north.
-        modes: shape (2N, r), latent velocities of the modes the uncertainty is expressed in; r = 0 without uncertainty.
+        latent: shape (M, Z), latent values of the flow.
+        modes: shape (M, r), latent values of the modes the uncertainty is expressed in; r = 0 without uncertainty.
         covariance: Of the weights, or a function that returns it for some levels' weights, None for all; read ``weight_cov``.
         time_ns: Time it holds for [ns, UTC]; None when unknown.
         later: Makes the estimate for another time [ns, UTC] from it, as ``evolution`` does; None when the flow has no model of time.
     """
 
     grid: Grid
-    kernel: HorizontalKernel
+    horizontal: HorizontalFunctions
     depth_functions: DepthFunctions
     latent: Array
     modes: Array
-    covariance: Array | Callable[[tuple[int, ...] | None], Array]
+    covariance: WeightCovariance
     time_ns: int | None
     later: Callable[[Self, int], Self] | None = None
 
@@ -79,7 +81,7 @@ class FlowField:
 
     @property
     def nodes(self) -> Array:
-        """Kernel nodes, shape (N, 2) [m]."""
+        """Nodes of the grid, shape (N, 2) [m]."""
         return self.grid.nodes
 
     @property
@@ -92,9 +94,29 @@ class FlowField:
         """Covariance of the weights, shape (rZ, rZ) [m^2/s^2 of mode amplitude], level after level."""
         return self.covariance(None) if callable(self.covariance) else self.covariance
 
+    @cached_property
+    def weight_factor(self) -> Array:
+        """A factor F of the covariance of the weights, F F' = ``weight_cov``, shape (rZ, rank): kept, so that further samples are quick.
+
+        It is Cholesky's; with pivots (LAPACK's pstrf) where the covariance has not its full rank.
+
+        Raises:
+            EstimatorError: The covariance is not a number.
+        """
+        cov = self.weight_cov
+        if not np.all(np.isfinite(cov)):
+            raise EstimatorError("the estimate's covariance is not a number everywhere, so that no sample of it can be drawn")
+        lower, fails = dpotrf(cov, lower=1)
+        if not fails:
+            return np.asarray(lower)
+        lower, order, rank, _ = dpstrf(cov, lower=1)
+        factor = np.empty_like(lower)
+        factor[order - 1] = np.tril(lower)
+        return np.asarray(factor[:, :rank])
+
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the covariance itself, not the estimator's state from which it would be computed."""
-        parts = (self.grid, self.kernel, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
+        parts = (self.grid, self.horizontal, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
         return type(self), parts
 
     @property
@@ -132,12 +154,12 @@ class FlowField:
         """
         self._require_uncertainty("standard_error")
         points, depths, shape = _flatten(east, north, depth)
-        used = depth_weights(self.depth_functions, np.unique(depths), self.levels).any(axis=0)
-        blocks = self._covariance_blocks(np.flatnonzero(used))
+        distinct, of_point = np.unique(depths, return_inverse=True)
+        covariances, shares = self.covariances(depth_weights(self.depth_functions, distinct, self.levels))
         variance = np.empty((depths.size, 2))
         for places, part, at in _by_place(points):
             basis = self._components(places, self.modes, true_axes)
-            variance[part] = _variance(blocks, basis, at, depth_weights(self.depth_functions, depths[part], self.levels))
+            variance[part] = _variance(covariances, basis, at, shares[of_point[part]])
         known = inside_grid(self.grid, *points.T) & (depths <= self.levels[-1])
         variance[~known] = np.nan
         return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
@@ -149,9 +171,8 @@ class FlowField:
             EstimatorError: The flow carries no uncertainty.
         """
         self._require_uncertainty("sample")
-        values, vectors = np.linalg.eigh(self.weight_cov)
-        factor = vectors * np.sqrt(np.maximum(values, 0.0))
-        draws = factor @ np.random.default_rng(seed).standard_normal((values.size, n))
+        factor = self.weight_factor
+        draws = factor @ np.random.default_rng(seed).standard_normal((factor.shape[1], n))
         by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
         mean_flow = self.mean_flow()
         return tuple(replace(mean_flow, latent=self.latent + self.modes @ weights.T) for weights in by_level)
@@ -161,51 +182,53 @@ class FlowField:
         return replace(self, modes=self.modes[:, :0], covariance=np.empty((0, 0)), later=None)
 
     def _components(self, places: Array, latent: Array, true_axes: bool) -> Array:
-        """Return the two components, shape (2, M, k), at places, shape (M, 2), of flows with latent velocities, shape (2N, k)."""
-        rows = (velocity_kernel(self.kernel, places, self.nodes) @ latent).reshape(2, len(places), -1)
+        """Return the two components, shape (2, M, k), at places, shape (M, 2), of flows with latent values, shape (size, k)."""
+        rows = self.horizontal.velocity(places, latent)
         if not true_axes:
             return rows
         longitude, latitude = to_geographic(self.grid.projection, *places.T)
         return np.stack(rotate_to_geographic(self.grid.projection, longitude[:, None], latitude[:, None], *rows))
 
-    def _covariance_blocks(self, levels: NDArray[np.intp]) -> dict[tuple[int, int], Array]:
-        """Return the covariance of some levels' weights in blocks, shape (r, r), by pairs of levels, the later one first.
+    def covariances(self, weights: Array) -> tuple[list[Array], Array]:
+        """Return covariances of the modes' amplitudes, shape (r, r), and the share of each in that at each depth, shape (D, T).
 
-        The covariance of a few levels alone costs a small share of the whole one, unless that is known already.
+        Covariances of single levels and of sums of two cost a small share of the whole one, unless that is known already, or most pairs
+        of levels are needed.
+
+        Args:
+            weights: shape (D, Z), of each level at each depth.
         """
-        chosen, r = tuple(levels.tolist()), self.n_modes
-        if not chosen:
-            return {}
-        if callable(self.covariance) and "weight_cov" not in vars(self) and 2 * len(chosen) <= self.levels.size:
-            cov, rows = self.covariance(chosen), tuple(range(len(chosen)))
-        else:
-            cov, rows = self.weight_cov, chosen
-        parts = [(level, slice(row * r, (row + 1) * r)) for level, row in zip(chosen, rows, strict=True)]
-        return {(j, k): cov[of_j, of_k] for i, (j, of_j) in enumerate(parts) for k, of_k in parts[: i + 1]}
+        sums, shares = sums_for(weights)
+        whole = not callable(self.covariance) or "weight_cov" in vars(self) or len(sums) > 2 * self.levels.size
+        source = self.weight_cov if whole else self.covariance
+        parts = [covariance_of_sum(source, levels, self.n_modes) for levels in sums]
+        if len(weights) > len(sums):
+            return parts, shares
+        return [np.asarray(sum(share * part for share, part in zip(row, parts, strict=True) if share)) for row in shares], np.eye(
+            len(weights)
+        )
 
     def _require_uncertainty(self, what: str) -> None:
         if self.n_modes == 0:
             raise EstimatorError(f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none")
 
 
-def _variance(blocks: Mapping[tuple[int, int], Array], basis: Array, at: NDArray[np.intp], weights: Array) -> Array:
-    """Return diag(H P H'), shape (P, 2): pairs of levels in turn, because a hat function overlaps only its neighbours.
+def _variance(covariances: Sequence[Array], basis: Array, at: NDArray[np.intp], shares: Array) -> Array:
+    """Return diag(H P H'), shape (P, 2).
 
     Args:
-        blocks: Of P, shape (r, r), by pairs of levels.
+        covariances: Of the modes' amplitudes, shape (r, r).
         basis: shape (2, M, r), the modes at the places.
         at: shape (P,), each point's place: one quadratic form serves all points over it.
-        weights: shape (P, Z).
+        shares: shape (P, T), of each covariance at each point.
     """
-    out = np.zeros((weights.shape[0], 2))
-    for (j, k), block in blocks.items():
-        both = weights[:, j] * weights[:, k] * (1.0 if j == k else 2.0)
-        touched = np.flatnonzero(both)
+    out = np.zeros((len(shares), 2))
+    for covariance, share in zip(covariances, shares.T, strict=True):
+        touched = np.flatnonzero(share)
         if touched.size:
             places, of_point = np.unique(at[touched], return_inverse=True)
             for component in range(2):
-                rows = basis[component, places]
-                out[touched, component] += both[touched] * np.einsum("pr,pr->p", rows @ block, rows)[of_point]
+                out[touched, component] += share[touched] * quadratic_form(basis[component, places], covariance)[of_point]
     return out
 
 

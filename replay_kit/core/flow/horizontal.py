@@ -8,7 +8,9 @@ A stream function with a Gaussian (squared-exponential) covariance k gives veloc
 and sigma = mu lx, so that K(x, x) = mu^2 I when lx = ly. Stacked vectors are all east, then all north.
 """
 
+from collections.abc import Hashable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -56,3 +58,61 @@ def velocity_kernel(kernel: HorizontalKernel, points: Array, nodes: Array) -> Ar
     np.multiply(k, sx * sy, out=out[:p, n:])
     out[p:, :n] = out[:p, n:]
     return out
+
+
+class HorizontalFunctions(Protocol):
+    """Divergence-free functions of the horizontal place, of which a flow is a sum: one latent value weights each."""
+
+    @property
+    def kernel(self) -> HorizontalKernel:
+        """The kernel whose lengths they have."""
+
+    @property
+    def size(self) -> int:
+        """Number of functions, hence of latent values."""
+
+    @property
+    def key(self) -> Hashable:
+        """What two sets of equal functions share."""
+
+    def at_nodes(self, nodes: Array) -> "HorizontalFunctions":
+        """Return the functions for flows known at other nodes, shape (N, 2) [m], of the same region."""
+
+    def velocity(self, points: Array, latent: Array) -> Array:
+        """Return the velocity [m/s], shape (2, P, k), east then north, of k sums of the functions.
+
+        Args:
+            points: shape (P, 2) [m], east and north.
+            latent: shape (size, k).
+        """
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodeKernel:
+    """The columns of the kernel of some nodes: their latent values are latent velocities, all east then all north.
+
+    Attributes:
+        kernel: Parameters.
+        nodes: shape (N, 2) [m], east and north.
+    """
+
+    kernel: HorizontalKernel
+    nodes: Array
+
+    @property
+    def size(self) -> int:
+        """Number of latent velocities, two a node."""
+        return 2 * len(self.nodes)
+
+    @property
+    def key(self) -> Hashable:
+        """The kernel and the nodes, bit for bit."""
+        return self.kernel, np.ascontiguousarray(self.nodes).tobytes()
+
+    def at_nodes(self, nodes: Array) -> "NodeKernel":
+        """Return the columns of the kernel of other nodes, shape (N, 2) [m]."""
+        return NodeKernel(self.kernel, nodes)
+
+    def velocity(self, points: Array, latent: Array) -> Array:
+        """Return the velocity [m/s], shape (2, P, k), at points, shape (P, 2) [m], of latent velocities, shape (2N, k)."""
+        return np.asarray((velocity_kernel(self.kernel, points, self.nodes) @ latent).reshape(2, len(points), -1))

@@ -1,8 +1,10 @@
 """Flows from the files that ``FlowEstimate.save`` writes, and from the attachment ``estimate.nc`` of a result MCAP."""
 
 import io
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,8 +14,9 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution, constant
-from replay_kit.core.flow.horizontal import HorizontalKernel
-from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, READ_VERSIONS
+from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
+from replay_kit.core.flow.lattice import StreamFunctionLattice
+from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, LATTICE, NODE_KERNEL, READ_VERSIONS
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.paths import as_path
@@ -78,11 +81,12 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
     )
     latent = values["latent"]
     kind = attrs["depth_function_kind"]
-    if kind not in ("hat", "gaussian") or latent.shape[0] != 2 * int(grid.wet[0].sum()):
-        raise ValueError(f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {int(grid.wet[0].sum())} nodes")
+    functions = _horizontal(attrs, values, grid)
+    if kind not in ("hat", "gaussian") or latent.shape[0] != functions.size:
+        raise ValueError(f"depth functions {kind!r} and {latent.shape[0]} latent rows do not fit {functions.size} horizontal functions")
     flow = FlowEstimate(
         grid=grid,
-        kernel=HorizontalKernel(float(attrs["kernel_length_east"]), float(attrs["kernel_length_north"]), float(attrs["kernel_speed"])),
+        horizontal=functions,
         depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
         latent=latent,
         modes=values.get("modes", np.empty((latent.shape[0], 0))),
@@ -96,6 +100,22 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
     # where nothing was observed the unknowns hold at any time, and the flow may have none
     at = int(evolution.process.times_ns[0]) if flow.time_ns is None else flow.time_ns
     return replace(evolution.flow(flow, at), time_ns=flow.time_ns)
+
+
+def _horizontal(attrs: Mapping[str, Any], values: dict[str, Array], grid: Grid) -> HorizontalFunctions:
+    """Return the horizontal functions; before version 4 they were the kernel of the grid's nodes."""
+    kernel = HorizontalKernel(*(float(attrs[f"kernel_{name}"]) for name in ("length_east", "length_north", "speed")))
+    kind = attrs.get("horizontal_functions")
+    if kind is None:
+        return NodeKernel(kernel, grid.nodes)
+    if kind == NODE_KERNEL:
+        return NodeKernel(kernel, np.column_stack([values["node_east"], values["node_north"]]))
+    if kind != LATTICE:
+        raise ValueError(f"horizontal functions {kind!r}; expected {NODE_KERNEL!r} or {LATTICE!r}")
+    origin, spacing, shape = (
+        [float(attrs[f"lattice_{part}_{axis}"]) for axis in ("east", "north")] for part in ("origin", "spacing", "shape")
+    )
+    return StreamFunctionLattice(kernel, (origin[0], origin[1]), (spacing[0], spacing[1]), (int(shape[0]), int(shape[1])))
 
 
 def _evolution(dataset: xr.Dataset, values: dict[str, Array]) -> Evolution:

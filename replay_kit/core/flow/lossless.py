@@ -16,18 +16,25 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.flow.evolution import Evolution, constant
 from replay_kit.core.flow.field import FlowField
+from replay_kit.core.flow.horizontal import HorizontalFunctions, NodeKernel
+from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.version import __version__
 
 #: Of each variable of a file, as xarray takes it.
 Encoding = dict[str, dict[str, object]]
 
 FORMAT = "replay_kit.FlowEstimate"
-# since version 3 the file says how the flow changes with time; since version 2 time is in seconds, with its nanoseconds in an attribute,
+# since version 4 the file says which horizontal functions the flow has, and a node kernel's nodes; before, all were kernels of the grid's
+# nodes; since version 3 it says how the flow changes with time; since version 2 time is in seconds, with its nanoseconds in an attribute,
 # and wet has the depth last; in version 1 time was an integer of nanoseconds, and the depth came first
-FORMAT_VERSION = 3
-READ_VERSIONS = (1, 2, 3)
+FORMAT_VERSION = 4
+READ_VERSIONS = (1, 2, 3, 4)
 CONVENTIONS = "CF-1.8"
 CF_TIME = {"units": "seconds since 1970-01-01", "calendar": "standard"}
+
+#: What ``horizontal_functions`` may be.
+NODE_KERNEL, LATTICE = "node kernel", "stream function lattice"
+_AXES = ("east", "north")
 
 EXACT_TIME = "nanoseconds_since_1970"
 
@@ -50,6 +57,7 @@ def history(made_by: str, flow: FlowField) -> str:
 
 def to_lossless(flow: FlowField) -> xr.Dataset:
     """Return the flow as the dataset from which ``load`` makes an equal one."""
+    kind, of_functions, numbers_of_functions = _horizontal(flow.horizontal)
     grid, evolution = flow.grid, flow.later.trimmed() if isinstance(flow.later, Evolution) else None
     # NetCDF has no dimension of length zero that is not unlimited: a flow without uncertainty has neither modes nor weight_cov.
     values = {
@@ -60,8 +68,9 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         "north": (("y", "x"), grid.north, "m, local north"),
         # CF wants dimensions that are no axes, as a curvilinear grid's, before the depth
         "wet": (("y", "x", "depth"), np.moveaxis(grid.wet, 0, -1).astype(np.int8), "1 where the forecast has a velocity"),
-        "latent": (("component_node", "depth"), flow.latent, "latent velocities, all east then all north"),
-        **({"modes": (("component_node", "mode"), flow.modes, "latent velocities of the modes")} if flow.n_modes else {}),
+        "latent": (("function", "depth"), flow.latent, "latent values, one a horizontal function"),
+        **({"modes": (("function", "mode"), flow.modes, "latent values of the modes")} if flow.n_modes else {}),
+        **of_functions,
         **(_weight_cov(flow) if evolution is None else _evolution(evolution)),
         **({"time": ((), np.float64(flow.time_ns / 1e9), "time of the estimate")} if flow.time_ns is not None else {}),
     }
@@ -71,10 +80,8 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
     numbers = {
         "projection_longitude": grid.projection.longitude,
         "projection_latitude": grid.projection.latitude,
-        "kernel_length_east": flow.kernel.length_east,
-        "kernel_length_north": flow.kernel.length_north,
-        "kernel_speed": flow.kernel.speed,
         "depth_function_length": flow.depth_functions.length,
+        **numbers_of_functions,
     }
     attrs = {
         "Conventions": CONVENTIONS,
@@ -83,6 +90,7 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         "replay_kit_format": FORMAT,
         "replay_kit_format_version": np.int32(FORMAT_VERSION),
         "source": f"replay-kit {__version__}",
+        "horizontal_functions": kind,
         "depth_function_kind": flow.depth_functions.kind,
         "evolution": "constant" if flow.later is constant else "none" if evolution is None else "process",
         **{name: np.float64(number) for name, number in numbers.items()},
@@ -96,6 +104,23 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
     return xr.Dataset(variables, attrs=attrs)
 
 
+def _horizontal(functions: HorizontalFunctions) -> tuple[str, _Values, dict[str, float]]:
+    """Return the kind of the horizontal functions, their arrays and their numbers."""
+    numbers = {f"kernel_{name}": getattr(functions.kernel, name) for name in ("length_east", "length_north", "speed")}
+    if isinstance(functions, NodeKernel):
+        words = "m, local {}, of the nodes of the kernel, whose latent values are all east then all north"
+        return (
+            NODE_KERNEL,
+            {f"node_{name}": (("node",), functions.nodes[:, i], words.format(name)) for i, name in enumerate(_AXES)},
+            numbers,
+        )
+    if not isinstance(functions, StreamFunctionLattice):
+        raise TypeError(f"no form of {type(functions).__name__} in a file is known")
+    for part in ("origin", "spacing", "shape"):
+        numbers |= {f"lattice_{part}_{axis}": value for axis, value in zip(_AXES, getattr(functions, part), strict=True)}
+    return LATTICE, {}, numbers
+
+
 def _weight_cov(flow: FlowField) -> _Values:
     return {"weight_cov": (("weight", "weight_2"), flow.weight_cov, "covariance of weights, level after level")} if flow.n_modes else {}
 
@@ -103,7 +128,7 @@ def _weight_cov(flow: FlowField) -> _Values:
 def _evolution(evolution: Evolution) -> _Values:
     process = evolution.process
     values: _Values = {
-        "offset": (("component_node", "depth"), evolution.offset, "latent velocities where all weights are 0"),
+        "offset": (("function", "depth"), evolution.offset, "latent values where all weights are 0"),
         "forecast_time": (("forecast",), process.times_ns / 1e9, "times of the forecast"),
         "process_mean": (("forecast", "level", "mode"), process.mean, "mean of the weights"),
         "trajectories": (("forecast", "member", "level", "mode"), process.trajectories, "weights of one unit of each mixture's unknown"),
@@ -118,7 +143,7 @@ def _evolution(evolution: Evolution) -> _Values:
 def _standard(flow: FlowField) -> dict[str, dict[str, str]]:
     """Return the standard names and units of the variables that have them.
 
-    Longitude and latitude have none here: they are numbers the flow is made of, as are the nodes, and no coordinates of the arrays.
+    Longitude and latitude have none here: they are numbers the flow is made of, and no coordinates of the arrays.
     """
     named = {
         "depth": {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"},

@@ -9,15 +9,15 @@ from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.covariance import quadratic_form
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.field import FlowField
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.flow.lossless import CF_TIME, CONVENTIONS, history, write_dataset
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.version import __version__
 
-# Points evaluated at once: bounds the kernel matrix to some tens of MB.
+# Points evaluated at once: bounds the matrices to some tens of MB.
 _CHUNK = 512
 
 _COMPONENTS = {"u": "eastward sea water velocity", "v": "northward sea water velocity"}
@@ -136,31 +136,23 @@ def _target(
 def _on_columns(flow: FlowField, longitude: Array, latitude: Array, points: Array, depth: Array) -> tuple[Array, Array | None]:
     """Return velocity and its variance, each (2, D, P) towards true east and north, at every depth over every point.
 
-    The kernel is evaluated once per point and the rows of latent flow and modes are turned to true axes together, so that the
-    variance of a turned component is the same quadratic form and needs no covariance between components.
+    The horizontal functions are evaluated once per point and the rows of latent flow and modes are turned to true axes together, so
+    that the variance of a turned component is the same quadratic form and needs no covariance between components.
     """
     levels = flow.levels.size
     by_depth = depth_weights(flow.depth_functions, depth, flow.levels)
-    covariances = [_weight_cov_at(flow, row) for row in by_depth] if flow.n_modes else []
+    covariances = flow.covariances(by_depth) if flow.n_modes else None
     velocity = np.empty((2, depth.size, len(points)))
     variance = np.empty_like(velocity) if flow.n_modes else None
     columns = np.hstack([flow.latent, flow.modes])
     for start in range(0, len(points), _CHUNK):
         part = slice(start, start + _CHUNK)
-        local = (velocity_kernel(flow.kernel, points[part], flow.nodes) @ columns).reshape(2, -1, columns.shape[1])
+        local = flow.horizontal.velocity(points[part], columns)
         for component, rows in enumerate(rotate_to_geographic(flow.grid.projection, longitude[part, None], latitude[part, None], *local)):
             velocity[component, :, part] = by_depth @ rows[:, :levels].T
-            if variance is not None:
-                modes = rows[:, levels:]
-                variance[component, :, part] = [np.einsum("pr,pr->p", modes @ covariance, modes) for covariance in covariances]
+            if variance is not None and covariances is not None:
+                variance[component, :, part] = covariances[1] @ [quadratic_form(rows[:, levels:], each) for each in covariances[0]]
     return velocity, variance
-
-
-def _weight_cov_at(flow: FlowField, by_level: Array) -> Array:
-    """Return the covariance (r, r) of the mode amplitudes at a depth whose depth functions are ``by_level``."""
-    levels = np.flatnonzero(by_level)
-    blocks = flow.weight_cov.reshape(flow.levels.size, flow.n_modes, flow.levels.size, flow.n_modes)
-    return np.asarray(np.einsum("j,jrks,k->rs", by_level[levels], blocks[levels][:, :, levels], by_level[levels], optimize=True))
 
 
 def _coordinates(flow: FlowField, lon: Array, lat: Array, depth: Array) -> tuple[tuple[str, ...], dict[str, xr.Variable]]:

@@ -8,12 +8,13 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalFunctions
 from replay_kit.core.grid import Grid
-from replay_kit.estimator.basis.modes import default_kernel, embed, fit_residual
+from replay_kit.estimator.basis.embedding import embed
+from replay_kit.estimator.basis.modes import default_functions, fit_residual
 
 HATS = DepthFunctions("hat", 1.0)
-_CHUNK = 512  # points at once: bounds the memory of the kernel matrix
+_CHUNK = 512  # points at once: bounds the memory of the matrices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,12 +23,12 @@ class FlowColumns:
 
     Attributes:
         grid: Their grid.
-        kernel: Horizontal kernel.
-        latent: shape (m, Z, 2N), latent velocities at the nodes.
+        horizontal: The horizontal functions.
+        latent: shape (m, Z, M), latent values.
     """
 
     grid: Grid
-    kernel: HorizontalKernel
+    horizontal: HorizontalFunctions
     latent: Array
 
     def at_place(self, place: Array) -> Array:
@@ -36,9 +37,9 @@ class FlowColumns:
         Args:
             place: shape (2,) [m], local east and north.
         """
-        row = velocity_kernel(self.kernel, place[None], self.grid.nodes)
         m, n_levels, size = self.latent.shape
-        return np.asarray((row @ self.latent.reshape(-1, size).T).reshape(2, m, n_levels).transpose(0, 2, 1))
+        at_place = self.horizontal.velocity(place[None], self.latent.reshape(-1, size).T)
+        return np.asarray(at_place.reshape(2, m, n_levels).transpose(0, 2, 1))
 
     def velocity(self, points: Array, depth: Array) -> Array:
         """Return the columns' velocity at points, shape (P, 2, m) [m/s].
@@ -51,7 +52,7 @@ class FlowColumns:
         out = np.empty((depth.size, 2, m))
         for start in range(0, depth.size, _CHUNK):
             part = slice(start, start + _CHUNK)
-            at_levels = velocity_kernel(self.kernel, points[part], self.grid.nodes) @ self.latent.reshape(-1, size).T
+            at_levels = self.horizontal.velocity(points[part], self.latent.reshape(-1, size).T)
             weights = depth_weights(HATS, depth[part], self.grid.levels)
             out[part] = np.einsum("cpmz,pz->pcm", at_levels.reshape(2, -1, m, n_levels), weights)
         return out
@@ -70,9 +71,9 @@ def embed_columns(grid: Grid, velocity: Array, config: EstimatorConfig) -> FlowC
         velocity: shape (m, Z, 2N) [m/s].
         config: Length of the default preset's kernel, if it states one, and nugget.
     """
-    size, kernel = velocity.shape[-1], default_kernel(grid, config)
-    latent = embed(kernel, grid.nodes, velocity.reshape(-1, size).T, config.nugget)
-    return FlowColumns(grid, kernel, latent.T.reshape(velocity.shape))
+    functions = default_functions(grid, config)
+    latent = embed(functions, grid.nodes, velocity.reshape(-1, velocity.shape[-1]).T, config.nugget)
+    return FlowColumns(grid, functions, latent.T.reshape(*velocity.shape[:2], -1))
 
 
 def flow_of_ensemble(columns: FlowColumns, mean: Array, anomalies: Array, config: EstimatorConfig, time_ns: int | None) -> FlowEstimate:
@@ -92,8 +93,8 @@ def flow_of_ensemble(columns: FlowColumns, mean: Array, anomalies: Array, config
     vectors = np.linalg.eigh(slices.T @ slices)[1][:, ::-1]
     modes = vectors[:, : min(config.modes or size, size, slices.shape[0])]
     weights = (slices @ modes).reshape(anomalies.shape[0], -1)
-    latents = embed(columns.kernel, columns.grid.nodes, np.asarray(np.hstack([mean.T, modes]), dtype=np.float64), config.nugget)
-    return FlowEstimate(columns.grid, columns.kernel, HATS, latents[:, :n_levels], latents[:, n_levels:], weights.T @ weights, time_ns)
+    latents = embed(columns.horizontal, columns.grid.nodes, np.asarray(np.hstack([mean.T, modes]), dtype=np.float64), config.nugget)
+    return FlowEstimate(columns.grid, columns.horizontal, HATS, latents[:, :n_levels], latents[:, n_levels:], weights.T @ weights, time_ns)
 
 
 def deterministic_flow(columns: FlowColumns, coefficients: Array, time_ns: int | None) -> FlowEstimate:
@@ -105,4 +106,4 @@ def deterministic_flow(columns: FlowColumns, coefficients: Array, time_ns: int |
         time_ns: Time it holds for.
     """
     latent = np.tensordot(coefficients, columns.latent, axes=1).T
-    return FlowEstimate(columns.grid, columns.kernel, HATS, latent, np.empty((latent.shape[0], 0)), np.empty((0, 0)), time_ns)
+    return FlowEstimate(columns.grid, columns.horizontal, HATS, latent, np.empty((latent.shape[0], 0)), np.empty((0, 0)), time_ns)

@@ -115,7 +115,7 @@ class Etkf(ProfileBaseline[TransformState]):
         """Return the anomalies as flows, which span the estimate's departures from the ensemble mean."""
         basis = self.reduced.basis
         by_level = self.anomalies.reshape(self.anomalies.shape[0], basis.grid.levels.size, -1)
-        return FlowColumns(basis.grid, basis.kernel, by_level @ basis.modes.T)
+        return FlowColumns(basis.grid, basis.horizontal, by_level @ basis.modes.T)
 
 
 def transform_update(mean: Array, transform: Array, half_cov: Array, innovation: Array) -> tuple[Array, Array]:

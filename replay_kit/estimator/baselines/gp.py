@@ -14,10 +14,11 @@ from scipy.optimize import minimize_scalar
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel, velocity_kernel
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import HATS
-from replay_kit.estimator.basis.modes import Basis, cell_size, ensemble_slices
+from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
 from replay_kit.estimator.prior.hybrid import HybridPrior
 from replay_kit.estimator.static.filter import ReducedBasisEstimator
 
@@ -45,7 +46,7 @@ def build_gp(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimat
     no_members = np.empty((0, n_levels, n_modes))
     basis = Basis(
         grid=grid,
-        kernel=kernel,
+        horizontal=NodeKernel(kernel, grid.nodes),
         depth_functions=HATS,
         offset=np.zeros((values.size, n_levels)),
         modes=vectors[:, :n_modes] / np.sqrt(values[:n_modes]),

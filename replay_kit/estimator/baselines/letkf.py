@@ -19,8 +19,8 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import embed_columns, flow_of_ensemble
 from replay_kit.estimator.baselines.profiles import ColumnBaseline, Predictions, ProfileBins, fit_of
-from replay_kit.estimator.basis.modes import cell_size, ensemble_slices
-from replay_kit.estimator.prior.hybrid import gaspari_cohn
+from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
+from replay_kit.estimator.prior.localised import gaspari_cohn
 
 # Where the taper reaches zero. Shorter leaves gaps between sparse pings, longer lets sampling noise through: of 6, 10, 16 and 24 cells the
 # best falls with the number of pings on eddying flows of 80 to 95 members, and no one radius is best at all of them.

@@ -15,7 +15,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import embed_columns, flow_of_ensemble
 from replay_kit.estimator.baselines.profiles import ColumnBaseline, Predictions, ProfileBins, fit_of
-from replay_kit.estimator.basis.modes import ensemble_slices
+from replay_kit.estimator.basis.slices import ensemble_slices
 from replay_kit.estimator.update.posterior import predict_observation
 
 

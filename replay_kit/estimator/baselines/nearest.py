@@ -10,7 +10,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import deterministic_flow, embed_columns
 from replay_kit.estimator.baselines.profiles import ColumnBaseline, Predictions, ProfileBins
-from replay_kit.estimator.basis.modes import ensemble_slices
+from replay_kit.estimator.basis.slices import ensemble_slices
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ unknowns, solved for all members at once by the eigenvectors of K_h. For hat fun
 l_z = 100 m the Gaussian factor is nearly singular where levels are closer, and sags where they are farther.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,14 +18,20 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
+from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.estimator.basis.shifts import shifted_copies
+from replay_kit.estimator.basis.decomposition import decompose, exact_svd
+from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed
+from replay_kit.estimator.basis.shifts import SHIFT_WEIGHTS, shifted_copies
+from replay_kit.estimator.basis.slices import cell_size, correlation_length, ensemble_slices, slice_blocks, surface_speed
 
 # The paper's length in cells: 10 km on its cells of 8.6 km.
 LENGTH_IN_CELLS = 1.16
 # The default's: with the paper's, the field sags between nodes.
 DEFAULT_LENGTH_IN_CELLS = 2.0
+# Points of a lattice, in all and for each node, beyond which the kernel's columns are cheaper.
+_MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE = 4096, 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,18 +39,18 @@ class Basis:
     """Basis flows of a region, and the members in them.
 
     Attributes:
-        grid: The ensemble's grid; its wet top points are the kernel's nodes.
-        kernel: Horizontal kernel.
+        grid: The ensemble's grid; its wet top points are the nodes.
+        horizontal: The horizontal functions; M of them.
         depth_functions: How levels combine.
-        offset: shape (2N, Z), latent velocities of the flow whose weights are zero.
-        modes: shape (2N, r), latent velocities of the basis flows, the same at every level.
+        offset: shape (M, Z), latent values of the flow whose weights are zero.
+        modes: shape (M, r), latent values of the basis flows, the same at every level.
         singular_values: shape (R,), of all modes, R >= r.
         member_weights: shape (E, Z, r).
         truncation_std: shape (Z,) [m/s], RMS truncation error of the members for each component.
     """
 
     grid: Grid
-    kernel: HorizontalKernel
+    horizontal: HorizontalFunctions
     depth_functions: DepthFunctions
     offset: Array
     modes: Array
@@ -66,7 +72,16 @@ class Basis:
             time_ns: Time it holds for [ns, UTC].
         """
         latent = self.offset + self.modes @ mean.reshape(self.grid.levels.size, -1).T
-        return FlowEstimate(self.grid, self.kernel, self.depth_functions, latent, self.modes, covariance, time_ns)
+        return FlowEstimate(self.grid, self.horizontal, self.depth_functions, latent, self.modes, covariance, time_ns)
+
+    def at_place(self, place: Array) -> tuple[Array, Array]:
+        """Return the velocity [m/s] at a place of the offset at each level, shape (2, Z), and of each mode, shape (2, r).
+
+        Args:
+            place: shape (2,) [m], local east and north.
+        """
+        offset, modes = (self.horizontal.velocity(place[None], latent)[:, 0] for latent in (self.offset, self.modes))
+        return offset, modes
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array:
         """Return a velocity minus its least-squares fit by the basis, shape (P, 2) [m/s].
@@ -81,9 +96,10 @@ class Basis:
         out = np.empty_like(velocity)
         for value in np.unique(depth):
             here = depth == value
-            kernel = velocity_kernel(self.kernel, points[here], self.grid.nodes)
-            offset = kernel @ self.offset @ depth_weights(self.depth_functions, np.array([value]), self.grid.levels)[0]
-            out[here] = fit_residual(kernel @ self.modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
+            weights = depth_weights(self.depth_functions, np.array([value]), self.grid.levels)[0]
+            offset = (self.horizontal.velocity(points[here], self.offset) @ weights).ravel()
+            modes = self.horizontal.velocity(points[here], self.modes).reshape(-1, self.n_modes)
+            out[here] = fit_residual(modes, velocity[here].T.ravel() - offset).reshape(2, -1).T
         return out
 
     def representation_std(self, config: EstimatorConfig) -> Array:
@@ -94,91 +110,24 @@ class Basis:
 
 def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     """Return the basis of the configuration's preset."""
-    slices = ensemble_slices(ensemble)
-    kernel = _kernel(ensemble, slices, config)
     if config.preset == "paper":
-        return _paper_basis(ensemble.grid, slices, kernel, DepthFunctions("gaussian", config.length_vertical), config.modes)
-    few = bool(ensemble.made_from) and (config.modes is None or (ensemble.n_members - 1) * slices.shape[1] < config.modes)
+        return _paper_basis(ensemble, config)
+    few = bool(ensemble.made_from) and (config.modes is None or (ensemble.n_members - 1) * ensemble.grid.levels.size < config.modes)
     shift = (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance) if few else 0.0
-    basis = _default_basis(ensemble.grid, slices, kernel, config, shift)
-    return replace(basis, truncation_std=np.hypot(basis.truncation_std, ensemble.representation_error_std))
-
-
-def ensemble_slices(ensemble: Ensemble) -> Array:
-    """Return the members' velocities at the nodes, shape (E, Z, 2N) [m/s].
-
-    Below the sea floor a column keeps the velocity of its deepest wet level, so that modes have no jump there; the grid's mask
-    keeps such points out of every result.
-    """
-    top = ensemble.grid.wet[0]
-    at_nodes = ensemble.velocity[..., top]  # (E, 2, Z, N)
-    for z in range(1, at_nodes.shape[2]):
-        dry = ~ensemble.grid.wet[z][top]
-        at_nodes[:, :, z, dry] = at_nodes[:, :, z - 1, dry]
-    return np.moveaxis(at_nodes, 2, 1).reshape(ensemble.n_members, ensemble.grid.levels.size, -1)
-
-
-def cell_size(grid: Grid) -> tuple[float, float]:
-    """Return the median spacing of grid points [m] along its two directions, the one nearer to east-west first."""
-    along_i = np.hypot(np.diff(grid.east, axis=1), np.diff(grid.north, axis=1))
-    along_j = np.hypot(np.diff(grid.east, axis=0), np.diff(grid.north, axis=0))
-    sizes = float(np.median(along_i)), float(np.median(along_j))
-    i_is_east = np.median(np.abs(np.diff(grid.east, axis=1))) >= np.median(np.abs(np.diff(grid.north, axis=1)))
-    return sizes if i_is_east else sizes[::-1]
-
-
-def correlation_length(ensemble: Ensemble) -> float:
-    """Return the correlation length of the members' anomalies [m]: the standard deviation over that of the gradient.
-
-    That is the scale of the correlation's parabola at zero distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
-    components, levels and both directions of the grid. It is at least one cell, the resolution of the grid.
-    """
-    grid = ensemble.grid
-    anomalies = ensemble.velocity - ensemble.velocity.mean(axis=0)
-    variance = float(np.mean(anomalies[..., grid.wet] ** 2))
-    slopes = []
-    for axis in (0, 1):
-        spacing = np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis))
-        both_wet = np.diff(grid.wet.astype(np.int8), axis=axis + 1) == 0
-        both_wet &= np.delete(grid.wet, -1, axis=axis + 1)
-        slopes.append(np.mean((np.diff(anomalies, axis=axis + 3) / spacing)[..., both_wet] ** 2))
-    cell = float(np.sqrt(np.prod(cell_size(grid))))
-    slope = float(np.mean(slopes))
-    return max(cell, float(np.sqrt(variance / slope))) if slope > 0.0 else cell
-
-
-def embed(kernel: HorizontalKernel, nodes: Array, velocity: Array, nugget: float) -> Array:
-    """Return latent velocities beta with (K + nugget max(eigenvalue) I) beta = velocity.
-
-    Args:
-        kernel: Horizontal kernel.
-        nodes: shape (N, 2) [m].
-        velocity: shape (2N, m) [m/s].
-        nugget: Share of the kernel matrix's largest eigenvalue added to its diagonal.
-    """
-    eigenvalues, vectors = np.linalg.eigh(velocity_kernel(kernel, nodes, nodes))
-    return np.asarray(vectors @ ((vectors.T @ velocity) / (eigenvalues + nugget * eigenvalues[-1])[:, None]))
+    return _default_basis(ensemble, config, shift)
 
 
 def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
     """Return one member, or a truth, as a flow without uncertainty: hats in depth, the default kernel."""
-    slices = ensemble_slices(ensemble)[member]
-    kernel = _kernel(ensemble, slices[None], config.model_copy(update={"preset": "default"}))
-    latent = embed(kernel, ensemble.grid.nodes, slices.T, config.nugget)
+    alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
+    functions = default_functions(ensemble.grid, config, config.speed or surface_speed(alone))
+    latent = embed(functions, ensemble.grid.nodes, ensemble_slices(alone)[0].T, config.nugget)
     nothing = np.empty((latent.shape[0], 0)), np.empty((0, 0))
-    return FlowEstimate(ensemble.grid, kernel, DepthFunctions("hat", config.length_vertical), latent, *nothing, ensemble.time_ns)
+    return FlowEstimate(ensemble.grid, functions, DepthFunctions("hat", config.length_vertical), latent, *nothing, ensemble.time_ns)
 
 
-def _kernel(ensemble: Ensemble, slices: Array, config: EstimatorConfig) -> HorizontalKernel:
-    speed = config.speed or float(np.sqrt(np.mean(slices[:, 0] ** 2)))
-    if config.preset == "paper":
-        length = config.length_horizontal or 10_000.0
-        return HorizontalKernel(length, length, speed)
-    return default_kernel(ensemble.grid, config, speed)
-
-
-def default_kernel(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> HorizontalKernel:
-    """Return the default preset's kernel, which interpolates a velocity from the nodes to other places.
+def default_functions(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> HorizontalFunctions:
+    """Return the default preset's horizontal functions, which interpolate a velocity from the nodes to other places.
 
     Args:
         grid: Its cells give the lengths.
@@ -186,9 +135,15 @@ def default_kernel(grid: Grid, config: EstimatorConfig, speed: float = 1.0) -> H
         speed: Amplitude [m/s].
     """
     if config.length_horizontal is not None:
-        return HorizontalKernel(config.length_horizontal, config.length_horizontal, speed)
-    east, north = cell_size(grid)
-    return HorizontalKernel(DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north, speed)
+        lengths = config.length_horizontal, config.length_horizontal
+    else:
+        east, north = cell_size(grid)
+        lengths = DEFAULT_LENGTH_IN_CELLS * east, DEFAULT_LENGTH_IN_CELLS * north
+    kernel, nodes = HorizontalKernel(*lengths, speed), grid.nodes
+    lattice = lattice_over(kernel, nodes)
+    # without a nugget the lattice's equations are singular; of lengths far below a cell it has many points for each node
+    exact = config.nugget < LEAST_NUGGET or lattice.size > max(_MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE * len(nodes))
+    return NodeKernel(kernel, nodes) if exact else lattice
 
 
 def fit_residual(design: Array, values: Array) -> Array:
@@ -197,49 +152,56 @@ def fit_residual(design: Array, values: Array) -> Array:
     return np.asarray(values - design @ solution)
 
 
-def _svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
-    """Return the leading left singular vectors, signs fixed, and all singular values."""
-    u, s, _ = scipy.linalg.svd(columns, full_matrices=False, lapack_driver="gesdd")
-    largest = np.argmax(np.abs(u), axis=0)
-    u = u * np.sign(u[largest, np.arange(u.shape[1])])
-    rank = int(np.sum(s > s[0] * 1e-12))
-    return u[:, : min(n_modes or rank, rank)], s
-
-
-def _paper_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, depth_functions: DepthFunctions, n_modes: int | None) -> Basis:
+def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     """The paper's: latents of the product kernel K_z x K_h without a nugget, SVD of all latent slices, weights about zero."""
+    grid, slices = ensemble.grid, ensemble_slices(ensemble)
+    length = config.length_horizontal or 10_000.0
+    functions = NodeKernel(HorizontalKernel(length, length, config.speed or surface_speed(ensemble)), grid.nodes)
+    depth_functions = DepthFunctions("gaussian", config.length_vertical)
     n_members, n_levels, size = slices.shape
     kernel_of_depth = depth_weights(depth_functions, grid.levels, grid.levels)
     by_level = np.linalg.solve(kernel_of_depth, slices.transpose(1, 0, 2).reshape(n_levels, -1))
     by_member = np.asarray(by_level, dtype=np.float64).reshape(n_levels, n_members, size)
-    latent = embed(kernel, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
-    modes, singular_values = _svd(latent, n_modes)
+    latent = embed(functions, grid.nodes, by_member.transpose(1, 0, 2).reshape(-1, size).T, 0.0)  # (2N, E Z)
+    modes, singular_values = exact_svd(latent, config.modes)
     weights = (modes.T @ latent).T.reshape(n_members, n_levels, -1)
-    return Basis(grid, kernel, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
+    return Basis(grid, functions, depth_functions, np.zeros((size, n_levels)), modes, singular_values, weights, np.zeros(n_levels))
 
 
-def _default_basis(grid: Grid, slices: Array, kernel: HorizontalKernel, config: EstimatorConfig, shift: float) -> Basis:
+def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) -> Basis:
     """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
 
     With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
     their own, and what a basis does not span, the estimate's standard error does not contain.
     """
-    n_members, n_levels, size = slices.shape
-    mean: Array = slices.mean(axis=0)
-    anomalies = (slices - mean).reshape(-1, size).T  # (2N, E Z)
-    spanned = shifted_copies(slices - mean, grid.nodes, shift).reshape(-1, size).T if shift > 0.0 else anomalies
-    velocity_modes, singular_values = _svd(spanned, config.modes)
-    weights = velocity_modes.T @ anomalies
-    truncated = (anomalies - velocity_modes @ weights).reshape(size, n_members, n_levels)
-    velocities: Array = np.hstack([mean.T, velocity_modes])
-    latents = embed(kernel, grid.nodes, velocities, config.nugget)
+    grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
+    n_levels, functions = grid.levels.size, default_functions(grid, config, config.speed or surface_speed(ensemble))
+    mean = np.empty((n_levels, 2, len(nodes)))
+
+    def anomalies() -> Iterator[tuple[slice, Array]]:
+        for part, block in slice_blocks(ensemble):
+            mean[..., part] = block.mean(axis=0)
+            yield part, (block - mean[..., part]).reshape(n_members * n_levels, 2, -1)
+
+    n_slices, spanned = n_members * n_levels, anomalies
+    if shift > 0.0:
+        slices = ensemble_slices(ensemble)
+        mean[:] = slices.mean(axis=0).reshape(mean.shape)
+        copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(-1, 2, len(nodes))
+        n_slices, spanned = len(copies), lambda: iter([(slice(None), copies)])
+    found = decompose(spanned, n_slices, len(nodes), config.modes)
+    # the first copy is not shifted, but weighted
+    scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
+    weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale
+    truncated = found.residual_square[: n_members * n_levels].reshape(n_members, n_levels).sum(axis=0) / scale**2
+    latents = embed(functions, nodes, np.hstack([mean.reshape(n_levels, -1).T, found.vectors]), config.nugget)
     return Basis(
         grid,
-        kernel,
+        functions,
         DepthFunctions("hat", config.length_vertical),
         latents[:, :n_levels],
         latents[:, n_levels:],
-        singular_values,
-        weights.T.reshape(n_members, n_levels, -1),
-        np.sqrt(np.mean(truncated**2, axis=(0, 1))),
+        found.singular_values,
+        weights,
+        np.hypot(np.sqrt(truncated / (2 * len(nodes) * n_members)), ensemble.representation_error_std),
     )

@@ -12,13 +12,17 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator.basis.modes import build_basis, correlation_length
+from replay_kit.estimator.basis.modes import build_basis
+from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
+from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.evolving.extras import biases, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.observation_operator import ObservationOperator
 from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.prior.fit import Members, choose_settings, members_in_basis
-from replay_kit.estimator.prior.hybrid import PriorSettings, localised_part, shifted_in_modes
+from replay_kit.estimator.prior.hybrid import PriorSettings
+from replay_kit.estimator.prior.localised import localised_part
+from replay_kit.estimator.update.grouping import Grouping, current_gradient, spread_of
 
 # Share of the largest spread below which the members are equal to rounding.
 _LEAST_SPREAD = 1e-3
@@ -52,7 +56,10 @@ def build_evolving(
     process = _process(weights, members, settings, times_ns, time)
     oscillating = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))
     operator = ObservationOperator(basis, process, oscillating, biases(time), basis.representation_std(config))
-    return EvolvingEstimator(operator, state_space(operator, time), gating, forecasts[0].time_ns, time.window)
+    # the squared difference of a current that is forgotten over T grows by 2 variances over T
+    change = 2.0 * spread_of(forecasts) ** 2 / process.local_scale
+    grouping = Grouping(max(current_gradient(each) for each in forecasts), change)
+    return EvolvingEstimator(operator, state_space(operator, time), gating, forecasts[0].time_ns, grouping)
 
 
 def state_space(operator: ObservationOperator, time: TimeConfig) -> StateSpace:
@@ -76,13 +83,14 @@ def _process(weights: Array, members: Members, settings: PriorSettings, times_ns
     velocity_modes, nodes = members.velocity_modes, members.nodes
     mean = weights.mean(axis=1)
     anomalies = (weights - mean[:, None]) / np.sqrt(weights.shape[1] - 1.0)
-    projector = np.asarray(np.linalg.pinv(velocity_modes), dtype=np.float64)
-    copies = np.stack([shifted_in_modes(of_time, velocity_modes, projector, nodes, settings.shift) for of_time in anomalies])
+    to_modes = projector(velocity_modes)
+    operators = shift_operators(velocity_modes, to_modes, nodes, settings.shift)
+    copies = np.stack([shifted_in_modes(of_time, operators) for of_time in anomalies])
     spread = np.sqrt(np.sum(anomalies**2, axis=(1, 2, 3)))
     share = settings.sample_share
     spread_out = _times_with_spread(spread)
     normalised = copies[spread_out] / spread[spread_out, None, None, None] / np.sqrt(spread_out.size)
-    local = directions(*localised_part(normalised.reshape(-1, *copies.shape[2:]), velocity_modes, projector, nodes, settings.radius))
+    local = directions(*localised_part(normalised.reshape(-1, *copies.shape[2:]), velocity_modes, to_modes, nodes, settings.radius))
     scaled = np.sqrt(1.0 - share) * local
     kept = significant_directions(scaled * spread.max(), velocity_modes, time.dropped_std)
     local_scale = decorrelation_time(anomalies, times_ns) if time.scale == "auto" else np.inf if time.scale == "static" else time.scale
@@ -94,13 +102,13 @@ def directions(vertical: Array, horizontal: Array) -> Array:
     """Return independent directions of a covariance that is independent between vertical functions, shape (q r, Z, r).
 
     Args:
-        vertical: shape (q, Z), orthonormal rows.
-        horizontal: shape (q, r, r).
+        vertical: shape (q, Z), orthogonal rows.
+        horizontal: shape (g, r, r); functions from the g-th on have the last.
     """
-    out = []
-    for function, of_modes in zip(vertical, horizontal, strict=True):
-        values, vectors = np.linalg.eigh(of_modes)
-        out.append(np.einsum("z,rb->bzr", function, vectors * np.sqrt(np.maximum(values, 0.0))))
+    out, values, vectors = [], *np.linalg.eigh(horizontal)
+    for position, function in enumerate(vertical):
+        group = min(position, len(horizontal) - 1)
+        out.append(np.einsum("z,rb->bzr", function, vectors[group] * np.sqrt(np.maximum(values[group], 0.0))))
     return np.concatenate(out)
 
 

@@ -16,7 +16,7 @@ from replay_kit.core.observation import Measurement, Observation, PathMean
 from replay_kit.estimator.evolving.extras import Oscillations, oscillations
 from replay_kit.estimator.evolving.filter import EvolvingEstimator
 from replay_kit.estimator.evolving.observation_operator import LinearObservation, ObservationOperator
-from replay_kit.estimator.evolving.superobservation import EvolvingState
+from replay_kit.estimator.evolving.state import EvolvingState
 
 _PART = "dive_error"
 
@@ -73,7 +73,7 @@ def new_dive(estimator: EvolvingEstimator, state: EvolvingState) -> EvolvingStat
     means[part] = 0.0
     cov[part], cov[:, part] = 0.0, 0.0
     cov[part, part] = np.eye(part.stop - part.start)
-    return replace(state, means=means, covariance=cov, open_group=None)
+    return replace(state, means=means, cov=cov)
 
 
 def by_dive(observations: Sequence[Measurement]) -> Iterator[tuple[bool, Measurement]]:

@@ -1,6 +1,6 @@
 """The estimator through time: its estimate changes between observations."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,15 +9,18 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
+from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator.evolving.group import group_innovation, step_group
 from replay_kit.estimator.evolving.observation_operator import LinearObservation, ObservationOperator
+from replay_kit.estimator.evolving.state import EvolvingState
 from replay_kit.estimator.evolving.state_space import StateSpace
-from replay_kit.estimator.evolving.superobservation import EvolvingState, Superobservation
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.update.biases import NAMES, notes_of, scale_jacobian, significant_bias_notes, unit_bias_rows
 from replay_kit.estimator.update.evaluation import ObservationUpdate, evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
+from replay_kit.estimator.update.group_step import Stepped
+from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
 from replay_kit.estimator.update.posterior import predict_observation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
 
@@ -37,14 +40,14 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         state_space: The unknowns and their evolution.
         gating: Gate and covariance inflation; None accepts every observation with its stated errors.
         time_ns: Of the estimate before any observation [ns, UTC].
-        window: Profiles within this time form one superobservation [s].
+        grouping: Which profiles are combined; None combines none.
     """
 
     operator: ObservationOperator
     state_space: StateSpace
     gating: GatingConfig | None
     time_ns: int | None
-    window: float = 0.0
+    grouping: Grouping | None = None
 
     supports_path_means = True
 
@@ -66,63 +69,43 @@ class EvolvingEstimator(Estimator[EvolvingState]):
     def predict(self, state: EvolvingState, time_ns: int) -> EvolvingState:
         """Return the state at a later time without observations in between, with larger uncertainty; unchanged for an earlier time."""
         if state.time_ns is None:
-            return replace(state, time_ns=time_ns, open_group=None)
+            return replace(state, time_ns=time_ns)
         time_ns = max(time_ns, state.time_ns)
         means, cov = self.state_space.predict(state.means, state.cov, (time_ns - state.time_ns) / _NS)
-        return replace(state, means=means, covariance=cov, time_ns=time_ns, open_group=None)
+        return replace(state, means=means, cov=cov, time_ns=time_ns)
 
     def step(self, state: EvolvingState, observation: Measurement) -> tuple[EvolvingState, Innovation]:
         """Return the state after an observation, and the innovation.
 
         An observation without a usable bin, older than the state by more than twenty minutes, or equal to the one before leaves the state
-        unchanged. With a window, the profiles in it form a superobservation: all are compared with the state before the first of them, and
-        the first alone enters the consistency monitor, because they share that state's error.
+        unchanged.
         """
-        group = state.open_group if state.open_group is not None and state.open_group.accepts(observation, self.window) else None
-        candidate = self.candidate(state, observation, None if group is None else group.before)
-        if isinstance(candidate, Innovation):
-            return state, candidate
-        if group is not None:
-            return self._joined(state, group, candidate)
-        after, innovation = self.update(state, candidate)
-        if self.window > 0.0 and isinstance(observation, Observation):
-            after = replace(after, open_group=self._opened(after, candidate, innovation.prior_inflation))
-        return after, innovation
+        candidate = self.candidate(state, observation)
+        return (state, candidate) if isinstance(candidate, Innovation) else self.update(state, candidate)
 
-    def _opened(self, after: EvolvingState, candidate: "Candidate", inflation: float) -> Superobservation:
-        """Return the superobservation that a profile begins; ``after`` is the state with it."""
-        # a rejected profile leaves the state where it was; those that join it are compared with the state at its time all the same
-        accepted, time_ns = candidate.evaluated.accepted, candidate.screened.observation.time_ns
-        before = candidate.before if accepted else self.predict(after, time_ns)
-        group = Superobservation.opened(time_ns, before, inflation if accepted else 1.0)
-        return candidate.joined(group) if accepted else group
+    def group_steps(self, state: EvolvingState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[EvolvingState]]:
+        """Yield what became of measurements and groups of profiles."""
+        for item in items:
+            if isinstance(item, ProfileGroup):
+                for stepped in step_group(self, state, item):
+                    yield stepped
+                    state = stepped.after
+            else:
+                after, innovation = self.step(state, item)
+                yield Stepped(item, state, after, innovation)
+                state = after
 
-    def _joined(self, state: EvolvingState, group: Superobservation, candidate: "Candidate") -> tuple[EvolvingState, Innovation]:
-        """Return the state after one more profile of a superobservation, and the innovation."""
-        innovation, observation = candidate.to_innovation(1.0), candidate.screened.observation
-        if not candidate.evaluated.accepted:
-            return replace(state, last=observation), innovation
-        group = candidate.joined(group)
-        means = self._with_scale_jacobian(group.means, group.cov_columns, group.scale_jacobian)
-        return EvolvingState(means, group, group.before.time_ns, state.monitor, observation, group.bias_score, group), innovation
-
-    def candidate(self, state: EvolvingState, observation: Measurement, before: EvolvingState | None = None) -> "Candidate | Innovation":
-        """Return an evaluated observation, or the innovation of one that cannot be used.
-
-        Args:
-            state: The state so far.
-            observation: The observation.
-            before: The state at the time for which the observation counts; None for its own time.
-        """
+    def candidate(self, state: EvolvingState, observation: Measurement) -> "Candidate | Innovation":
+        """Return an observation evaluated against the state at its time, or the innovation of one that cannot be used."""
         screened = screen_measurement(observation, self.basis.grid)
         if screened.used.size == 0:
             return screened.unused
-        if state.time_ns is not None and observation.time_ns < state.time_ns - _LATE_NS:
+        if self.is_late(state, observation.time_ns):
             return screened.rejected(Reason.OUT_OF_ORDER)
         if is_duplicate(state.last, observation):
             return screened.rejected(Reason.DUPLICATE)
         rows = self._linearised(screened)
-        before = before or self.predict(state, observation.time_ns)
+        before = self.predict(state, observation.time_ns)
         predicted = predict_observation(before.means, before.cov, rows.design)
         evaluated = evaluate_observation(rows, predicted, self.gating, True, before.monitor.is_consistent)
         bias_rows = unit_bias_rows(screened, self.basis.grid.projection, rows, rows.residual(predicted.mean))
@@ -139,29 +122,30 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         evaluated, after = candidate.evaluated, state
         if evaluated.accepted:
             means, cov = candidate.posterior(evaluated.error_scale)
-            means = self._with_scale_jacobian(means, lambda columns: cov[:, columns], candidate.scale_jacobian)
-            after = replace(candidate.before, means=means, covariance=cov)
+            after = replace(candidate.before, means=self.with_scale_jacobian(means, cov, candidate.scale_jacobian), cov=cov)
         monitor, inflation = after.monitor.updated(evaluated.gate, self.gating)
         observation = candidate.screened.observation
         after = replace(
             after,
-            covariance=after.covariance if inflation == 1.0 else inflation * after.cov,
+            cov=after.cov if inflation == 1.0 else inflation * after.cov,
             monitor=monitor,
             last=observation,
             bias_score=evaluated.bias_score(after.bias_score, observation, candidate.bias_rows),
-            open_group=None,
         )
         return after, candidate.to_innovation(inflation)
 
-    def _with_scale_jacobian(self, means: Array, cov_columns: Callable[[slice], Array], jacobian: float) -> Array:
+    def is_late(self, state: EvolvingState, time_ns: int) -> bool:
+        """Return whether an observation of a time is too old for a state."""
+        return state.time_ns is not None and time_ns < state.time_ns - _LATE_NS
+
+    def with_scale_jacobian(self, means: Array, cov: Array, jacobian: float) -> Array:
         """Return means after the Jacobian of a scale error, where one is estimated; see ``biases.scale_jacobian``."""
         biases = self.operator.biases
         if "scale" not in biases.names:
             return means
         k = biases.names.index("scale")
-        first = self.state_space.parts["biases"].start + k
         out = means.copy()
-        out[:, 0] -= cov_columns(slice(first, first + 1))[:, 0] * float(biases.std[k]) * jacobian
+        out[:, 0] -= cov[:, self.state_space.parts["biases"].start + k] * float(biases.std[k]) * jacobian
         return out
 
     def usable(self, observation: Measurement) -> bool:
@@ -176,6 +160,10 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         rows = self._linearised(screened)
         seconds = 0.0 if state.time_ns is None else max(observation.time_ns - state.time_ns, 0) / _NS
         return screened.scatter(rows.residual(rows.design @ self.state_space.predict_mean(state.mean, seconds)))
+
+    def group_innovation(self, state: EvolvingState, group: ProfileGroup) -> Array:
+        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
+        return group_innovation(self, state, group)
 
     def weights(self, states: Sequence[EvolvingState]) -> Sequence[Array | None]:
         """Return the means of the weights at the states' times, each of shape (Z r,)."""
@@ -196,7 +184,7 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         basis, process = self.basis, self.operator.process
         part = slice(0, process.size)
         evolution = Evolution(process, basis.offset, state.mean[part], lambda: state.cov[part, part], state.time_ns)
-        still = FlowEstimate(basis.grid, basis.kernel, basis.depth_functions, basis.offset, basis.modes, np.empty((0, 0)), None)
+        still = FlowEstimate(basis.grid, basis.horizontal, basis.depth_functions, basis.offset, basis.modes, np.empty((0, 0)), None)
         flow = evolution.flow(still, self._time(state))
         return replace(flow, time_ns=None) if state.time_ns is None and self.time_ns is None else flow
 
@@ -259,12 +247,6 @@ class Candidate:
     def posterior(self, error_scale: float) -> tuple[Array, Array]:
         """Return means and covariance after the observation, with a standard deviation of its rows' noise."""
         return self.evaluated.predicted.posterior(self.augmented_innovation, error_scale)
-
-    def joined(self, group: Superobservation) -> Superobservation:
-        """Return a superobservation after this candidate, an accepted profile."""
-        scale = self.evaluated.error_scale
-        rows, cross, innovation = self.rows.design / scale, self.cross_covariance / scale, self.augmented_innovation / scale
-        return group.updated(rows, cross, innovation, self.scale_jacobian, self.bias_rows is not None)
 
     def to_innovation(self, prior_inflation: float) -> Innovation:
         """Return the innovation to publish; the argument is the factor on the estimate's covariance after the observation."""

@@ -11,7 +11,6 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import Innovation, Measurement, PathMean
@@ -39,7 +38,7 @@ def log_likelihoods(estimator: EvolvingEstimator, observations: Sequence[Measure
             continue
         yield candidate.evaluated.log_likelihood
         means, cov = candidate.posterior(1.0)
-        state = replace(candidate.before, means=means, covariance=cov, last=observation)
+        state = replace(candidate.before, means=means, cov=cov, last=observation)
 
 
 def observed_subspace_estimator(estimator: EvolvingEstimator, observations: Sequence[Measurement]) -> EvolvingEstimator:
@@ -77,8 +76,8 @@ def _observed(operator: ObservationOperator, observation: Measurement) -> tuple[
     if isinstance(observation, PathMean):
         rows = operator.path(observation).design[:, : process.size].T
         return rows[:n_trajectories], rows[n_trajectories:]
-    place = np.array([to_local(basis.grid.projection, observation.longitude, observation.latitude)], dtype=np.float64)
-    modes = velocity_kernel(basis.kernel, place, basis.grid.nodes) @ basis.modes
+    place = np.array(to_local(basis.grid.projection, observation.longitude, observation.latitude), dtype=np.float64)
+    modes = basis.at_place(place)[1]
     trajectories = np.concatenate([(of_time @ modes.T).reshape(n_trajectories, -1) for of_time in process.trajectories], axis=1)
     return trajectories, (process.local @ modes.T).reshape(len(process.local), -1)
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Observation, PathMean
@@ -62,9 +61,8 @@ class ObservationOperator:
 
     def current(self, east: float, north: float, time_ns: int) -> tuple[Array, Array]:
         """Return the current at a place level by level: without the unknowns, shape (Z, 2), and of each of them, (F + B, Z, 2) [m/s]."""
-        kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), self.basis.grid.nodes)
-        modes = kernel_row @ self.basis.modes
-        known = (kernel_row @ self.basis.offset).T + self.process.mean_at(time_ns) @ modes.T
+        offset, modes = self.basis.at_place(np.array([east, north]))
+        known = offset.T + self.process.mean_at(time_ns) @ modes.T
         return known, self.process.project(modes, time_ns)
 
     def profile(self, observation: Observation, used: NDArray[np.intp]) -> LinearObservation:

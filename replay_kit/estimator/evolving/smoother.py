@@ -20,8 +20,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation, Measurement
 from replay_kit.estimator.evolving.filter import Candidate, EvolvingEstimator
+from replay_kit.estimator.evolving.state import EvolvingState
 from replay_kit.estimator.evolving.state_space import StateSpace
-from replay_kit.estimator.evolving.superobservation import EvolvingState
 
 _NS = 1e9
 
@@ -82,7 +82,7 @@ class Adjoint:
         cov = state.cov - state.cov @ self.cov @ state.cov
         means = state.means.copy()
         means[:, 0] -= state.cov @ self.mean
-        return replace(state, means=means, covariance=0.5 * (cov + cov.T), open_group=None)
+        return replace(state, means=means, cov=0.5 * (cov + cov.T))
 
 
 def smooth(

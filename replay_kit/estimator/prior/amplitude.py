@@ -19,6 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.hybrid import Prior, PriorSettings
+from replay_kit.estimator.prior.reduction import Reduction
 
 #: Least and largest amplitude that a fit gives.
 AMPLITUDES = (0.05, 20.0)
@@ -88,6 +89,15 @@ class ScaledPrior:
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         return self.amplitude * self.unscaled.covariance(levels)
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        return self.amplitude * self.unscaled.of_sum(levels)
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        unscaled = self.unscaled.reduction(directions, matrix)
+        return lambda levels: self.amplitude**2 * unscaled(levels)
 
 
 def scaled_prior(prior: Prior, spread: str | float | None) -> Prior:

@@ -1,13 +1,15 @@
 """The prior of the weights: mean and covariance over the ensemble's members, kept in the parts that it is made of."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.basis.shifts import shifted_copies
+from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
+from replay_kit.estimator.prior.localised import localised_part
+from replay_kit.estimator.prior.reduction import Reduction, hybrid_reduction
 
 
 class Prior(Protocol):
@@ -42,6 +44,19 @@ class Prior(Protocol):
 
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        ...
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        ...
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows take from the covariance of sums of levels; see ``reduction.py``.
+
+        Args:
+            directions: shape (s, r), of the rows.
+            matrix: shape (Z s, Z s), symmetric.
+        """
         ...
 
 
@@ -99,6 +114,20 @@ class DiagonalPrior:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         return np.diag(self.variance[_indices(levels)].ravel())
 
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        return np.diag(self.variance[list(levels)].sum(axis=0))
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        blocks = matrix.reshape(len(self.variance), len(directions), len(self.variance), -1)
+
+        def reduction(levels: tuple[int, ...]) -> Array:
+            scaled = {level: directions * self.variance[level] for level in levels}
+            return np.asarray(sum(scaled[j].T @ blocks[j, :, k] @ scaled[k] for j in levels for k in levels))
+
+        return reduction
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HybridPrior:
@@ -107,8 +136,8 @@ class HybridPrior:
     Attributes:
         mean: shape (Z r,).
         factor: shape (F, Z, r); the first part is the sum of the rows' outer products.
-        vertical: shape (q, Z), orthonormal rows, one a vertical function.
-        horizontal: shape (q, r, r), covariance of the modes' amplitudes for each vertical function.
+        vertical: shape (q, Z), orthogonal rows, one a vertical function.
+        horizontal: shape (g, r, r), covariance of the modes' amplitudes for each vertical function; those from the g-th on have the last.
         settings: The settings it was made with; None when it was not made of members.
     """
 
@@ -122,40 +151,63 @@ class HybridPrior:
         """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
         rows = self.factor.reshape(self.factor.shape[0], self.mean.size)
         of_factor = ((weights.reshape(len(weights), self.mean.size) @ rows.T) @ rows).reshape(weights.shape)
-        in_functions = np.matmul((self.vertical @ weights).swapaxes(0, 1), self.horizontal)  # (q, m, r)
-        return np.asarray(of_factor + np.einsum("qz,qmr->mzr", self.vertical, in_functions))
+        in_functions = (self.vertical @ weights).swapaxes(0, 1)  # (q, m, r)
+        groups = [np.matmul(in_functions[part], of_modes) for part, of_modes in self._groups()]
+        return np.asarray(of_factor + np.einsum("qz,qmr->mzr", self.vertical, np.concatenate([in_functions[:0], *groups]), optimize=True))
 
     def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
         n_rows, n_levels, n_modes = self.factor.shape
         n_basis, chosen = basis.shape[0], _indices(levels)
-        factor, vertical = self.factor[:, chosen], self.vertical[:, chosen]
+        factor = self.factor[:, chosen]
         n_chosen = factor.shape[1]
         at_basis = (self.factor @ basis.T).reshape(n_rows, n_levels * n_basis)
         of_factor = (at_basis.T @ factor.reshape(n_rows, n_chosen * n_modes)).reshape(n_levels, n_basis, n_chosen, n_modes)
-        in_modes = np.matmul(basis, self.horizontal).reshape(self.vertical.shape[0], basis.size)  # (q, c r)
-        pairs = np.einsum("qz,qy->zyq", self.vertical, vertical).reshape(n_levels * n_chosen, -1)
-        in_functions = (pairs @ in_modes).reshape(n_levels, n_chosen, n_basis, n_modes)
+        in_modes = np.matmul(basis, self.horizontal).reshape(len(self.horizontal), basis.size)  # (g, c r)
+        pairs = self._pairs(slice(None), chosen).reshape(-1, n_levels * n_chosen)
+        in_functions = (pairs.T @ in_modes).reshape(n_levels, n_chosen, n_basis, n_modes)
         return np.asarray(of_factor + in_functions.transpose(0, 2, 1, 3))
 
     def mode_std(self) -> Array:
         """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
         of_factor = np.einsum("fzr,fzr->r", self.factor, self.factor)
-        # the functions have unit length, so each level's share of one sums to one
-        in_functions = np.einsum("qrr->r", self.horizontal)
+        # the squares of the functions of one covariance sum to one
+        in_functions = np.einsum("grr->r", self.horizontal)
         return np.asarray(np.sqrt((of_factor + in_functions) / self.factor.shape[1]))
 
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
         chosen = _indices(levels)
-        factor, vertical = self.factor[:, chosen], self.vertical[:, chosen]
+        factor = self.factor[:, chosen]
         n_rows, n_levels, n_modes = factor.shape
         stacked = factor.reshape(n_rows, n_levels * n_modes)
         cov = stacked.T @ stacked
         block = cov.reshape(n_levels, n_modes, n_levels, n_modes)
-        for function, of_modes in zip(vertical, self.horizontal, strict=True):
-            block += np.multiply.outer(np.outer(function, function), of_modes).transpose(0, 2, 1, 3)
+        for pairs, of_modes in zip(self._pairs(chosen, chosen), self.horizontal, strict=True):
+            block += np.multiply.outer(pairs, of_modes).transpose(0, 2, 1, 3)
         return cov
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        factor, share = self.factor[:, list(levels)].sum(axis=1), np.square(self.vertical[:, list(levels)].sum(axis=1))
+        shares = np.array([share[part].sum() for part, _ in self._groups()])
+        return np.asarray(factor.T @ factor + np.tensordot(shares, self.horizontal, 1))
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        return hybrid_reduction(self.factor, self.vertical, self.horizontal, directions, matrix)
+
+    def _groups(self) -> Iterator[tuple[slice, Array]]:
+        """Yield the functions that share a covariance of the modes' amplitudes, and that covariance."""
+        last = len(self.horizontal) - 1
+        for group, of_modes in enumerate(self.horizontal):
+            yield slice(group, None if group == last else group + 1), of_modes
+
+    def _pairs(self, levels: slice | list[int], others: slice | list[int]) -> Array:
+        """Return the covariance between levels of one unit of each covariance of the modes' amplitudes, shape (g, L, M)."""
+        rows, columns = self.vertical[:, levels], self.vertical[:, others]
+        parts = [rows[part].T @ columns[part] for part, _ in self._groups()]
+        return np.stack(parts) if parts else np.empty((0, rows.shape[1], columns.shape[1]))
 
 
 def _indices(levels: tuple[int, ...] | None) -> slice | list[int]:
@@ -180,7 +232,7 @@ def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, set
     valid-space shifting, Xu et al. 2011). The sample covariance of so many members still contains chance correlations between distant
     places, and has low rank. The localised part (hybrid covariance, Hamill and Snyder 2000) has full rank and no distant correlations: for
     each empirical orthogonal function of depth, the covariance over the grid is tapered with distance (Gaspari and Cohn 1999) and
-    projected on the modes.
+    projected on the modes (``localised.py``).
 
     Args:
         member_weights: shape (E, Z, r).
@@ -191,59 +243,10 @@ def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, set
     share = settings.sample_share
     n_members, n_levels, n_modes = member_weights.shape
     mean = member_weights.mean(axis=0)
-    # least squares, because the kernel's nugget leaves the modes only nearly orthonormal at the nodes
-    projector = np.asarray(np.linalg.pinv(velocity_modes), dtype=np.float64)
+    to_modes = projector(velocity_modes)
     anomalies = (member_weights - mean) / np.sqrt(n_members - 1.0)
-    anomalies = shifted_in_modes(anomalies, velocity_modes, projector, nodes, settings.shift)
+    anomalies = shifted_in_modes(anomalies, shift_operators(velocity_modes, to_modes, nodes, settings.shift))
     if share == 1.0:
         return HybridPrior(mean.ravel(), anomalies, np.empty((0, n_levels)), np.empty((0, n_modes, n_modes)), settings)
-    vertical, horizontal = localised_part(anomalies, velocity_modes, projector, nodes, settings.radius)
+    vertical, horizontal = localised_part(anomalies, velocity_modes, to_modes, nodes, settings.radius)
     return HybridPrior(mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings)
-
-
-def shifted_in_modes(anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, shift: float) -> Array:
-    """Return anomalies and their shifted copies, weighted, in modes: shape (5 E, Z, r); the anomalies alone where ``shift`` is 0.
-
-    Args:
-        anomalies: shape (E, Z, r).
-        velocity_modes: shape (2N, r).
-        projector: shape (r, 2N), from velocities at the nodes to modes.
-        nodes: shape (N, 2) [m].
-        shift: [m].
-    """
-    if shift == 0.0:
-        return anomalies
-    return np.asarray(shifted_copies(anomalies @ velocity_modes.T, nodes, shift) @ projector.T)
-
-
-def localised_part(anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float) -> tuple[Array, Array]:
-    """Return the covariance of anomalies, tapered, in their vertical functions: shapes (q, Z) and (q, r, r).
-
-    Args:
-        anomalies: shape (F, Z, r); their outer products sum to the covariance.
-        velocity_modes: shape (2N, r).
-        projector: shape (r, 2N).
-        nodes: shape (N, 2) [m].
-        radius: Where the taper reaches zero [m].
-    """
-    _, vectors = np.linalg.eigh(np.einsum("ezr,eyr->zy", anomalies, anomalies))
-    vertical = vectors.T
-    taper: Array = np.tile(gaspari_cohn(cdist(nodes, nodes), radius), (2, 2))
-    in_functions: Array = np.einsum("qz,ezr->qer", vertical, anomalies, optimize=True)
-    return vertical, np.stack([projector @ (taper * (field.T @ field)) @ projector.T for field in in_functions @ velocity_modes.T])
-
-
-def gaspari_cohn(distance: Array, radius: float) -> Array:
-    """Return the fifth-order taper of Gaspari and Cohn (1999, eq. 4.10): 1 at no distance, 0 from ``radius`` on.
-
-    Args:
-        distance: [m], any shape.
-        radius: Twice the function's half-width c [m].
-    """
-    r = np.minimum(2.0 * np.abs(distance) / radius, 2.0)
-    inner = 1.0 + r**2 * (-5.0 / 3.0 + r * (5.0 / 8.0 + r * (0.5 - 0.25 * r)))
-    outside = np.maximum(r, 1.0)
-    outer = (
-        4.0 + outside * (-5.0 + outside * (5.0 / 3.0 + outside * (5.0 / 8.0 + outside * (-0.5 + outside / 12.0)))) - 2.0 / (3.0 * outside)
-    )
-    return np.where(r <= 1.0, inner, np.maximum(outer, 0.0))

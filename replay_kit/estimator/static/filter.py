@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -14,21 +13,25 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import constant
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
-from replay_kit.estimator.basis.modes import Basis, build_basis, cell_size, correlation_length
-from replay_kit.estimator.basis.noise import bin_noise
+from replay_kit.estimator.basis.modes import Basis, build_basis
+from replay_kit.estimator.basis.noise import BinNoise, bin_noise
+from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
 from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior
+from replay_kit.estimator.static.group import fitting_step, group_innovation, group_steps
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.update.biases import NAMES, BiasScore, significant_bias_notes, unit_bias_rows
 from replay_kit.estimator.update.compression import ProfileRows, compress_profile
+from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.evaluation import evaluate_observation
 from replay_kit.estimator.update.gate import ConsistencyMonitor
+from replay_kit.estimator.update.group_step import Stepped
+from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
 from replay_kit.estimator.update.observation_space import initial
 from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_path_mean
 from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means
@@ -76,6 +79,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         time_ns: Time of the forecast.
         gating: Gate and covariance inflation; None accepts every profile with its stated errors (paper).
         spread: Amplitude of the prior's covariance before the log, which is then fitted to it; None leaves the covariance as it is.
+        grouping: Which profiles are combined; None combines none.
     """
 
     basis: Basis
@@ -85,6 +89,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
     time_ns: int | None
     gating: GatingConfig | None = None
     spread: SpreadFit | None = None
+    grouping: Grouping | None = None
 
     supports_path_means = True
     # the products of so many observations with the prior covariance are computed together: it is read once for all
@@ -98,7 +103,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
     @property
     def prior_weights(self) -> Array:
         """Mean of the prior, shape (Z, r)."""
-        return self._by_level(self.prior.mean)
+        return self.by_level(self.prior.mean)
 
     @property
     def common_part(self) -> Prior:
@@ -107,9 +112,10 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def initial(self) -> FilterState:
         """Return the prior as a state."""
-        return self._initial(self.spread)
+        return self.initial_with(self.spread)
 
-    def _initial(self, spread: SpreadFit | None) -> FilterState:
+    def initial_with(self, spread: SpreadFit | None) -> FilterState:
+        """Return the prior of an amplitude as a state."""
         no_bias = np.zeros((len(NAMES), *self.prior_weights.shape))
         prior = self.prior if spread is None else ScaledPrior(self.prior, spread.amplitude)
         return FilterState(initial(prior, no_bias), None, spread=spread)
@@ -132,31 +138,18 @@ class ReducedBasisEstimator(Estimator[FilterState]):
             measurement = next(source, None)
             if measurement is None:
                 return
-            state, innovation = self._fitting_step(state, state.spread, measurement)
+            _, _, state, innovation = fitting_step(self, state, measurement)[0]
             yield state, innovation
-        yield from self._assimilated(state, source)
+        yield from self.assimilated(state, source)
 
-    def _fitting_step(self, state: FilterState, spread: SpreadFit, measurement: Measurement) -> tuple[FilterState, Innovation]:
-        """Return the state after a measurement, with the amplitude fitted if it is time, and the innovation before that."""
-        state, innovation = next(self._assimilated(state, [measurement]))
-        place = None
-        if innovation.accepted:
-            east, north = to_local(self.basis.grid.projection, measurement.longitude, measurement.latitude)
-            place = np.array([np.mean(east), np.mean(north)])
-        spread = spread.after(measurement, place)
-        if not spread.is_due or spread.past is None:
-            return replace(state, spread=spread), innovation
-        linearised = [self._linearised(each)[1] for each, _ in spread.apart]
-        fitted = spread.fitted(self.prior, self.prior_weights, [rows for rows in linearised if rows is not None])
-        if fitted.amplitude == spread.amplitude:
-            return replace(state, spread=fitted), innovation
-        *_, (state, _) = self._assimilated(self._initial(fitted), spread.past)
-        return state, innovation
+    def group_steps(self, state: FilterState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[FilterState]]:
+        """Yield what became of measurements and groups of profiles."""
+        return group_steps(self, state, items)
 
-    def _assimilated(self, state: FilterState, source: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]:
+    def assimilated(self, state: FilterState, source: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]:
         """Yield the state after each observation, and its innovation, with the prior's amplitude as it is."""
         source = iter(source)
-        while block := [self._linearised(observation) for observation in islice(source, self.block_size)]:
+        while block := [self.linearised(observation) for observation in islice(source, self.block_size)]:
             prefetched: Iterator[PriorCrossCovariance] = iter(())
             made_by: Posterior | None = None
             for index, (screened, rows) in enumerate(block):
@@ -196,7 +189,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         after = FilterState(posterior, time_ns, monitor, screened.observation, score, state.spread)
         return after, update.to_innovation(screened, prior, inflation)
 
-    def _linearised(self, observation: Measurement) -> tuple[Screened, ProfileRows | PathRows | None]:
+    def linearised(self, observation: Measurement) -> tuple[Screened, ProfileRows | PathRows | None]:
         """Return a measurement after screening, and its rows; None without a usable bin."""
         screened = screen_measurement(observation, self.basis.grid)
         if screened.used.size == 0:
@@ -211,8 +204,12 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def innovation(self, state: FilterState, observation: Measurement) -> Array:
         """Return measured minus predicted by a state, shape (n, 2) [m/s], local axes; NaN for bins not usable."""
-        screened, rows = self._linearised(observation)
-        return screened.scatter(np.empty((0, 2)) if rows is None else rows.residual(rows.matvec(self._by_level(state.mean))))
+        screened, rows = self.linearised(observation)
+        return screened.scatter(np.empty((0, 2)) if rows is None else rows.residual(rows.matvec(self.by_level(state.mean))))
+
+    def group_innovation(self, state: FilterState, group: ProfileGroup) -> Array:
+        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
+        return group_innovation(self, state, group)
 
     def weights(self, states: Sequence[FilterState]) -> Sequence[Array | None]:
         """Return the means of states, each of shape (Z r,): those of neighbours in one run cost little more than one of them."""
@@ -220,7 +217,7 @@ class ReducedBasisEstimator(Estimator[FilterState]):
 
     def flow(self, state: FilterState) -> FlowEstimate:
         """Return the current estimate of a state; its covariance is computed when first asked for."""
-        return self.flow_of(state.mean, cache(state.posterior.covariance), state.time_ns)
+        return self.flow_of(state.mean, PosteriorCovariance(state.posterior), state.time_ns)
 
     def flow_of(self, mean: Array, covariance: Array | Callable[[tuple[int, ...] | None], Array], time_ns: int | None) -> FlowEstimate:
         """Return the current estimate of weights.
@@ -237,17 +234,22 @@ class ReducedBasisEstimator(Estimator[FilterState]):
         """Return the compressed rows of a profile's usable bins."""
         grid, depth = self.basis.grid, observation.depth[used]
         east, north = to_local(grid.projection, observation.longitude, observation.latitude)
-        kernel_row = velocity_kernel(self.basis.kernel, np.array([[east, north]]), grid.nodes)
+        offset, modes = self.basis.at_place(np.array([east, north], dtype=np.float64))
         weights = depth_weights(self.basis.depth_functions, depth, grid.levels)
+        noise = self.noise(observation, used)
+        u, v = rotate_to_local(grid.projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
+        values = np.column_stack([u, v]) - weights @ offset.T
+        return compress_profile(weights, modes, noise, values)
+
+    def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise:
+        """Return the noise of a profile's usable bins."""
+        levels, depth = self.basis.grid.levels, observation.depth[used]
         common, correlation = observation.common_std, observation.correlation_depth
-        own, extra = observation.error_std[used], np.interp(depth, grid.levels, self.representation_std)
+        own, extra = observation.error_std[used], np.interp(depth, levels, self.representation_std)
         if self.error_std is not None:
             own, extra = np.full(used.size, self.error_std), np.zeros(used.size)
             common, correlation = 0.0 if np.isfinite(common) else np.inf, 0.0
-        noise = bin_noise(depth, own, extra, common, correlation)
-        u, v = rotate_to_local(grid.projection, observation.longitude, observation.latitude, *observation.velocity[used].T)
-        values = np.column_stack([u, v]) - weights @ (kernel_row @ self.basis.offset).T
-        return compress_profile(weights, kernel_row @ self.basis.modes, noise, values)
+        return bin_noise(depth, own, extra, common, correlation)
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:
@@ -272,7 +274,8 @@ class ReducedBasisEstimator(Estimator[FilterState]):
             return {}
         return {"amplitude": repr(state.spread.amplitude), "measurements": str(state.spread.fitted_to)}
 
-    def _by_level(self, mean: Array) -> Array:
+    def by_level(self, mean: Array) -> Array:
+        """Return weights, shape (Z r,), level by level, shape (Z, r)."""
         return mean.reshape(self.basis.grid.levels.size, -1)
 
 
@@ -295,6 +298,5 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingC
     if config.spread == "fit" or (config.spread is None and ensemble.made_from):
         expected = left_out_amplitude(members, settings)
         spread = SpreadFit(expected, expected, 0, 0.5 * float(np.sqrt(np.prod(cell_size(ensemble.grid)))))
-    return ReducedBasisEstimator(
-        basis, scaled_prior(prior, config.spread), None, basis.representation_std(config), ensemble.time_ns, gating, spread
-    )
+    scaled, grouping = scaled_prior(prior, config.spread), Grouping(current_gradient(ensemble))
+    return ReducedBasisEstimator(basis, scaled, None, basis.representation_std(config), ensemble.time_ns, gating, spread, grouping)

@@ -20,6 +20,7 @@ from replay_kit.core.observation import Measurement
 from replay_kit.estimator.prior.amplitude import fit_amplitude
 from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.compression import ProfileRows
+from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.path_mean import PathRows
 
 # Numbers of measurements at which the amplitude is fitted.
@@ -39,7 +40,7 @@ class SpreadFit:
         expected: That of members left out.
         fitted_to: Number of measurements that it was fitted to; 0 for members left out.
         spacing: Least distance between measurements that count [m].
-        apart: Those that count so far, with their places; none after the last fit.
+        apart: Those that count so far, with their places; of a group of profiles those accepted. None after the last fit.
         past: All measurements so far; None after the last fit.
     """
 
@@ -47,19 +48,22 @@ class SpreadFit:
     expected: float
     fitted_to: int
     spacing: float
-    apart: tuple[tuple[Measurement, Array], ...] = ()
-    past: tuple[Measurement, ...] | None = ()
+    apart: tuple[tuple[Measurement | ProfileGroup, Array], ...] = ()
+    past: tuple[Measurement | ProfileGroup, ...] | None = ()
 
     @property
     def is_due(self) -> bool:
         """Whether the amplitude is to be fitted now."""
         return len(self.apart) in _COUNTS and len(self.apart) > self.fitted_to
 
-    def after(self, measurement: Measurement, place: Array | None) -> "SpreadFit":
+    def after(
+        self, measurement: Measurement | ProfileGroup, place: Array | None, used: Measurement | ProfileGroup | None = None
+    ) -> "SpreadFit":
         """Return the same after a measurement.
 
         Args:
-            measurement: The measurement.
+            measurement: The measurement, or a group of profiles.
+            used: What of it was accepted; None for all.
             place: shape (2,) [m], local east and north, the middle of a path; None of what was not accepted.
         """
         if self.past is None:
@@ -67,7 +71,7 @@ class SpreadFit:
         if len(self.past) == _MOST_KEPT:
             return self._ended()
         counts = place is not None and all(np.hypot(*(place - other)) >= self.spacing for _, other in self.apart)
-        apart = (*self.apart, (measurement, place)) if counts and place is not None else self.apart
+        apart = (*self.apart, (used or measurement, place)) if counts and place is not None else self.apart
         return replace(self, apart=apart, past=(*self.past, measurement))
 
     def fitted(self, prior: Prior, mean: Array, rows: Sequence[ProfileRows | PathRows]) -> "SpreadFit":

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.estimator.prior.reduction import Reduction, reduction_by_products
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +65,15 @@ class FullCovariancePrior:
                 out[parts[level], parts[other]] = block
                 out[parts[other], parts[level]] = block.T
         return out
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        r = self.blocks.shape[1]
+        return np.asarray(self.covariance(levels).reshape(len(levels), r, len(levels), r).sum(axis=(0, 2)))
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        return reduction_by_products(self, directions, matrix)
 
     def downdate(self, mean: Array, rows: Array) -> "FullCovariancePrior":
         """Return the Gaussian of another mean with the Gram matrix of ``rows``, shape (m, Z r), subtracted from the covariance."""

@@ -21,10 +21,10 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Decision
 
-# Share of the noise variance above which a direction's prior variance is significant.
-_SIGNIFICANT_SHARE = 0.01
-# A softening that inflates the error variance by less than this factor is none.
-_LEAST_SOFTENING = 1.1
+#: Share of the noise variance above which a direction's prior variance is significant.
+SIGNIFICANT_SHARE = 0.01
+#: A softening that inflates the error variance by less than this factor is none.
+LEAST_SOFTENING = 1.1
 # Upper end of the 95 % band: one profile in forty lies beyond it.
 _TAIL = 0.025
 # Largest covariance inflation: at one time, and the product of all.
@@ -88,21 +88,21 @@ def gate_innovation(
         return GateResult("accepted", statistic, dof, np.inf, False, scale, values)
     threshold = chi_square_threshold(config.gate_probability, dof)
     # where the prior has no part in the variance, directions are arbitrary, and their sum is tested already
-    significant = squared[values > _SIGNIFICANT_SHARE * scale]
+    significant = squared[values > SIGNIFICANT_SHARE * scale]
     exceeds = statistic > threshold or bool(np.any(significant > chi_square_threshold(config.gate_probability / dof, 1)))
     decision: Decision = "rejected" if exceeds else "accepted"
     if config.gate == "soften" or (exceeds and not is_consistent):
         softened = float(np.max(softened_variance(values, scale, along, config.soften_factor)))
-        decision, scale = "softened" if softened > scale * _LEAST_SOFTENING else "accepted", softened
+        decision, scale = "softened" if softened > scale * LEAST_SOFTENING else "accepted", softened
     return GateResult(decision, statistic, dof, threshold, exceeds, scale, values)
 
 
-def softened_variance(prior: Array, error: float, innovation: Array, factor: float) -> Array:
+def softened_variance(prior: Array, error: Array | float, innovation: Array, factor: float) -> Array:
     """Return error variances that bound how far innovations move the estimate (Sakov and Sandery 2017, Tellus A 69, eq. 8).
 
     Args:
         prior: shape (m,), predicted variance of each innovation without error.
-        error: Its error variance.
+        error: Its error variance, one or those of many.
         innovation: shape (m,).
         factor: K; an update is at most about K prior standard deviations.
     """

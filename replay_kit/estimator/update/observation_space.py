@@ -18,6 +18,7 @@ import scipy.linalg.lapack
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.hybrid import Prior
+from replay_kit.estimator.prior.reduction import Reduction
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.posterior import (
     Posterior,
@@ -186,6 +187,22 @@ class ObservationSpacePosterior(Posterior):
         cov, rows = self.prior.covariance(levels), self.whitened_cross(levels)
         rank_k_update(cov, rows, -rows)
         return cov
+
+    def reduction(self) -> Reduction:
+        """Return what the rows took from the prior's covariance of sums of levels."""
+
+        def reduction(levels: tuple[int, ...]) -> Array:
+            rows = self.whitened_cross(levels)
+            rows = rows.reshape(len(rows), len(levels), rows.shape[1] // len(levels)).sum(axis=1)
+            return np.asarray(rows.T @ rows)
+
+        return reduction
+
+    def covariance_of(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        cross, m = self.prior.matvec(design), len(design)
+        before = self.factor.solve(self.n, self._rows_times(cross, 0, self.n))
+        return np.asarray(design.reshape(m, -1) @ cross.reshape(m, -1).T - before.T @ before)
 
     def whitened_cross(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the columns of L^-1 H P0 for some levels, None for all, shape (K, L r)."""

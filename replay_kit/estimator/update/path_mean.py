@@ -6,7 +6,6 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.observation import PathMean
 from replay_kit.estimator.basis.modes import Basis
@@ -54,11 +53,11 @@ def path_rows(mean: PathMean, basis: Basis, representation_std: Array) -> PathRo
     """Return the rows of a mean along a path."""
     grid = basis.grid
     places = np.column_stack(to_local(grid.projection, mean.longitude, mean.latitude))
-    kernel_rows = velocity_kernel(basis.kernel, places, grid.nodes).reshape(2, len(places), -1)
-    by_level = np.einsum("mz,cmn->czn", depth_means(mean, basis), kernel_rows)
+    by_level = depth_means(mean, basis)
     noise = mean_noise(mean, grid.levels, representation_std)
-    offset = np.einsum("czn,nz->c", by_level, basis.offset)
-    return PathRows(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - offset, (by_level @ basis.modes) / noise.std[0])
+    offset = np.einsum("mz,cmz->c", by_level, basis.horizontal.velocity(places, basis.offset))
+    design = by_level.T @ basis.horizontal.velocity(places, basis.modes)
+    return PathRows(np.ones((1, 1)), noise, local_mean(mean, grid.projection) - offset, design / noise.std[0])
 
 
 def predict_path_mean(posterior: Posterior, rows: PathRows) -> PredictedObservation[Posterior]:

@@ -17,6 +17,7 @@ import scipy.linalg
 from replay_kit.core.arrays import Array
 from replay_kit.core.gaussian import normalised_square
 from replay_kit.estimator.prior.hybrid import Prior
+from replay_kit.estimator.prior.reduction import Reduction
 from replay_kit.estimator.update.compression import ProfileRows
 
 # Rows of a symmetric matrix that are updated at once.
@@ -71,6 +72,18 @@ class Posterior(ABC):
     @abstractmethod
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+
+    @abstractmethod
+    def reduction(self) -> Reduction:
+        """Return what the rows took from the prior's covariance of sums of levels."""
+
+    @abstractmethod
+    def covariance_of(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m).
+
+        Args:
+            design: shape (m, Z, r).
+        """
 
     def prefetch(self, profiles: Sequence[ProfileRows]) -> "list[PriorCrossCovariance]":
         """Return the parts of coming predictions that do not depend on the order of assimilation."""

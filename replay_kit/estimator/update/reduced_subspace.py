@@ -25,6 +25,7 @@ import scipy.linalg
 
 from replay_kit.core.arrays import Array
 from replay_kit.estimator.prior.hybrid import Prior
+from replay_kit.estimator.prior.reduction import Reduction
 from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
@@ -97,6 +98,16 @@ class ReducedSubspacePosterior(Posterior):
         across = self.prior.matvec_modes(self.active_directions / self.mode_std, levels).reshape(-1, len(cov))
         rank_k_update(cov, across, -(self._without_room() @ across))
         return cov
+
+    def reduction(self) -> Reduction:
+        """Return what the rows took from the prior's covariance of sums of levels."""
+        return self.prior.reduction(self.active_directions / self.mode_std, self._without_room())
+
+    def covariance_of(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        cross, m = self.prior.matvec(design), len(design)
+        inside = (cross / self.mode_std @ self.active_directions.T).reshape(m, -1)
+        return np.asarray(design.reshape(m, -1) @ cross.reshape(m, -1).T - inside @ self._without_room() @ inside.T)
 
     def predict(self, rows: ProfileRows, prefetched: PriorCrossCovariance) -> PredictedObservation[Posterior]:
         """Return the prediction of a profile's rows."""

@@ -1,7 +1,10 @@
 """Stamps far from their neighbours, and jumps of a log's clock: which stamp is set aside, and what a later one stands for."""
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from typing import Generic, NamedTuple, TypeVar
 
 from replay_kit.core.text import time_text
 
@@ -9,6 +12,9 @@ from replay_kit.core.text import time_text
 FAR_NS = 86_400_000_000_000
 #: Messages that are looked at before a far stamp is judged.
 LOOK_AHEAD = 32
+#: Last part of latched topics, and words in it: their messages come once, when a recording begins, and hold from then on.
+_LATCHED_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})
+_LATCHED_WORDS = ("config", "parameter")
 #: A gap that neither the log's last message nor its first alone may make [ns].
 _ALONE_NS = 366 * FAR_NS
 
@@ -73,3 +79,82 @@ def settle(clock: LogClock | None, stamp_ns: int, following: Sequence[int]) -> L
     if abs(stamp_ns - clock.last_ns) <= FAR_NS:
         return LogClock(stamp_ns)
     return LogClock(max(time_ns, clock.last_ns), clock.offset_ns + max(0, -step))
+
+
+def is_latched(topic: str) -> bool:
+    """Return whether a topic is latched: its messages (static transforms, parameters, configuration) stay valid from then on."""
+    last = topic.rsplit("/", 1)[-1]
+    return last in _LATCHED_TOPICS or any(word in last.lower() for word in _LATCHED_WORDS)
+
+
+_T = TypeVar("_T")
+
+
+class Settled(NamedTuple, Generic[_T]):
+    """A message whose stamp was judged.
+
+    Attributes:
+        item: The message.
+        time_ns: Its time [ns, UTC]; None when its stamp is far from its neighbours' and it is set aside.
+        jump: Corrected time of the message before and what is added to stamps from this one on [ns], where the clock jumps; else None.
+    """
+
+    item: _T
+    time_ns: int | None
+    jump: tuple[int, int] | None = None
+
+
+class Settling(Generic[_T]):
+    """The stamps of one log, judged in its order by ``settle``: one far from those before waits for those that follow.
+
+    It is mutable, as a stream of messages goes through it. What comes once may be older than the recording: where the stamp of a latched
+    topic is far, it stays as it is.
+    """
+
+    def __init__(self) -> None:
+        self._last_ns: int | None = None
+        self._offset_ns = 0
+        self._waiting: deque[tuple[_T, int, str]] = deque()
+
+    def steady_since(self) -> int | None:
+        """Return the time of the last message [ns, UTC] where none waits and no stamp is corrected; else None."""
+        return None if self._waiting or self._offset_ns else self._last_ns
+
+    def go_on(self, time_ns: int) -> None:
+        """Take a message that ``steady_since`` shows to be near those before it."""
+        self._last_ns = time_ns
+
+    def take(self, item: _T, stamp_ns: int, topic: str) -> Iterator[Settled[_T]]:
+        """Take the next message of the log, and yield those that wait no longer."""
+        self._waiting.append((item, stamp_ns, topic))
+        return self._judged(LOOK_AHEAD)
+
+    def finish(self) -> Iterator[Settled[_T]]:
+        """Yield what still waits when the log ends."""
+        return self._judged(0)
+
+    def _judged(self, following: int) -> Iterator[Settled[_T]]:
+        """Yield the messages that need no more of those that follow than there are, or that so many follow."""
+        while self._waiting:
+            item, stamp_ns, topic = self._waiting[0]
+            time_ns, last_ns, jump = stamp_ns + self._offset_ns, self._last_ns, None
+            if last_ns is None or abs(time_ns - last_ns) > FAR_NS:
+                if is_latched(topic):
+                    self._waiting.popleft()
+                    yield Settled(item, stamp_ns)
+                    continue
+                if len(self._waiting) <= following:
+                    return
+                clock = None if last_ns is None else LogClock(last_ns, self._offset_ns)
+                after = [stamp for _, stamp, name in islice(self._waiting, 1, 1 + LOOK_AHEAD) if not is_latched(name)]
+                settled = settle(clock, stamp_ns, after)
+                if settled is None:
+                    self._waiting.popleft()
+                    yield Settled(item, None)
+                    continue
+                if last_ns is not None and settled.offset_ns != self._offset_ns:
+                    jump = last_ns, settled.offset_ns
+                time_ns, self._offset_ns = settled.last_ns, settled.offset_ns
+            self._waiting.popleft()
+            self._last_ns = time_ns
+            yield Settled(item, time_ns, jump)

@@ -12,6 +12,8 @@ _MOST_ABOVE, _LEAST_PINGS = 0.1, 5
 # s, m and positions for which an unchanged position is that of a dead receiver
 _FROZEN_TIME, _FROZEN_DEPTH, _FROZEN_FIXES = 600.0, 20.0, 4
 
+_AT_SURFACE = np.int32(Reason.AT_SURFACE)
+
 
 @dataclass(frozen=True, slots=True)
 class DepthCounts:
@@ -29,7 +31,7 @@ class DepthCounts:
 
     def after(self, observation: Observation) -> "DepthCounts":
         """Return the counts after a ping."""
-        measured = np.isfinite(observation.velocity[:, 0]) & ((observation.reasons & np.int32(Reason.AT_SURFACE)) == 0)
+        measured = np.isfinite(observation.velocity[:, 0]) & ((observation.reasons & _AT_SURFACE) == 0)
         depth = observation.depth[measured]
         if not depth.size:
             return self

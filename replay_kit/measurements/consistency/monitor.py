@@ -4,6 +4,7 @@ Nothing here looks ahead or at an estimate. An instrument is a topic, in
 all logs of a mission.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -130,32 +131,40 @@ def _after_ping(
     topic = ping.source.topic
     instrument = state.instruments.get(topic) or Instrument(sources=SourceStatistics(through_water=through_water))
     raw, wrong = instrument.raw.after(ping.time_ns, ping.raw)
-    instrument = replace(instrument, raw=raw)
     found: list[Finding] = []
     if raw.is_dead and findings.DEAD not in instrument.named:
         found.append(findings.dead(raw, ping))
-    if not wrong:
-        instrument = _measured(instrument, ping, ensemble)
+    if wrong:
+        instrument = replace(instrument, raw=raw)
+    else:
+        instrument = _measured(instrument, raw, ping, ensemble)
         found += _of_ping(instrument, ping)
-    named = frozenset(finding.name for finding in found)
-    distrusted = bool(named & findings.DISTRUSTED)
-    instrument = replace(instrument, named=instrument.named | named, is_believed=instrument.is_believed and not distrusted)
+    if found:
+        named = frozenset(finding.name for finding in found)
+        distrusted = bool(named & findings.DISTRUSTED)
+        instrument = replace(instrument, named=instrument.named | named, is_believed=instrument.is_believed and not distrusted)
     reason = Reason.DEAD if wrong else Reason.NONE
     if not instrument.is_believed or state.positions.is_frozen:
         reason |= Reason.INCONSISTENT
-    absolute = state.absolute_pings + bool(np.isfinite(ping.common_std))
-    state = _with(replace(state, pings=state.pings + 1, absolute_pings=absolute), topic, instrument, tuple(found))
+    absolute = state.absolute_pings + math.isfinite(ping.common_std)
+    state = replace(
+        state,
+        instruments={**state.instruments, topic: instrument},
+        pings=state.pings + 1,
+        absolute_pings=absolute,
+        findings=(*state.findings, *found) if found else state.findings,
+    )
     return state, unused(ping, reason) if reason else ping
 
 
-def _measured(instrument: Instrument, ping: Observation, ensemble: EnsembleSpeeds | None) -> Instrument:
-    """Return an instrument after a ping that is neither dead nor stale."""
+def _measured(instrument: Instrument, raw: RawHistory, ping: Observation, ensemble: EnsembleSpeeds | None) -> Instrument:
+    """Return an instrument after a ping that is neither dead nor stale, and the history of its raw values."""
     near = near_mean(ping)
     sources = instrument.sources if near is None else instrument.sources.after_ping(near)
     speeds = instrument.speeds
-    if ensemble is not None and np.isfinite(ping.common_std):
+    if ensemble is not None and math.isfinite(ping.common_std):
         speeds = speeds.after(ping, ensemble)
-    return replace(instrument, depths=instrument.depths.after(ping), sources=sources, speeds=speeds)
+    return Instrument(raw, instrument.depths.after(ping), sources, speeds, instrument.is_believed, instrument.named)
 
 
 def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import IN_MEMORY, Array, release
 from replay_kit.core.observation import Observation
-from replay_kit.measurements.consistency.sources import REPAIRABLE
+from replay_kit.measurements.consistency.sources import NOT_REPAIRABLE
 
 # m/s; no region's currents have an RMS speed outside, and no model resolves much faster ones
 _LEAST_RMS, _MOST_RMS, _MOST_SPEED, _PERCENTILE = 0.004, 1.5, 4.0, 99.9
@@ -19,7 +19,8 @@ _LEAST_SPEED = 0.01
 
 def odd_ensemble_speeds(velocity: Array) -> str:
     """Return how the speeds of an ensemble, shape (E, 2, ...) [m/s], cannot be those of currents; empty when they can."""
-    squared = np.square(velocity).sum(axis=1)
+    # of an ensemble larger than memory some members tell as much
+    squared = np.square(velocity[:: max(1, velocity.nbytes // IN_MEMORY)]).sum(axis=1)
     squared = squared[np.isfinite(squared)]
     if not squared.any():
         # without a wet point, or at rest: another matter
@@ -45,10 +46,14 @@ class EnsembleSpeeds:
 
 def ensemble_speeds(levels: Array, velocity: Array) -> EnsembleSpeeds:
     """Return the speeds of an ensemble, shape (E, 2, Z, J, I) [m/s], NaN where dry; a dry level has those of the first one."""
-    squared = np.square(velocity).sum(axis=1)
-    wet = np.isfinite(squared)
-    count = wet.sum(axis=(0, 2, 3))
-    mean = np.where(wet, squared, 0.0).sum(axis=(0, 2, 3)) / np.maximum(count, 1)
+    total, count = np.zeros(levels.size), np.zeros(levels.size, dtype=np.int64)
+    for member in velocity:
+        squared = np.square(member).sum(axis=0)
+        wet = np.isfinite(squared)
+        count += wet.sum(axis=(1, 2))
+        total += np.where(wet, squared, 0.0).sum(axis=(1, 2))
+    release(velocity)
+    mean = total / np.maximum(count, 1)
     return EnsembleSpeeds(levels, np.where(count > 0, mean, mean[0]))
 
 
@@ -73,7 +78,7 @@ class SpeedCounts:
     def after(self, observation: Observation, ensemble: EnsembleSpeeds) -> "SpeedCounts":
         """Return the counts after an absolute ping."""
         squared = np.square(observation.velocity).sum(axis=1)
-        good = ((observation.reasons & ~np.int32(REPAIRABLE)) == 0) & np.isfinite(squared + observation.error_std)
+        good = ((observation.reasons & NOT_REPAIRABLE) == 0) & np.isfinite(squared + observation.error_std)
         if not good.any():
             return self
         expected = np.interp(observation.depth[good], ensemble.levels, ensemble.mean_square)

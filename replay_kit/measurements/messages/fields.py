@@ -19,11 +19,13 @@ _FEWEST_COMPONENTS = 3
 
 def number(value: Any) -> float:
     """Return a payload's number; None, strings such as "NaN" and anything infinite become NaN."""
+    if value is None:
+        return math.nan
     try:
-        result = float("nan") if value is None else float(value)
+        result = float(value)
     except (TypeError, ValueError, OverflowError):
         return float("nan")
-    return result if math.isfinite(result) else float("nan")
+    return result if math.isfinite(result) else math.nan
 
 
 def numbers(value: Any) -> Array:
@@ -102,7 +104,9 @@ def velocity_cells(payload: Mapping[str, Any], earth: bool) -> Array:
         raw = [raw[i * width : (i + 1) * width] for i in range(n_cells)]
     if len(raw) != n_cells:
         raise MeasurementError(f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells")
-    found = rows([_components(cell, earth) for cell in raw])
+    # most pings list as many components for each cell
+    alike = all(type(cell) is list and len(cell) >= 2 for cell in raw)
+    found = rows(raw if alike else [_components(cell, earth) for cell in raw])
     velocity = np.full((n_cells, max(found.shape[1], _FEWEST_COMPONENTS)), np.nan)
     velocity[:, : found.shape[1]] = found
     return velocity

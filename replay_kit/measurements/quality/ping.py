@@ -3,6 +3,8 @@
 A test whose input the ping does not have is not evaluated, and says why.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,8 @@ from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.profile import Profile
 from replay_kit.measurements.quality import tests as quality
 from replay_kit.measurements.quality.tests import Check, Flags, Limits
+
+_FAIL, _MALFORMED, _MISSING = np.int8(Flag.FAIL), np.int32(Reason.MALFORMED), np.int32(Reason.MISSING)
 
 
 @np.errstate(all="ignore")
@@ -45,7 +49,7 @@ def checks(ping: AdcpPing, profile: Profile, vehicle_depth: float, dive: int, co
     )
     found = [quality.check(n, *row) for row in rows]
     # each bin against those around it that no other test failed
-    failed = (np.array([check.flags for check in found]) == Flag.FAIL).any(axis=0) | ~np.isfinite(profile.depth)
+    failed = (np.array([check.flags for check in found]) == _FAIL).any(axis=0) | ~np.isfinite(profile.depth)
     velocity = np.where(failed[:, None], np.nan, profile.velocity)
     floor = np.maximum(profile.error_std, config.quality.outlier_floor)
     ratio = quality.outlyingness(velocity, floor, config.quality.outlier_window)
@@ -56,8 +60,8 @@ def checks(ping: AdcpPing, profile: Profile, vehicle_depth: float, dive: int, co
 def flags_of(profile: Profile, found: tuple[Check, ...], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
     """Return the flags and reasons of a profile's bins after all tests; a bin without a number is missing."""
     missing = np.zeros(profile.depth.size, np.int32)
-    missing[~np.isfinite(profile.depth)] |= Reason.MALFORMED
-    missing[~np.isfinite(profile.velocity).all(axis=1)] |= Reason.MISSING
+    missing[~np.isfinite(profile.depth)] |= _MALFORMED
+    missing[~np.isfinite(profile.velocity).all(axis=1)] |= _MISSING
     return quality.rolled_up(found, missing, use_suspect)
 
 
@@ -103,7 +107,9 @@ def _speed(profile: Profile) -> Array | str:
 
 def tilt(pitch_deg: float, roll_deg: float) -> float:
     """Return the angle between an instrument's axis and the vertical [degrees], whichever way it looks; NaN when not known."""
-    return float(np.rad2deg(np.arccos(np.abs(np.cos(np.deg2rad(pitch_deg)) * np.cos(np.deg2rad(roll_deg))))))
+    if not math.isfinite(pitch_deg + roll_deg):
+        return math.nan
+    return math.degrees(math.acos(abs(math.cos(math.radians(pitch_deg)) * math.cos(math.radians(roll_deg)))))
 
 
 def _tilt(ping: AdcpPing, n: int, dive: int) -> Array | str:

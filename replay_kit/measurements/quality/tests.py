@@ -19,6 +19,10 @@ from replay_kit.core.observation import Flag, Reason
 
 Flags = NDArray[np.int8]
 Limits = tuple[float | None, float | None]
+# as numbers of one byte: looking a member of an enumeration up and turning it takes longer than a test
+_GOOD, _NOT_EVALUATED, _SUSPECT, _FAIL, _MISSING = (
+    np.int8(flag) for flag in (Flag.GOOD, Flag.NOT_EVALUATED, Flag.SUSPECT, Flag.FAIL, Flag.MISSING)
+)
 # a solution needs so many beams
 _BEAMS = 3
 # scales a median deviation to the standard deviation of a normal distribution
@@ -49,12 +53,12 @@ def check(n: int, test: str, reason: Reason, values: Array | str, limits: Limits
     """Return the result of a test of the numbers of n bins, or why there are none; see ``graded``."""
     if limits != (None, None) and not isinstance(values, str):
         return Check(test, reason, graded(values, limits, least))
-    return Check(test, reason, _not_evaluated(n), OFF if limits == (None, None) else str(values))
+    return _not_made(n, test, reason, OFF if limits == (None, None) else str(values))
 
 
-@lru_cache(maxsize=64)
-def _not_evaluated(n: int) -> Flags:
-    return np.full(n, Flag.NOT_EVALUATED, np.int8)
+@lru_cache(maxsize=1024)
+def _not_made(n: int, test: str, reason: Reason, why_not: str) -> Check:
+    return Check(test, reason, np.full(n, _NOT_EVALUATED, np.int8), why_not)
 
 
 def graded(values: Array, limits: Limits, least: bool) -> Flags:
@@ -66,11 +70,10 @@ def graded(values: Array, limits: Limits, least: bool) -> Flags:
         least: Whether the limits are the least that is good, else the most.
     """
     values = values if values.ndim == 1 else worst_needed(values)
-    flags = np.full(values.shape, Flag.NOT_EVALUATED, np.int8)
     if limits == (None, None):
-        return flags
-    flags[np.isfinite(values)] = Flag.GOOD
-    for limit, flag in zip(limits, (Flag.SUSPECT, Flag.FAIL), strict=True):
+        return np.full(values.shape, _NOT_EVALUATED, np.int8)
+    flags = np.where(np.isfinite(values), _GOOD, _NOT_EVALUATED)
+    for limit, flag in zip(limits, (_SUSPECT, _FAIL), strict=True):
         if limit is not None:
             flags[values < limit if least else values > limit] = flag
     return flags
@@ -128,8 +131,11 @@ def _windows(n: int, window: int) -> NDArray[np.intp]:
 def _median(values: Array, count: NDArray[np.intp]) -> Array:
     """Return medians along the second axis, shape (n, 2), of the ``count`` numbers in it; numpy's own take several times as long."""
     ordered = np.sort(values, axis=1)
+    width = values.shape[1]
+    if (count == width).all():
+        return np.asarray(0.5 * (ordered[:, (width - 1) // 2] + ordered[:, width // 2]))
     rows = np.arange(len(values))
-    upper, lower = np.minimum(count // 2, values.shape[1] - 1), np.maximum(count - 1, 0) // 2
+    upper, lower = np.minimum(count // 2, width - 1), np.maximum(count - 1, 0) // 2
     return np.asarray(0.5 * (ordered[rows, lower] + ordered[rows, upper]))
 
 
@@ -142,12 +148,15 @@ def rolled_up(tests: Sequence[Check], missing: NDArray[np.int32], use_suspect: b
         use_suspect: Whether suspect bins stay suspect; else they fail.
     """
     found = np.array([test.flags for test in tests])
-    bits = np.array([test.reason for test in tests], np.int32)
     # in the order of their numbers: not evaluated, suspect, fail; a test that was not made says nothing
-    bad = found >= Flag.SUSPECT
-    flags = np.where(bad, found, np.int8(Flag.GOOD)).max(axis=0)
-    reasons = missing | np.bitwise_or.reduce(np.where(bad, bits[:, None], np.int32(0)), axis=0)
+    bad = found >= _SUSPECT
+    if bad.any():
+        bits = np.array([test.reason.value for test in tests], np.int32)
+        flags = np.where(bad, found, _GOOD).max(axis=0)
+        reasons = missing | np.bitwise_or.reduce(np.where(bad, bits[:, None], np.int32(0)), axis=0)
+    else:
+        flags, reasons = np.full(missing.shape, _GOOD), missing.copy()
     if not use_suspect:
-        flags[flags == Flag.SUSPECT] = Flag.FAIL
-    flags[missing != 0] = Flag.MISSING
+        flags[flags == _SUSPECT] = _FAIL
+    flags[missing != 0] = _MISSING
     return flags, reasons

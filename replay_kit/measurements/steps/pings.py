@@ -1,11 +1,10 @@
 """A ping's way through the measurement step: whether it counts, what makes it absolute, where it was."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
-
-import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
@@ -123,15 +122,15 @@ def resolve_ping(state: MeasurementState, ping: AdcpPing, source: Source, n_mess
     ping = earth_referenced(ping, config)
     absolute = ping.reference == "earth"
     until_ns = source.time_ns if absolute or state.submerged else waits_until(source.time_ns, state.track)
-    waiting = WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, raw)
     if until_ns == source.time_ns and is_unwanted(ping, config):
-        return state, refuse(waiting, RELATIVE)
-    depth = depth_of_pressure(ping.pressure, state.latitude)
-    if not np.isfinite(state.depth) and np.isfinite(depth):
+        return state, refuse(WaitingPing(ping, source, state.depth, 0, n_messages, until_ns, raw), RELATIVE)
+    last_depth = state.depth
+    if not math.isfinite(state.depth) and math.isfinite(depth := depth_of_pressure(ping.pressure, state.latitude)):
         # a log known only depth is the ping's own pressure still has dives
         state = replace(at_depth(state, depth, config), depth=float("nan"))
     dive = state.dive if ping.dive is None else ping.dive
-    waiting = replace(waiting, dive=dive, in_dive=state.submerged and state.fix is not None)
+    in_dive = state.submerged and state.fix is not None
+    waiting = WaitingPing(ping, source, last_depth, dive, n_messages, until_ns, raw, in_dive)
     if state.fix is not None and state.fix.time_ns == source.time_ns == until_ns:
         return state, observe(waiting, state.fix, None, config)
     return replace(state, waiting=add(state.waiting, waiting)), []

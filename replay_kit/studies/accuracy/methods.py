@@ -9,7 +9,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator import Estimator, build_estimator
 from replay_kit.estimator.baselines import BASELINES, build_baseline
-from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS, cell_size
+from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS
+from replay_kit.estimator.basis.slices import cell_size
 
 # ``paper_cells`` is the paper's estimator with its length in cells rather than in kilometres, for grids coarser than its own.
 METHODS = ("default", "paper", "paper_cells", *(name for name in BASELINES if name != "depth_average"))

@@ -7,6 +7,7 @@ pings: the estimator is online, so its estimate after n profiles is the one it w
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import tee
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,12 @@ import numpy as np
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
+from replay_kit.core.tasks import each_call
 from replay_kit.estimator import Estimator
 from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
 from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs.checks import check_counts, check_names, check_not_negative, check_positive
-from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, counter, reason_of
+from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
 from replay_kit.studies.scoring.scores import Score, bound, score
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.profiles import random_observations
@@ -113,9 +115,10 @@ class AccuracyResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Survey:
-    """One truth measured: where estimates are scored, and the profiles of each seed."""
+    """One truth measured: where estimates are scored, the profiles of each seed, and of which kind the members are."""
 
     case: Case
+    kind: str
     at: ScoredPoints
     profiles: tuple[tuple[Observation, ...], ...]
 
@@ -148,7 +151,7 @@ def run_accuracy(
     job.check()
     each = list(cases(ensemble, truth, job.leave_out))
     runs = len(each) * len(job.methods) * (len(KINDS) if sources else 1)
-    advance = counter(runs * job.seeds * job.pings[-1], progress)
+    advance = Advance(runs * job.seeds * job.pings[-1], progress)
     in_turn = len(each) > 1
     rows: list[AccuracyRow] = []
 
@@ -156,17 +159,23 @@ def run_accuracy(
         name = str(job.leave_out) if in_turn else each[0].truth.source
         return AccuracyResult(tuple(rows), ensemble.source, name, config.modes, job.noise, unfinished)
 
+    each_survey = _surveys(ensemble, each, job, sources)
+    calls, parts = tee((method, survey, config, job.pings, advance) for survey in each_survey for method in job.methods)
+    for number, (of_method, (method, survey, *_)) in enumerate(zip(each_call(_run_method, calls), parts, strict=True), start=1):
+        advance.reach(number * job.seeds * job.pings[-1], f"{survey.case.truth.source} {method}")
+        rows += [replace(row, truth=survey.case.member if in_turn else None, members=survey.kind) for row in of_method]
+        yield result(True)
+    if in_turn:
+        rows += _means(rows)
+    yield result(False)
+
+
+def _surveys(ensemble: Ensemble, each: Sequence[Case], job: AccuracyJob, sources: Sources | None) -> Iterator[_Survey]:
     for case in each:
         field, at = build_field(case.truth), scored_points(case.ensemble.grid, case.truth)
         profiles = tuple(random_observations(field, job.pings[-1], job.noise, seed) for seed in range(job.seeds))
         for kind, known in made_cases(ensemble, case, sources) if sources else [("", case)]:
-            for method in job.methods:
-                of_method = _run_method(method, _Survey(known, at, profiles), config, job.pings, advance)
-                rows += [replace(row, truth=case.member if in_turn else None, members=kind) for row in of_method]
-                yield result(True)
-    if in_turn:
-        rows += _means(rows)
-    yield result(False)
+            yield _Survey(known, kind, at, profiles)
 
 
 def _run_method(method: str, survey: _Survey, config: EstimatorConfig, pings: Sequence[int], advance: Advance) -> list[AccuracyRow]:

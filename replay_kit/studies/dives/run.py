@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replay_kit.config.run import RunConfig
+from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.gaussian import coverage
 from replay_kit.core.observation import Measurement, Observation
+from replay_kit.core.tasks import each_call
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
 from replay_kit.estimator.evolving.fit_log import LogSettings, fit_to_log, fitted_estimator, initial_settings, with_errors
@@ -117,23 +119,11 @@ def run_dives(
         MeasurementError: Nothing of the dives lies in the ensemble's region.
     """
     small = observed_subspace_estimator(estimator, [event for dive in dives for event in _all_of(dive)])
-    settings = initial_settings(small, config.time)
     # with --fit nothing is gated: the likelihood counts every observation with the errors of the settings
-    small = replace(small, gating=None) if fit else small
-    changed, done = fitted_estimator(small, config.time, settings), list[DivePrediction]()
-    state = changed.initial()
-    for k, dive in enumerate(dives):
-        if progress is not None:
-            progress(k, len(dives), f"dive {dive.number}")
-        before = [event for earlier in dives[:k] for event in earlier.given]
-        found = fit_to_log(small, config.time, before, settings) if fit and before else settings
-        if found != settings:
-            settings, changed = found, fitted_estimator(small, config.time, found)
-            state = _after(changed, changed.initial(), before, settings)
-        elif k:
-            state = _after(changed, state, dives[k - 1].given, settings)
-        done.append(_predicted(changed, state, dives[:k], dive, settings))
-        if k + 1 < len(dives):
+    small, done = replace(small, gating=None) if fit else small, list[DivePrediction]()
+    for prediction in each_call(_predicted, _each_before(small, dives, config.time, fit, progress)):
+        done.append(prediction)
+        if len(done) < len(dives):
             yield DivesResult(tuple(done), source, fit, config.time.oscillators, unfinished=True)
     if not any(dive.dof or dive.errors["mean"] for dive in done):
         raise MeasurementError(
@@ -141,6 +131,26 @@ def run_dives(
             "place, or --place-ensemble for a study"
         )
     yield DivesResult(tuple(done), source, fit, config.time.oscillators)
+
+
+def _each_before(
+    small: EvolvingEstimator, dives: Sequence[Dive], config: TimeConfig, fit: bool, progress: Progress | None
+) -> Iterator[tuple[EvolvingEstimator, EvolvingState, Sequence[Dive], Dive, LogSettings]]:
+    """Yield what each dive is predicted from: estimator, state and dives before it, and the settings; one follows from the other."""
+    settings = initial_settings(small, config)
+    changed = fitted_estimator(small, config, settings)
+    state = changed.initial()
+    for k, dive in enumerate(dives):
+        if progress is not None:
+            progress(k, len(dives), f"dive {dive.number}")
+        before = [event for earlier in dives[:k] for event in earlier.given]
+        found = fit_to_log(small, config, before, settings) if fit and before else settings
+        if found != settings:
+            settings, changed = found, fitted_estimator(small, config, found)
+            state = _after(changed, changed.initial(), before, settings)
+        elif k:
+            state = _after(changed, state, dives[k - 1].given, settings)
+        yield changed, state, dives[:k], dive, settings
 
 
 def _all_of(dive: Dive) -> Iterator[Measurement]:

@@ -99,4 +99,4 @@ def follow(
 def _inflated(state: EvolvingState, time_ns: int, daily: float) -> EvolvingState:
     """Return a state whose covariance has grown since the last measurement."""
     days = 0.0 if state.time_ns is None else (time_ns - state.time_ns) / DAY_NS
-    return replace(state, covariance=daily**days * state.cov, open_group=None)
+    return replace(state, cov=daily**days * state.cov)

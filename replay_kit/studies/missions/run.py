@@ -7,7 +7,8 @@ from functools import partial
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.progress import Advance, Progress, counter
+from replay_kit.core.tasks import each_call
+from replay_kit.studies.jobs.progress import Advance, Progress
 from replay_kit.studies.missions.bias import biases
 from replay_kit.studies.missions.coverage import coverage
 from replay_kit.studies.missions.flights import fly_pings, staying
@@ -55,7 +56,7 @@ class MissionResult:
 def run_missions(
     series: Sequence[Ensemble], config: RunConfig, job: MissionJob, progress: Progress | None = None
 ) -> Iterator[MissionResult]:
-    """Yield the studies on an ensemble: the result so far after each study of a mission, then the whole one.
+    """Yield the studies on an ensemble: the result so far after each mission, then the whole one.
 
     Args:
         series: The forecast at its times, in order; one alone may have no time, and the truth then stays as it is.
@@ -74,7 +75,7 @@ def run_missions(
             "file of leads, or choose other studies"
         )
     members = job.members(series[0].n_members)
-    advance = counter(len(members) * job.seeds * len(job.studies), progress)
+    advance = Advance(len(members) * job.seeds * len(job.studies), progress)
     by_study: dict[str, list[list[Figure]]] = {study: [] for study in job.studies}
     lost = list[str]()
 
@@ -82,25 +83,39 @@ def run_missions(
         rows = tuple(row for study in job.studies for row in over_missions(study, by_study[study]))
         return MissionResult(rows, series[0].source, members, len(series), job, tuple(lost), unfinished)
 
-    for member in members:
-        case = withhold(series, member)
-        own, field = own_estimator(case, config), build_field(*case.truths)
-        for seed in range(job.seeds):
-            flight: Flight | None = None
-            for study in job.studies:
-                what = f"member {member}, {study}"
-                report = partial(_report, advance, what)
-                try:
-                    flight = flight or staying(partial(fly_pings, field, job.pings, job.days, job.noise), 100 * member + seed)
-                    by_study[study].append(_STUDIES[study](Scene(case, flight, own, config, job, report)))
-                except ForecastError as error:
-                    # one mission less is no reason to lose the others
-                    lost.append(f"member {member}, seed {seed}, {study}: {error}")
-                advance(what)
-                yield result(True)
+    each = [(member, seed) for member in members for seed in range(job.seeds)]
+    calls = ((series, *mission, (config, job), advance) for mission in each)
+    for number, ((member, seed), found) in enumerate(zip(each, each_call(_run_mission, calls), strict=True), start=1):
+        advance.reach(number * len(job.studies), f"member {member}")
+        for study, figures in found.items():
+            if isinstance(figures, str):
+                # one mission less is no reason to lose the others
+                lost.append(f"member {member}, seed {seed}, {study}: {figures}")
+            else:
+                by_study[study].append(figures)
+        yield result(True)
     if not any(by_study.values()):
         raise ForecastError(f"no mission is left; {lost[0]}")
     yield result(False)
+
+
+def _run_mission(
+    series: Sequence[Ensemble], member: int, seed: int, options: tuple[RunConfig, MissionJob], advance: Advance
+) -> dict[str, list[Figure] | str]:
+    """Return the figures of each study on one mission; of one that is lost, why."""
+    (config, job), case = options, withhold(series, member)
+    own, field = own_estimator(case, config), build_field(*case.truths)
+    flight: Flight | None = None
+    found: dict[str, list[Figure] | str] = {}
+    for study in job.studies:
+        what = f"member {member}, {study}"
+        try:
+            flight = flight or staying(partial(fly_pings, field, job.pings, job.days, job.noise), 100 * member + seed)
+            found[study] = _STUDIES[study](Scene(case, flight, own, config, job, partial(_report, advance, what)))
+        except ForecastError as error:
+            found[study] = str(error)
+        advance(what)
+    return found
 
 
 def _report(advance: Advance, study: str, what: str) -> None:

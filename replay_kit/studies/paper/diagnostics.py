@@ -9,7 +9,7 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines import average_over_depth
-from replay_kit.estimator.basis.modes import ensemble_slices
+from replay_kit.estimator.basis.slices import ensemble_slices
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.estimator.basis.modes import Basis, build_basis
 from replay_kit.studies.accuracy.methods import preset_config
 from replay_kit.studies.paper.figures_flow import glides_3d, glides_top, truth_3d, truth_top
@@ -112,7 +111,7 @@ def _modes_3d(bases: dict[str, Basis]) -> Figure:
 def _mode(basis: Basis, number: int) -> Array:
     """Return a mode's velocity at the grid's points over its largest speed, shape (J, I, 2); NaN on land."""
     nodes = basis.grid.nodes
-    at_nodes = (velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes[:, number - 1]).reshape(2, -1).T
+    at_nodes = basis.horizontal.velocity(nodes, basis.modes[:, number - 1 : number])[:, :, 0].T
     out = np.full((*basis.grid.wet[0].shape, 2), np.nan)
     out[basis.grid.wet[0]] = at_nodes / np.hypot(*at_nodes.T).max()
     return out

@@ -10,6 +10,7 @@ import numpy as np
 import planners
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.tasks import each_call
 from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.paper.rows import GlideRow
 from replay_kit.studies.scoring.scores import miss_figures
@@ -40,7 +41,12 @@ def run_glides(
         pairs: Starts and targets.
         advance: Counts plans as steps.
     """
-    return tuple(_glides_on(name, flow, truth, pairs, partial(advance, f"Table III {name}")) for name, flow in flows.items())
+    before, found = advance.done, list[Glides]()
+    calls = ((name, flow, truth, pairs, partial(advance, f"Table III {name}")) for name, flow in flows.items())
+    for glides in each_call(_glides_on, calls):
+        found.append(glides)
+        advance.reach(before + len(found) * len(pairs), "Table III")
+    return tuple(found)
 
 
 def _glides_on(

@@ -9,10 +9,11 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
+from replay_kit.core.tasks import each_call
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.jobs.checks import check_counts, check_not_negative, check_positive
-from replay_kit.studies.jobs.progress import Advance, Progress, counter
+from replay_kit.studies.jobs.progress import Advance, Progress
 from replay_kit.studies.paper.diagnostics import DepthKernel, coherence, depth_kernel, level_correlation
 from replay_kit.studies.paper.glides import Glides, run_glides
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow, over_truths, sparse_over_truths
@@ -160,10 +161,10 @@ def run_paper(
     # before the hours of work, because this fails where the region is too small
     pairs = draw_pairs(build_field(case.truth), truth_flow, case.ensemble.grid, job.pairs, job.seed)
     shown = Shown(case, truth_flow, (), pairs, (), config)
-    advance = counter(_total(each, job), progress)
+    advance = Advance(_total(each, job), progress)
     tables, done, planned = _without_tables(shown, ensemble, job), list[_OfCase](), dict[str, FlowEstimate | None]()
-    for k, case in enumerate(each):
-        of_case = _run_case(case, config, job, advance)
+    for k, of_case in enumerate(each_call(_run_case, ((case, config, job, advance) for case in each))):
+        advance.reach(sum(_steps(case, job) for case in each[: k + 1]), each[k].truth.source)
         if k == shown_at:
             planned, shown = dict(of_case.planned), replace(shown, observations=of_case.observations)
         # only the shown truth's profiles and estimates are needed later
@@ -185,10 +186,14 @@ def run_paper(
 
 
 def _total(each: list[Case], job: PaperJob) -> int:
-    steps = sum(len(rungs(case.ensemble, job.most_modes)) * (int(case.truth.grid.wet[0].sum()) + job.pings[-1]) for case in each)
+    steps = sum(_steps(case, job) for case in each)
     methods = {rung.method for rung in rungs(each[0].ensemble, job.most_modes)}
     # beside the methods: the truth and its depth average
     return steps + (len(methods) + 2) * job.pairs
+
+
+def _steps(case: Case, job: PaperJob) -> int:
+    return len(rungs(case.ensemble, job.most_modes)) * (int(case.truth.grid.wet[0].sum()) + job.pings[-1])
 
 
 def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advance) -> _OfCase:

@@ -12,7 +12,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
 from replay_kit.estimator import embed_member
-from replay_kit.estimator.basis.modes import cell_size
+from replay_kit.estimator.basis.slices import cell_size
 from replay_kit.studies.accuracy.methods import build_method
 from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.paper.rows import ErrorRow, SparseRow

@@ -15,7 +15,7 @@ from replay_kit.studies.planning.arrival_tables import Arrival, order_of, place_
 from replay_kit.studies.planning.flights import draw_missions
 from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.pictures import draw_misses
-from replay_kit.studies.planning.world import Withheld, World, timed
+from replay_kit.studies.planning.world import FLOWS, Withheld, World, timed
 from replay_kit.studies.reports.flows import LABELS
 from replay_kit.studies.reports.tables import NAN, Picture
 from replay_kit.studies.scoring.scores import NEAR
@@ -32,9 +32,10 @@ Outcome = tuple[str, float, float]
 
 def glides(world: World) -> StudyReport:
     """Return the miss distances of glides of constant velocity to targets that the truth reaches."""
+    seed = world.job.seed
 
     def draw(withheld: Withheld, count: int) -> tuple[Pair, ...]:
-        return draw_pairs(withheld.field, withheld.truth, withheld.case.ensemble.grid, count, world.job.seed)
+        return draw_pairs(withheld.field, withheld.truth, withheld.case.ensemble.grid, count, seed)
 
     def fly(truth: FlowEstimate, plan: Plan, pair: Pair) -> Outcome:
         return plan.status, plan.closest_approach, planners.fly(truth, plan)[2]
@@ -47,13 +48,14 @@ def glides(world: World) -> StudyReport:
 
 def missions(world: World) -> StudyReport:
     """Return the miss distances of missions to goals that missions of random headings reach in the truth."""
-    settings = planners.MissionSettings(depth=world.depth, legs=world.job.legs, tolerance=NEAR)
+    job, depth, glider = world.job, world.depth, world.glider
+    settings = planners.MissionSettings(depth=depth, legs=job.legs, tolerance=NEAR)
 
     def draw(withheld: Withheld, count: int) -> tuple[Pair, ...]:
-        return draw_missions(withheld, withheld.truth, count, world.depth, world.job.legs, world.job.seed)
+        return draw_missions(withheld, withheld.truth, count, depth, job.legs, job.seed)
 
     def plan(flow: FlowEstimate, pair: Pair) -> planners.MissionPlan:
-        return planners.plan_mission(flow, planners.MissionRequest(pair.start, (pair.target,), world.glider, settings))
+        return planners.plan_mission(flow, planners.MissionRequest(pair.start, (pair.target,), glider, settings))
 
     def fly(truth: FlowEstimate, mission: planners.MissionPlan, pair: Pair) -> Outcome:
         if len(mission.headings_deg):
@@ -62,7 +64,7 @@ def missions(world: World) -> StudyReport:
         return mission.status, NAN, pair.distance
 
     arrivals, coherent = _arrivals(world, "missions", draw, plan, fly)
-    dives = f"{world.job.legs} dives to {world.depth:g} m, a heading and glide angle each"
+    dives = f"{job.legs} dives to {depth:g} m, a heading and glide angle each"
     title = f"Miss distance at the goal of {dives}, planned on each flow, flown in the truth"
     return _report("missions", ("Missions of many dives", title), arrivals, coherent)
 
@@ -76,21 +78,33 @@ def _arrivals(
 ) -> tuple[list[Arrival], float]:
     """Return each plan's arrival in its truth, and the mean coherence in depth of the truths."""
     arrivals, coherent = [], []
-    for withheld, count in zip(world.truths, world.shares(world.job.pairs), strict=True):
-        if count == 0:
-            continue
-        pairs = draw(withheld, count)
-        # missions end at the surface
-        depth = pairs[0].target.depth or world.depth
-        coherent.append(coherence(withheld.truth, depth))
-        for name, flow in withheld.flows(depth).items():
-            error = withheld.relative_error(flow, depth)
-            for pair in pairs:
-                world.advance(f"{study}, truth {withheld.member}, {LABELS[name]}")
-                made, seconds = timed(partial(plan, flow, pair))
-                outcome = fly(withheld.truth, made, pair)
-                arrivals.append(Arrival(name, withheld.member, pair.start, pair.target, *outcome, error, seconds))
+    for _, (of_truth, of_depth) in world.each_truth(partial(_of_truth, study, draw, plan, fly), world.job.pairs, len(FLOWS)):
+        arrivals += of_truth
+        coherent.append(of_depth)
     return arrivals, float(np.mean(coherent))
+
+
+def _of_truth(
+    study: str,
+    draw: Callable[[Withheld, int], tuple[Pair, ...]],
+    plan: Callable[[FlowEstimate, Pair], Made],
+    fly: Callable[[FlowEstimate, Made, Pair], Outcome],
+    world: World,
+    count: int,
+) -> tuple[list[Arrival], float]:
+    """Return each plan's arrival in the one truth of a world, and its coherence in depth."""
+    (withheld,), arrivals = world.truths, []
+    pairs = draw(withheld, count)
+    # missions end at the surface
+    depth = pairs[0].target.depth or world.depth
+    for name, flow in withheld.flows(depth).items():
+        error = withheld.relative_error(flow, depth)
+        for pair in pairs:
+            world.advance(f"{study}, truth {withheld.member}, {LABELS[name]}")
+            made, seconds = timed(partial(plan, flow, pair))
+            outcome = fly(withheld.truth, made, pair)
+            arrivals.append(Arrival(name, withheld.member, pair.start, pair.target, *outcome, error, seconds))
+    return arrivals, coherence(withheld.truth, depth)
 
 
 def _report(study: str, titles: tuple[str, str], arrivals: list[Arrival], coherent: float) -> StudyReport:

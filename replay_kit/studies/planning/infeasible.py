@@ -9,7 +9,7 @@ import planners
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place, Plan
-from replay_kit.estimator.basis.modes import embed
+from replay_kit.estimator.basis.embedding import embed
 from replay_kit.studies.planning.job import StudyReport
 from replay_kit.studies.planning.masks import with_land
 from replay_kit.studies.planning.world import World, attempted
@@ -98,6 +98,6 @@ def _against_current(flow: FlowEstimate, start: Array, nugget: float) -> Impossi
     """Return a problem in a current that is too fast everywhere, with the goal upstream: in an eddy it could be reached by going round."""
     count = len(flow.nodes)
     uniform = np.repeat([_TIMES * SPEED, 0.0], count)[:, None] * np.ones(flow.levels.size)
-    grid, fast = flow.grid, replace(flow.mean_flow(), latent=embed(flow.kernel, flow.nodes, uniform, nugget))
+    grid, fast = flow.grid, replace(flow.mean_flow(), latent=embed(flow.horizontal, flow.nodes, uniform, nugget))
     goal = start - np.array([_UPSTREAM, 0.0])
     return Impossible("current faster than the vehicle", fast, place_at(grid, start, 0.0), place_at(grid, goal, 0.0), ("current",))

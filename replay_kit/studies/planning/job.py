@@ -22,14 +22,14 @@ class PlanningJob:
         studies: Their names.
         leave_out: Positions of members from 0, with commas between them, or ``all``: each is the truth in turn; None for at most
             twenty, evenly spread.
-        pairs: Starts and goals of glides and of missions, spread over the truths.
+        pairs: Starts and goals of glides, of missions and of odds, spread over the truths.
         pings: Given to each estimate.
         noise: Standard deviation of each component of each bin [m/s].
         legs: Of each mission.
         depth: Of a mission's dives, at most [m].
         scenarios: Missions planned for samples.
         samples: Of the estimate that a scenario plan is made for.
-        fresh: Other samples that the plan is flown in.
+        fresh: Other samples that such a plan, or one called reached, is flown in.
         allowed: Share of the samples that may enter an area.
         masks: Random cases with islands and areas.
         replans: Missions replanned at each surfacing.

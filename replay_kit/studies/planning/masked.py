@@ -76,15 +76,10 @@ def masked(world: World) -> StudyReport:
     """Return the outcome of missions in random masked cases, their paths recomputed and checked independently."""
     rows: list[_Row] = []
     views: list[tuple[Masked, Array, str]] = []
-    for withheld, count in zip(world.truths, world.shares(world.job.masks), strict=True):
-        for k in range(count):
-            rng = np.random.default_rng((world.job.seed, 3, withheld.member, k))
-            case = draw_masked(withheld.estimated["default"], world.depth, withheld.config.nugget, rng)
-            world.advance(f"masked, truth {withheld.member}")
-            row, track = _planned(world, case, (withheld.member, k))
-            rows.append(row)
-            if case.blocked and len(views) < _SHOWN and track is not None:
-                views.append((case, track, row.status))
+    for _, found in world.each_truth(_of_truth, world.job.masks):
+        rows += [row for _, row, _ in found]
+        views += [(case, track, row.status) for case, row, track in found if case.blocked and track is not None]
+    views = views[:_SHOWN]
     every = Table("masked_cases", "Each case", _COLUMNS, tuple(tuple(asdict(row).values()) for row in rows), shown=False)
     return StudyReport(
         NAME,
@@ -94,6 +89,17 @@ def masked(world: World) -> StudyReport:
         (_findings(rows),),
         (Picture("masked_cases", _CAPTION, (11.0, 7.0), partial(draw_masked_cases, tuple(views))),),
     )
+
+
+def _of_truth(world: World, count: int) -> list[tuple[Masked, _Row, Array | None]]:
+    """Return random cases on the one truth of a world, their rows and paths."""
+    (withheld,), found = world.truths, []
+    for k in range(count):
+        rng = np.random.default_rng((world.job.seed, 3, withheld.member, k))
+        case = draw_masked(withheld.estimated["default"], world.depth, withheld.config.nugget, rng)
+        world.advance(f"masked, truth {withheld.member}")
+        found.append((case, *_planned(world, case, (withheld.member, k))))
+    return found
 
 
 def _planned(world: World, case: Masked, number: tuple[int, int]) -> tuple[_Row, Array | None]:

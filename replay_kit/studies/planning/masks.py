@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.grid import Grid
-from replay_kit.estimator.basis.modes import embed
+from replay_kit.estimator.basis.embedding import embed
 from replay_kit.studies.planning.flights import Polygon, corners_of, crossed, polygon_of
 from replay_kit.studies.twins.reachable import Pair, place_at
 
@@ -51,9 +50,10 @@ def with_land(flow: FlowEstimate, dry: NDArray[np.bool_], nugget: float) -> Flow
     """
     grid = replace(flow.grid, wet=flow.grid.wet & ~dry)
     # latents of neighbours cancel each other, so they cannot be dropped: the current is fitted again to the remaining points
-    left = velocity_kernel(flow.kernel, grid.nodes, flow.nodes) @ flow.latent
-    latent = embed(flow.kernel, grid.nodes, left, nugget)
-    return replace(flow.mean_flow(), grid=grid, latent=latent, modes=np.empty((len(latent), 0)))
+    left = flow.horizontal.velocity(grid.nodes, flow.latent).reshape(2 * len(grid.nodes), -1)
+    functions = flow.horizontal.at_nodes(grid.nodes)
+    latent = embed(functions, grid.nodes, left, nugget)
+    return replace(flow.mean_flow(), grid=grid, horizontal=functions, latent=latent, modes=np.empty((len(latent), 0)))
 
 
 def draw_masked(flow: FlowEstimate, depth: float, nugget: float, rng: np.random.Generator) -> Masked:

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
-from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Progress, counter, reason_of
+from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
 from replay_kit.studies.planning.infeasible import infeasible
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
 from replay_kit.studies.planning.masked import masked
+from replay_kit.studies.planning.odds import odds
 from replay_kit.studies.planning.replanning import replanning
 from replay_kit.studies.planning.scenarios import scenarios
 from replay_kit.studies.planning.world import FLOWS, World, build_world
@@ -34,6 +35,7 @@ STUDIES: Mapping[str, Study] = {
     "missions": Study(missions, lambda job: len(FLOWS) * job.pairs),
     "scenarios": Study(scenarios, lambda job: job.scenarios),
     "masked": Study(masked, lambda job: job.masks),
+    "odds": Study(odds, lambda job: job.pairs),
     "infeasible": Study(infeasible, lambda job: 10),
     "replanning": Study(replanning, lambda job: job.replans),
 }
@@ -59,7 +61,7 @@ def run_planning(
         ConfigError: An option is wrong.
     """
     job.check(STUDIES)
-    world = build_world(ensemble, truth, config, job, counter(sum(STUDIES[name].steps(job) for name in job.studies), progress))
+    world = build_world(ensemble, truth, config, job, Advance(sum(STUDIES[name].steps(job) for name in job.studies), progress))
     reports: list[StudyReport] = []
     seconds: dict[str, float] = {}
     truths = tuple(withheld.case.truth.source for withheld in world.truths)

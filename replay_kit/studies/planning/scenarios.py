@@ -57,12 +57,9 @@ class _Case:
 def scenarios(world: World) -> StudyReport:
     """Return the outcome of scenario plans beside plans made on the estimate alone."""
     free, beside, views = [], [], []
-    for withheld, count in zip(world.truths, world.shares(world.job.scenarios), strict=True):
-        for case in _cases(world, withheld, count):
-            world.advance(f"scenarios, truth {withheld.member}")
-            plain = case.plan()
-            free.append({"truth": withheld.member, **_compared(world, case, plain)})
-            row, view = _past(world, case, area_downstream(case.flow, plain))
+    for withheld, found in world.each_truth(_of_truth, world.job.scenarios):
+        for compared, row, view in found:
+            free.append({"truth": withheld.member, **compared})
             beside.append({"truth": withheld.member, **row})
             views.append(view)
     tables = (
@@ -79,9 +76,17 @@ def scenarios(world: World) -> StudyReport:
     return StudyReport(NAME, title, tables, _criteria(world, *tables), (_findings(world),), (picture,))
 
 
+def _of_truth(world: World, count: int) -> list[tuple[dict[str, Cell], dict[str, Cell], ScenarioView]]:
+    """Return the figures of missions in the one truth of a world without areas and past one, and what to draw of these."""
+    (withheld,), found = world.truths, []
+    for case in _cases(world, withheld, count):
+        world.advance(f"scenarios, truth {withheld.member}")
+        plain = case.plan()
+        found.append((_compared(world, case, plain), *_past(world, case, area_downstream(case.flow, plain))))
+    return found
+
+
 def _cases(world: World, withheld: Withheld, count: int) -> list[_Case]:
-    if count == 0:
-        return []
     job, flow = world.job, withheld.estimate()
     how = {"vehicle": world.glider, "settings": planners.MissionSettings(depth=world.depth, legs=job.legs)}
     # a planner knows only the estimate, so its goals are drawn as reachable there

@@ -15,6 +15,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
+from replay_kit.core.tasks import each_call
 from replay_kit.estimator import Estimator
 from replay_kit.studies.jobs.progress import Advance
 from replay_kit.studies.missions.scene import own_estimator, withhold
@@ -154,21 +155,27 @@ def run_replanning(
         ForecastError: No mission that stays in the truth's water was found.
         PlanError: The planner cannot plan at a mission's start.
     """
-    rows = []
-    for k in range(job.replans):
-        member, seed = members[k % len(members)], job.seed + k
-        case = withhold(series, member)
-        field, rng = build_field(*case.truths), np.random.default_rng((seed, member))
-        twin = _Twin(own_estimator(case, config), job, planner, rng)
-        # in a sea that changes it begins in the middle of the forecast, which errs by then, and goes on long enough
-        start_ns = (int(field.time_ns[0]) + int(field.time_ns[-1])) // 2 or EPOCH_NS
-        start, goal, truth_duration = _drawn(field, job, start_ns, rng)
-        way = _Way(field, goal, start_ns, start, start_ns, (distance_to(field, start, goal),))
-        first = twin.plan(twin.estimator.initial(), way, job.most_legs)
-        replanned, errors = _fly_replanned(twin, way, first)
-        rows.append(ReplanRow(member, seed, way.misses[0], truth_duration, _fly_single(way, first), replanned, errors))
-        advance(f"replanning, mission {k}, member {member}")
+    chosen, rows = [members[k % len(members)] for k in range(job.replans)], []
+    calls = ((series, (config, job, planner), member, job.seed + k) for k, member in enumerate(chosen))
+    for k, row in enumerate(each_call(_replanned, calls)):
+        rows.append(row)
+        advance(f"replanning, mission {k}, member {row.member}")
     return tuple(rows)
+
+
+def _replanned(series: Sequence[Ensemble], options: tuple[RunConfig, PlanningJob, MissionPlanner], member: int, seed: int) -> ReplanRow:
+    """Return one twin mission."""
+    config, job, planner = options
+    case = withhold(series, member)
+    field, rng = build_field(*case.truths), np.random.default_rng((seed, member))
+    twin = _Twin(own_estimator(case, config), job, planner, rng)
+    # in a sea that changes it begins in the middle of the forecast, which errs by then, and goes on long enough
+    start_ns = (int(field.time_ns[0]) + int(field.time_ns[-1])) // 2 or EPOCH_NS
+    start, goal, truth_duration = _drawn(field, job, start_ns, rng)
+    way = _Way(field, goal, start_ns, start, start_ns, (distance_to(field, start, goal),))
+    first = twin.plan(twin.estimator.initial(), way, job.most_legs)
+    replanned, errors = _fly_replanned(twin, way, first)
+    return ReplanRow(member, seed, way.misses[0], truth_duration, _fly_single(way, first), replanned, errors)
 
 
 def _fly_single(way: _Way, planned: PlannedLegs) -> Outcome:

@@ -1,8 +1,8 @@
 """What the studies share: truths withheld in turn, the estimates that do not know them, the glider, the progress."""
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -15,6 +15,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.core.plan import Plan
+from replay_kit.core.tasks import each_call
 from replay_kit.estimator import embed_member
 from replay_kit.estimator.baselines import average_over_depth
 from replay_kit.studies.accuracy.methods import build_method
@@ -121,6 +122,22 @@ class World:
     def shares(self, count: int) -> tuple[int, ...]:
         """Return the number of cases of each truth when a count is spread over the truths as evenly as possible."""
         return tuple(len(part) for part in np.array_split(np.arange(count), len(self.truths)))
+
+    def each_truth(self, function: Callable[["World", int], _Made], count: int, steps: int = 1) -> Iterator[tuple[Withheld, _Made]]:
+        """Yield each truth that has a share of cases, and what a function makes of it.
+
+        Args:
+            function: Takes a world of one truth, and its share.
+            count: Of the cases of all truths.
+            steps: Of a case.
+        """
+        given = [(truth, share) for truth, share in zip(self.truths, self.shares(count), strict=True) if share]
+        made = each_call(function, ((replace(self, truths=(truth,)), share) for truth, share in given))
+        for truth, share in given:
+            before = self.advance.done
+            found = next(made)
+            self.advance.reach(before + steps * share, f"truth {truth.member}")
+            yield truth, found
 
     @property
     def depth(self) -> float:

@@ -55,7 +55,7 @@ def print_ensemble(found: Description, console: Console) -> None:
             f"{grid.latitude.min():.3f}..{grid.latitude.max():.3f} N, {100 * grid.wet[0].mean():.0f} % of the first level water",
         )
         table.add_row("levels", f"{grid.levels.size}, {grid.levels[0]:g} to {grid.levels[-1]:g} m")
-        table.add_row("speed", f"{np.sqrt(2.0 * np.nanmean(ensemble.velocity**2)):.3f} m/s rms")
+        table.add_row("speed", f"{np.sqrt(2.0) * ensemble.component_rms:.3f} m/s rms")
     console.print(table)
     console.print(f"Use: {found.use}", soft_wrap=True)
     for note in () if ensemble is None else ensemble.notes:

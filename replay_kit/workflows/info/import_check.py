@@ -35,7 +35,8 @@ from replay_kit.measurements.consistency.monitor import Checked, ConsistencyStat
 from replay_kit.measurements.consistency.sources import REPAIRABLE
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
 from replay_kit.measurements.consistency.usual_faults import Fault, Sounding, declination_of, depth_faults, direction_faults
-from replay_kit.workflows.replay.inputs import look_ahead, open_readers
+from replay_kit.workflows.replay.look_ahead import look_ahead, open_readers
+from replay_kit.workflows.replay.region import find_region
 
 # profiles examined, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200
@@ -91,7 +92,9 @@ def check_logs(logs: Sequence[Path], ensemble: Paths, config: RunConfig) -> Impo
     """
     with threadpool_limits(limits=config.output.threads):
         place_at, near_ns = look_ahead(logs, config)
-        forecast = read_ensemble(ensemble, config.forecast, near_ns=near_ns, place_at=place_at)
+        region = find_region(logs, ensemble, config, near_ns, None, may_follow=False)
+        part = config.forecast if region is None else config.forecast.model_copy(update={"region": region.region})
+        forecast = read_ensemble(ensemble, part, near_ns=near_ns, place_at=place_at)
         evidence = odd_ensemble_speeds(forecast.velocity)
         speeds = None if evidence else ensemble_speeds(forecast.grid.levels, forecast.velocity)
         settings = config.logs

@@ -181,6 +181,7 @@ def _inspect(log: LogFile, config: RunConfig, full: bool, advance: Callable[[], 
                 if count(events) and (not message.topic.startswith("mavlink/") or message.topic.endswith(NAMED)):
                     unknown[sample_key(message.topic, message.payload)] = (message.schema, message.payload)
             advance()
+        order.finish()
         count(finish(state, config.measurements))
         check_unchanged(before)
         report, topics = reading.completed(log.report(), order.topics)

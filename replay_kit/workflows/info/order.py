@@ -1,13 +1,14 @@
 """The order of a log's messages in time: first and last of each topic, late ones and gaps, many messages at a time."""
 
 import heapq
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.logs.shared.blocks import Block
+from replay_kit.logs.shared.stamps import FAR_NS, Settled, Settling
 
 # of a topic's mean time between messages, and at least so long [ns], is a gap that a person is told of
 _TIMES_MEAN, _LEAST_GAP_NS = 10, 60_000_000_000
@@ -20,7 +21,8 @@ class TopicInfo:
     Attributes:
         schema: Schema or message name.
         messages: Number of messages in the log, decoded or not.
-        first_ns: Earliest time of a message [ns, UTC]; None when it is not known.
+        first_ns: Earliest time of a message [ns, UTC]; None when it is not known. Where all were read, messages that a replay sets aside
+            for stamps far from their neighbours' do not count, and after a jump of the clock times are corrected as there.
         last_ns: Latest time of one.
         late: Messages that a replay leaves out because they come later than the reorder window allows; None when not all were read.
         gap_ns: Longest time from one message to the next that is newer than all before it [ns]; None when not all were read.
@@ -76,6 +78,7 @@ class Order:
         self._topics: dict[str, TopicInfo] = {}
         self._held = np.empty(0, np.int64)
         self._yielded: int | None = None
+        self._settling: Settling[tuple[str, str]] = Settling()
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
@@ -86,13 +89,33 @@ class Order:
         """Take the next messages of the log."""
         if not block.kind.size:
             return
-        late = self._late(block.time_ns)
-        by_kind = np.argsort(block.kind, kind="stable")
-        ends = np.cumsum(np.bincount(block.kind, minlength=len(block.kinds)))
-        for (topic, schema), rows in zip(block.kinds, np.split(by_kind, ends[:-1]), strict=True):
+        since = self._settling.steady_since()
+        if since is not None and np.all(np.abs(np.diff(block.time_ns, prepend=np.int64(since))) <= FAR_NS):
+            self._settling.go_on(int(block.time_ns[-1]))
+            self._add(block.kinds, block.kind, block.time_ns)
+            return
+        for kind, time_ns in zip(block.kind.tolist(), block.time_ns.tolist(), strict=True):
+            topic, schema = block.kinds[kind]
+            self._add_settled(self._settling.take((topic, schema), time_ns, topic))
+
+    def finish(self) -> None:
+        """Take what still waited for its neighbours when the log ended."""
+        self._add_settled(self._settling.finish())
+
+    def _add_settled(self, judged: Iterable[Settled[tuple[str, str]]]) -> None:
+        for kind, time_ns, _ in judged:
+            if time_ns is not None:
+                self._add((kind,), np.zeros(1, np.intp), np.array([time_ns], np.int64))
+
+    def _add(self, kinds: tuple[tuple[str, str], ...], kind: NDArray[np.intp], time_ns: NDArray[np.int64]) -> None:
+        """Take messages by their kinds and times."""
+        late = self._late(time_ns)
+        by_kind = np.argsort(kind, kind="stable")
+        ends = np.cumsum(np.bincount(kind, minlength=len(kinds)))
+        for (topic, schema), rows in zip(kinds, np.split(by_kind, ends[:-1]), strict=True):
             if rows.size:
                 known = self._topics.get(topic, TopicInfo())
-                self._topics[topic] = known.extended(schema, block.time_ns[rows], int(np.count_nonzero(late[rows])))
+                self._topics[topic] = known.extended(schema, time_ns[rows], int(np.count_nonzero(late[rows])))
 
     def _late(self, time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which messages ``merge`` would leave out: older than one that it has let go, as all have that are a window old."""

@@ -67,7 +67,11 @@ class GlidePlanner:
     def of(cls, config: PlannerConfig) -> "GlidePlanner":
         """Return the planner of a configuration."""
         settings = planners.GlideSettings(
-            speed=config.speed, tolerance=config.tolerance, max_duration=config.max_duration, clearance=config.clearance
+            speed=config.speed,
+            tolerance=config.tolerance,
+            max_duration=config.max_duration,
+            max_depth=config.depth_limit,
+            clearance=config.clearance,
         )
         return cls(settings)
 
@@ -75,13 +79,13 @@ class GlidePlanner:
         """Return the best glide found from start towards goal."""
         before = None if warm is None else warm.plan
         made = planners.plan(
-            flow, start, goal, settings=self.settings, start_time_ns=start_time_ns, warm=before, bathymetry=self.bathymetry
+            flow, start, goal, settings=replace(self.settings, bathymetry=self.bathymetry), start_time_ns=start_time_ns, warm=before
         )
         return PlanResult(over_bottom(made, self.bathymetry, flow.grid.projection))
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
-        """Raise PlanError when the goal is outside the region or on land."""
-        locate(region_of(flow.grid), goal, "goal")
+        """Raise PlanError when the goal is outside the region, on land or below the vehicle's limit."""
+        locate(region_of(flow.grid, self.settings.max_depth), goal, "goal")
 
     def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
         """Return how close [m] a plan passes its goal when it is flown in a flow."""
@@ -131,7 +135,7 @@ class MissionPlanner:
             margin=config.margin,
             clearance=config.clearance,
         )
-        glider = planners.Glider(config.speed, flight, config.min_angle, config.max_angle)
+        glider = planners.Glider(config.speed, flight, config.min_angle, config.max_angle, max_depth=config.depth_limit)
         return cls(glider, settings, config.flow_step, config.samples, config.seed)
 
     def plan(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int, warm: PlanResult | None) -> PlanResult:
@@ -153,12 +157,12 @@ class MissionPlanner:
 
     def check(self, flow: FlowEstimate, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
-        region = region_of(flow.grid)
+        region = region_of(flow.grid, self.vehicle.max_depth)
         locate(region, goal, "goal")
         if not goal.depth <= self.settings.depth <= region.deepest:
             raise PlanError(
-                f"[planner] depth is {self.settings.depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than the "
-                f"deepest level's, {region.deepest:g} m"
+                f"[planner] depth is {self.settings.depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than "
+                f"{region.floor}"
             )
 
     def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:

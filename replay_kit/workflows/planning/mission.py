@@ -28,10 +28,7 @@ from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 from replay_kit.workflows.planning.inputs import read_flow
-from replay_kit.workflows.planning.request import PlanJob, objective_of
-
-# Samples in which a plan is judged where no number is stated.
-_SAMPLES = 40
+from replay_kit.workflows.planning.request import JUDGING, PlanJob, objective_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +116,7 @@ def _sample_count(estimate: FlowEstimate, config: PlannerConfig) -> tuple[int, b
     if "samples" in config.model_fields_set:
         return config.samples, False
     certain = estimate.n_modes == 0
-    return 0 if certain else _SAMPLES, certain
+    return 0 if certain else JUDGING, certain
 
 
 def _figures(odds: MissionOdds, job: PlanJob) -> dict[str, Any]:

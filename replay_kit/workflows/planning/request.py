@@ -16,6 +16,8 @@ from replay_kit.core.plan import Place
 ACCEPTED_RISK = 0.1
 # Share of the samples that must arrive where none is stated.
 ARRIVING = 0.9
+# Samples in which a plan is judged where no number is stated.
+JUDGING = 40
 # Cost of an hour one kilometre off the line, in hours, when that is not stated.
 _LINE_WEIGHT = 10.0
 

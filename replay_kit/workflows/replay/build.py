@@ -1,19 +1,28 @@
 """From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, Literal
 
-from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ConfigError
+import numpy as np
+
+from replay_kit.config.run import ForecastConfig, RunConfig
+from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.paths import Paths
-from replay_kit.estimator import Estimator
+from replay_kit.core.region import Region
+from replay_kit.estimator import Estimator, ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.baselines import build_named
+from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.windows import WindowedEstimator
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.forecast.agreement import WARNING
+from replay_kit.forecast.grid import in_frame
+from replay_kit.workflows.replay.region import FoundRegion
 
 _OWN = "reduced_basis"
 _LOG = logging.getLogger(__name__)
@@ -28,17 +37,26 @@ class Forecasts:
         ensemble: The one of them nearest to the log's beginning.
         evolves: Whether the estimate goes through time.
         near_ns: Time of the logs' first message [ns, UTC]; None without one.
+        region: The part of the forecast, where it was found from the logs; None where all of it or what the settings state was read.
+        read: Reads another window of the forecast, in the local frame of the first; None where one window holds all.
     """
 
     series: tuple[Ensemble, ...]
     ensemble: Ensemble
     evolves: bool
     near_ns: int | None = None
+    region: FoundRegion | None = None
+    read: Callable[[Region], Ensemble] | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of how the file was read."""
         return self.series[0].notes
+
+    @property
+    def box(self) -> Region | None:
+        """West, south, east, north [degrees] of the part that was found from the logs; None where none was."""
+        return None if self.region is None else self.region.region
 
     def nearest(self, time_ns: int | None) -> Ensemble:
         """Return the forecast nearest to a time [ns, UTC]; the first without one."""
@@ -47,7 +65,13 @@ class Forecasts:
         return min(self.series, key=lambda forecast: abs((forecast.time_ns or 0) - time_ns))
 
 
-def read_forecasts(path: Paths, config: RunConfig, near_ns: int | None, place_at: tuple[float, float] | None) -> Forecasts:
+def read_forecasts(
+    path: Paths,
+    config: RunConfig,
+    near_ns: int | None,
+    place_at: tuple[float, float] | None,
+    region: FoundRegion | None = None,
+) -> Forecasts:
     """Return the forecast at the time, or the times, that the settings ask for.
 
     The estimate goes through time where the forecast has several dated times (unless one is chosen, or ``time.scale`` is static), and
@@ -58,27 +82,55 @@ def read_forecasts(path: Paths, config: RunConfig, near_ns: int | None, place_at
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
         place_at: (longitude, latitude) to move the ensemble's centre to.
+        region: The part of the forecast, where it was found from the logs.
 
     Raises:
-        ForecastError: The ensemble cannot be used.
+        ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
         ConfigError: An estimator that knows no time is asked for what needs it, or one that fits no spread for that.
     """
     own = config.estimator.name == _OWN and config.estimator.preset == "default"
-    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases or config.time.window)
-    if asked and not own:
+    asked = config.time.scale not in ("auto", "static") or bool(config.time.oscillators or config.time.biases)
+    if (asked or config.time.window not in ("auto", 0.0)) and not own:
         what = config.estimator.name if config.estimator.name != _OWN else f"preset {config.estimator.preset}"
         raise ConfigError(
-            f"{what} is static: it takes no time.scale, oscillators, biases or window; leave them out, or the estimator's name"
+            f"{what} is static and takes each profile alone: it has no time.scale, oscillators, biases or window; leave them out, or the "
+            "estimator's name"
         )
+    part = config.forecast if region is None else config.forecast.model_copy(update={"region": region.region})
     if own and (asked or config.time.scale == "auto"):
-        series = _warned(read_series(path, config.forecast, near_ns=near_ns, place_at=place_at))
+        series = _warned(read_series(path, part, near_ns=near_ns, place_at=place_at))
         evolves = asked or len(series) > 1
     else:
-        series, evolves = _warned((read_ensemble(path, config.forecast, near_ns=near_ns, place_at=place_at),)), False
+        series, evolves = _warned((read_ensemble(path, part, near_ns=near_ns, place_at=place_at),)), False
+    if part.region is not None:
+        _check_width(series[0])
+    told = () if region is None else (region.note,)
     note = _unfitted_spread(config, evolves, series[0].made_from)
-    series = (replace(series[0], notes=(*series[0].notes, *note)), *series[1:])
+    series = (replace(series[0], notes=(*told, *series[0].notes, *note)), *series[1:])
     forecasts = Forecasts(series, series[0], evolves)
-    return replace(forecasts, ensemble=forecasts.nearest(near_ns), near_ns=near_ns)
+    first = forecasts.nearest(near_ns)
+    read = None
+    if region is not None and region.follows:
+        # terrain-following levels would be those of each window's own deepest column
+        levels = tuple(float(level) for level in first.grid.levels)
+        read = partial(_read_window, path, part.model_copy(update={"levels": levels, "level_step": 1}), near_ns, first.grid.projection)
+    return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=read)
+
+
+def _read_window(path: Paths, config: ForecastConfig, near_ns: int | None, frame: Projection, region: Region) -> Ensemble:
+    """Return a window of a forecast in a local frame."""
+    return in_frame(read_ensemble(path, config.model_copy(update={"region": region}), near_ns=near_ns), frame)
+
+
+def _check_width(ensemble: Ensemble) -> None:
+    """Raise ForecastError when a region is narrower than a correlation length: nothing could be learnt there beyond a mean."""
+    length, grid = correlation_length(ensemble), ensemble.grid
+    widths = [float(np.ptp(axis)) for axis in (grid.east, grid.north)]
+    if min(widths) < length:
+        raise ForecastError(
+            f"{ensemble.source}: the region is {widths[0] / 1e3:.1f} x {widths[1] / 1e3:.1f} km, and the forecast's correlation length "
+            f"{length / 1e3:.1f} km: widen --region"
+        )
 
 
 def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:
@@ -120,9 +172,34 @@ def build(forecasts: Forecasts, config: RunConfig, goal_depth: float | None) -> 
     Raises:
         ConfigError: The estimator's name is unknown.
     """
+    if forecasts.region is not None and forecasts.read is not None:
+        return with_window(_windowed(forecasts, forecasts.region, forecasts.read, config), config.time.window)
     if forecasts.evolves:
-        return build_evolving(forecasts.series, config.estimator, config.time, config.gating)
-    return build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating)
+        return with_window(build_evolving(forecasts.series, config.estimator, config.time, config.gating), config.time.window)
+    return with_window(build_named(forecasts.ensemble, config.estimator, goal_depth, config.gating), config.time.window)
+
+
+def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> Estimator[Any]:
+    """Return an estimator that combines profiles within a time [s]; auto leaves it to the estimator, 0 combines none."""
+    grouping = estimator.grouping
+    if grouping is None or window == "auto":
+        return estimator
+    # Any: those that have a grouping are dataclasses
+    grouped: Any = estimator
+    changed: Estimator[Any] = replace(grouped, grouping=grouping.by_hand(window) if window > 0.0 else None)
+    return changed
+
+
+def _windowed(forecasts: Forecasts, found: FoundRegion, read: Callable[[Region], Ensemble], config: RunConfig) -> WindowedEstimator:
+    """Return the estimator of windows that follow the vehicle; the latest two are kept."""
+
+    @lru_cache(maxsize=2)
+    def estimator_of(region: Region) -> ReducedBasisEstimator:
+        ensemble = forecasts.ensemble if region == found.region else read(region)
+        return build_estimator(ensemble, config.estimator, config.gating)
+
+    grouping = estimator_of(found.region).grouping
+    return WindowedEstimator(found.region, found.margin, found.bounds, estimator_of, config.gating, grouping)
 
 
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:

@@ -2,40 +2,31 @@
 
 A checkpoint holds the states of all stages after a message, without the prior, which the ensemble and the configuration give again, and
 the length of the result's journal at that time. It is made between two blocks of observations only, so that a run with checkpoints and one
-without assimilate the same blocks. The messages before it are read again and passed over.
+without assimilate the same blocks. The messages before it are read again and passed over. Before the states stands the part of
+the forecast that the run found, so that the continued one reads the same.
 """
 
 import hashlib
 import io
 import json
-import pickle
-import pickletools
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, is_dataclass
-from enum import Enum
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
-from replay_kit.estimator.update.buffer import Buffer
-from replay_kit.estimator.update.observation_space import GrowingCholesky
 from replay_kit.measurements import MeasurementState
 from replay_kit.results import Journal, ResultWriter, read_journal
-from replay_kit.workflows.replay.inputs import checkpoint_files
+from replay_kit.workflows.replay.checkpoint_head import MAGIC, checkpoint_files, head
+from replay_kit.workflows.replay.region import FoundRegion
 from replay_kit.workflows.replay.session import ReplayState, Session
+from replay_kit.workflows.replay.values import check_opcodes, dump, load
 
-#: Begins the file; then the run's identity, the SHA-256 of the rest, and the rest.
-_MAGIC = b"replay-kit checkpoint 6\n"
-_HEAD = len(_MAGIC) + 64 + 32
-# The functions and classes of other libraries that a pickle of these values may name; nothing else is loaded.
-_FUNCTIONS = {("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer")}
-_CLASSES = {("numpy", "ndarray"), ("numpy", "dtype"), ("builtins", "float")}
-# Opcodes that the dumper never writes: a place in the memo takes memory for all places before it.
-_FOREIGN = frozenset({"PUT", "BINPUT", "LONG_BINPUT", "NEXT_BUFFER", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "GLOBAL"})
+# Bytes of the run's identity, and of the SHA-256 of what follows it.
+_IDENTITY, _DIGEST = 64, 32
 # What stages raise on a state whose parts are of other kinds or sizes.
 _FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, MemoryError, RecursionError)
 
@@ -108,9 +99,10 @@ def read_checkpoint(path: Path, identity: str, prior: object | None) -> Checkpoi
         data = path.read_bytes()
     except OSError as error:
         raise LogError(f"{path}: the checkpoint cannot be read: {error.strerror}") from error
-    if not data.startswith(_MAGIC):
+    if not data.startswith(MAGIC):
         raise ConfigError(f"{path}: exists and is no checkpoint of this version; choose another name for the checkpoint")
-    stored, digest, body = data[len(_MAGIC) : _HEAD - 32], data[_HEAD - 32 : _HEAD], data[_HEAD:]
+    rest = data[len(MAGIC) :].partition(b"\n")[2]
+    stored, digest, body = rest[:_IDENTITY], rest[_IDENTITY : _IDENTITY + _DIGEST], rest[_IDENTITY + _DIGEST :]
     if hashlib.sha256(body).digest() != digest:
         raise LogError(f"{path}: the checkpoint is damaged: its checksum does not match; delete it to begin anew")
     if stored != identity.encode():
@@ -119,8 +111,8 @@ def read_checkpoint(path: Path, identity: str, prior: object | None) -> Checkpoi
         )
     # pickle states no end to what it raises on bytes that are not its own
     try:
-        _check_opcodes(body)
-        checkpoint = _Loader(io.BytesIO(body), prior).load()
+        check_opcodes(body)
+        checkpoint = load(io.BytesIO(body), prior)
         if not isinstance(checkpoint, Checkpoint):
             raise TypeError(f"expected a checkpoint, got {type(checkpoint).__name__}")
         int(checkpoint.state.last_ns)
@@ -129,18 +121,25 @@ def read_checkpoint(path: Path, identity: str, prior: object | None) -> Checkpoi
     return checkpoint
 
 
-def write_checkpoint(path: Path, identity: str, prior: object | None, checkpoint: Checkpoint) -> None:
-    """Write a checkpoint to a file, whole or not at all; arguments as of ``read_checkpoint``."""
-    body = io.BytesIO()
-    _Dumper(body, prior).dump(checkpoint)
+def write_checkpoint(path: Path, run: tuple[str, FoundRegion | None], prior: object | None, checkpoint: Checkpoint) -> None:
+    """Write a checkpoint to a file, whole or not at all.
+
+    Args:
+        path: The file.
+        run: Its identity, and the part of the forecast that it found.
+        prior: As of ``read_checkpoint``.
+        checkpoint: What is written.
+    """
+    body, (identity, region) = io.BytesIO(), run
+    dump(checkpoint, body, prior)
     with atomic_file(path) as file:
-        file.write(_MAGIC + identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
+        file.write(head(region) + identity.encode() + hashlib.sha256(body.getvalue()).digest() + body.getvalue())
 
 
 class CheckpointFile:
     """The checkpoint file of one run, and its journal."""
 
-    def __init__(self, path: Path, identity: str, interval_s: float, prior: object | None) -> None:
+    def __init__(self, path: Path, identity: str, interval_s: float, prior: object | None, region: FoundRegion | None = None) -> None:
         """Bind the file to a run.
 
         Args:
@@ -148,11 +147,13 @@ class CheckpointFile:
             identity: Of the run.
             interval_s: Between checkpoints [s, in the log's time].
             prior: The estimator's prior, which is not stored; None when the estimator has none.
+            region: The part of the forecast that was found from the log; None where it was not.
         """
         self.path = path
         self._identity = identity
         self._interval_ns = int(interval_s * 1e9)
         self._prior = prior
+        self._region = region
         self._next_ns: int | None = None
         self._journal: Journal | None = None
 
@@ -216,7 +217,7 @@ class CheckpointFile:
             return
         self._next_ns = state.last_ns + self._interval_ns
         checkpoint = Checkpoint(state, measurement, messages, self._journal.flushed(), session.writer.state)
-        write_checkpoint(self.path, self._identity, self._prior, checkpoint)
+        write_checkpoint(self.path, (self._identity, self._region), self._prior, checkpoint)
 
     def close(self) -> None:
         """Close the journal; without a checkpoint no run can continue from it, and it is deleted."""
@@ -229,44 +230,3 @@ class CheckpointFile:
         """Delete the checkpoint and its journal: the result is complete."""
         self.path.unlink(missing_ok=True)
         journal_path(self.path).unlink(missing_ok=True)
-
-
-def _is_value(kind: type) -> bool:
-    """Return whether constructing an object of a class does no more than hold values."""
-    return is_dataclass(kind) or issubclass(kind, (Enum, tuple)) or kind in (GrowingCholesky, Buffer)
-
-
-def _check_opcodes(body: bytes) -> None:
-    """Raise ValueError when what a checkpoint holds would take memory that its bytes do not fill."""
-    foreign = next((opcode.name for opcode, _, _ in pickletools.genops(body) if opcode.name in _FOREIGN), None)
-    if foreign is not None:
-        raise ValueError(f"it holds {foreign}, which no checkpoint does")
-
-
-class _Dumper(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, prior: object | None) -> None:
-        super().__init__(file, protocol=5)
-        self._prior = prior
-
-    def persistent_id(self, obj: Any) -> str | None:
-        return "prior" if self._prior is not None and obj is self._prior else None
-
-
-class _Loader(pickle.Unpickler):
-    """Loads this project's values and arrays; nothing whose construction has side effects."""
-
-    def __init__(self, file: io.BytesIO, prior: object | None) -> None:
-        super().__init__(file)
-        self._prior = prior
-
-    def persistent_load(self, pid: Any) -> Any:
-        return self._prior
-
-    def find_class(self, module: str, name: str) -> Any:
-        if (module, name) in _FUNCTIONS | _CLASSES:
-            return super().find_class(module, name)
-        if module.startswith(("replay_kit.", "planners.")) and "." not in name:
-            found = super().find_class(module, name)
-            if isinstance(found, type) and found.__module__ == module and _is_value(found):
-                return found
-        raise pickle.UnpicklingError(f"it holds {module}.{name}, which no checkpoint does")

@@ -41,6 +41,8 @@ def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEst
             session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
+            for number, left in enumerate(session.estimator.left_flows(session.estimation.current), 1):
+                session.writer.window(number, left)
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)
@@ -56,7 +58,7 @@ def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEst
 
 def _notes(session: Session, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
     """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
-    kernel, estimator = flow.kernel, session.estimator
+    kernel, estimator = flow.horizontal.kernel, session.estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     no_goal = [] if inputs.job.goal is not None else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
@@ -69,8 +71,11 @@ def _score(session: Session, inputs: Prepared, truth: Ensemble, flow: FlowEstima
     job, forecasts, prior_flow, config = inputs.job, inputs.forecasts, inputs.prior_flow, session.config
     if forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
-        truth = open_truth(job, config, flow.time_ns, forecasts.ensemble) or truth
+        truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
         prior_flow = prior_flow.at(session.last_ns)
+    if forecasts.read is not None:
+        forecasts, box = forecasts.in_last_window(flow.grid)
+        truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
     positions, ensemble = session.statistics.profiles.positions, forecasts.nearest(flow.time_ns)
     try:
         score, truth_flow = score_against_truth(flow, ensemble, truth, positions, job.truth_radius_km, config.estimator)

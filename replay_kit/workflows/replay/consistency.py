@@ -8,7 +8,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.finding import Finding
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Measurement, PathMean, VehicleState
+from replay_kit.core.observation import Measurement, PathMean
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
@@ -77,7 +77,7 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
     """Return the state that remembers which measurements of some steps the gate rejected."""
     done = [(step.event, step.assimilation.innovation) for step in steps if step.assimilation is not None]
     gated = [event for event, found in done if found.gate_statistic > found.gate and not found.accepted]
-    more = tuple(event for event in gated if not isinstance(event, VehicleState))
+    more = tuple(event for event in gated if isinstance(event, Measurement))
     return replace(state, gated=(state.gated + more)[-_MOST_GATED:]) if more else state
 
 

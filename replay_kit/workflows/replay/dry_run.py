@@ -14,8 +14,9 @@ from replay_kit.core.observation import Observation
 from replay_kit.estimator import ReducedBasisEstimator
 from replay_kit.logs import merge
 from replay_kit.measurements import observations
-from replay_kit.workflows.replay.build import build, read_forecasts
-from replay_kit.workflows.replay.inputs import ReplayJob, look_ahead, open_readers
+from replay_kit.workflows.replay.build import build
+from replay_kit.workflows.replay.inputs import ReplayJob, forecasts_of
+from replay_kit.workflows.replay.look_ahead import open_readers
 
 # What the interpreter and the libraries take before the first array.
 _BASE_MB = 250.0
@@ -64,8 +65,7 @@ def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = ReducedBasisEstima
     if config.estimator.name != "reduced_basis":
         raise ConfigError(f"--dry-run describes the reduced basis, not {config.estimator.name}; leave one of the two out")
     with threadpool_limits(limits=config.output.threads):
-        place_at, near_ns = look_ahead(job.logs, config)
-        forecasts = read_forecasts(job.ensemble, config, near_ns, place_at)
+        forecasts = forecasts_of(job, config)
         ensemble = forecasts.ensemble
         # Any: a baseline was refused above, and the two that are left have what is asked for here
         estimator: Any = build(forecasts, config, None)
@@ -87,7 +87,7 @@ def dry_run(job: ReplayJob, config: RunConfig, n_timed: int = ReducedBasisEstima
         members=ensemble.n_members,
         grid=(ensemble.grid.east.shape[0], ensemble.grid.east.shape[1]),
         levels=tuple(float(level) for level in ensemble.grid.levels),
-        modes=estimator.basis.n_modes,
+        modes=estimator.basis_size[0],
         state_size=size,
         memory_mb=_BASE_MB + _COVARIANCES * 8e-6 * size**2 + 2e-6 * ensemble.velocity.nbytes,
         seconds=used * spent / len(timed) if timed else 0.0,

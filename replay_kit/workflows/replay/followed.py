@@ -167,7 +167,7 @@ class FollowedStates:
             return
         (known, checkpoint), self._pending = self._pending, None
         self._journal.flushed()
-        write_checkpoint(self.path / known.name, self._identity, self._prior, checkpoint)
+        write_checkpoint(self.path / known.name, (self._identity, None), self._prior, checkpoint)
         self._keep(thinned([*self._known, known]))
 
     def close(self) -> None:

@@ -7,25 +7,26 @@ from pathlib import Path
 import numpy as np
 
 from replay_kit.config.run import LogConfig, RunConfig
-from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError, PlanError
+from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
-from replay_kit.core.observation import Observation, VehicleState
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress
+from replay_kit.core.region import Region
 from replay_kit.core.unchanged import Stamp, stamps_of
 from replay_kit.forecast import ensemble_files, read_truth
-from replay_kit.logs import merge, open_logs
+from replay_kit.logs import open_logs
 from replay_kit.logs.folders import logs_in
 from replay_kit.logs.reader import LogFile
-from replay_kit.measurements import MAVLINK_NAMES, initial_state, interpret
 from replay_kit.results import ResultWriter
-from replay_kit.results.losses import iso_time
 from replay_kit.workflows.replay.build import Forecasts, read_forecasts
+from replay_kit.workflows.replay.checkpoint_head import checkpoint_files, recorded_region
+from replay_kit.workflows.replay.look_ahead import look_ahead, positions_of
 from replay_kit.workflows.replay.planner import Planner
+from replay_kit.workflows.replay.region import FoundRegion, find_region
 
 # Messages between two looks at how much is read.
 _LOOK = 64
@@ -63,6 +64,8 @@ class ReplayJob:
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
         following: For logs that may grow, without a checkpoint; None for finished ones.
+        region: The part of the forecast that an earlier run of the job found; None finds it, where the settings do not state it.
+        basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
     """
 
     logs: tuple[Path, ...]
@@ -77,6 +80,8 @@ class ReplayJob:
     overwrite: bool = False
     include_inputs: bool = False
     following: Following | None = None
+    region: FoundRegion | None = None
+    basis_store: Path | None = None
 
 
 def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()) -> None:
@@ -91,11 +96,6 @@ def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_wr
     check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite, checkpoint_files(job.checkpoint))
 
 
-def checkpoint_files(path: Path | None) -> tuple[Path, ...]:
-    """Return the files of a checkpoint: the checkpoint itself, and the journal beside it."""
-    return () if path is None else (path, path.with_name(path.name + ".journal"))
-
-
 def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
     """Return what tells each file that a replay reads, those in folders of logs too, from a changed one.
 
@@ -104,18 +104,6 @@ def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
     """
     logs = [file for path in job.logs for file in logs_in(Path(path))]
     return stamps_of([*logs, *ensemble_files(job.ensemble), *filter(None, [truth_path(job.truth)])])
-
-
-def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
-    """Return the opened logs; of MAVLink and DataFlash only the messages that the estimator uses, and mapped topics, are decoded.
-
-    Raises:
-        LogError: A file is missing or is not a log.
-    """
-    mapped = [entry.topic.split("/") for entry in config.measurements.map]
-    # a schema of DataFlash has its format's name before that of the record
-    wanted = MAVLINK_NAMES | {".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped}
-    return list(open_logs(logs, config.logs, wanted))
 
 
 def reading(logs: Sequence[LogReader | LogFile], progress: Progress, what: str) -> Callable[[], None]:
@@ -138,24 +126,8 @@ def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None
         writer.copy(message for log in logs for message in (log.frames() if log.has_own_frames else log.raw_messages()))
 
 
-def look_ahead(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float] | None, int | None]:
-    """Return the mean position, when the ensemble is to be placed there, and the first time used [ns, UTC], of the chosen time span.
-
-    Messages of topics that come once are read although they are older than the span, as in a replay, but their positions do not count.
-
-    Raises:
-        LogError: A log cannot be opened.
-        MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
-    """
-    start_ns = config.logs.start_ns
-    place_at, first_ns = _mean_place(logs, config) if config.forecast.place else (None, _first_time(logs, config))
-    if first_ns is not None and start_ns is not None:
-        first_ns = max(first_ns, start_ns)
-    return place_at, first_ns
-
-
 def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
-    """Return the forecast of a job, at the time of its logs, and where it is asked for at their place.
+    """Return the part of a forecast that a job needs, at the time of its logs, and where it is asked for at their place.
 
     Raises:
         LogError: A log cannot be opened.
@@ -164,7 +136,8 @@ def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
         ConfigError: An estimator that knows no time is asked for what needs it.
     """
     place_at, near_ns = look_ahead(job.logs, config)
-    return read_forecasts(job.ensemble, config, near_ns, place_at)
+    region = job.region or recorded_region(job.checkpoint) or find_region(job.logs, job.ensemble, config, near_ns, job.goal)
+    return read_forecasts(job.ensemble, config, near_ns, place_at, region)
 
 
 def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunConfig, deepest: float) -> RunConfig:
@@ -182,32 +155,13 @@ def with_planner_kind(job: ReplayJob, readers: Sequence[LogReader], config: RunC
     return config.model_copy(update={"planner": config.planner.resolved(gliders, job.goal.depth, deepest)})
 
 
-def _first_time(logs: Sequence[Path], config: RunConfig) -> int | None:
-    firsts = (next(iter(merge([reader], config.logs.reorder_window)), None) for reader in open_readers(logs, config))
-    return min((message.time_ns for message in firsts if message is not None), default=None)
-
-
-def _positions(logs: Sequence[Path], config: RunConfig) -> tuple[list[tuple[float, float]], int | None]:
-    """Return the longitudes and latitudes that a replay would use, and the time of its first message."""
-    settings, first_ns = config.logs, None
-    state, positions, placed = initial_state(settings.system), [], []
-    for message in merge(open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns):
-        first_ns = message.time_ns if first_ns is None else first_ns
-        state, events = interpret(state, message, config.measurements)
-        if settings.start_ns is None or message.time_ns >= settings.start_ns:
-            positions += [(event.longitude, event.latitude) for event in events if isinstance(event, VehicleState)]
-            placed += [(event.longitude, event.latitude) for event in events if isinstance(event, Observation)]
-    # measurements with places of their own do not say where the vehicle is, but where to place the ensemble
-    return positions or placed, first_ns
-
-
 def check_goal(planner: Planner, flow: FlowEstimate, job: ReplayJob, config: RunConfig) -> None:
     """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
     assert job.goal is not None
     try:
         planner.check(flow, job.goal)
     except PlanError as error:
-        positions, _ = _positions(job.logs, config)
+        positions, _ = positions_of(job.logs, config)
         local = to_local(flow.grid.projection, *np.array(positions).T) if positions else (np.empty(0), np.empty(0))
         if not positions or np.any(inside_grid(flow.grid, *local)):
             raise
@@ -218,43 +172,7 @@ def check_goal(planner: Planner, flow: FlowEstimate, job: ReplayJob, config: Run
         ) from error
 
 
-def check_span(logs: Sequence[Path], config: RunConfig, last_ns: int | None) -> None:
-    """Raise ConfigError when the logs have messages, and none of them lies in the time span that is asked for.
-
-    Args:
-        logs: The logs.
-        config: With the span.
-        last_ns: Time of the last message read [ns, UTC]; those of topics that come once may be older than the span. None without one.
-    """
-    settings = config.logs
-    asked = [f"--{name} {text}" for name, text in (("start", settings.start), ("end", settings.end)) if text is not None]
-    if not asked or (last_ns is not None and last_ns >= (settings.start_ns or 0)):
-        return
-    times = [message.time_ns for reader in open_readers(logs, config) for message in reader.messages()]
-    if times:
-        raise ConfigError(
-            f"{' and '.join(asked)}: no message lies there; the log spans {iso_time(min(times), 's')} to {iso_time(max(times), 's')}"
-        )
-
-
-def _mean_place(logs: Sequence[Path], config: RunConfig) -> tuple[tuple[float, float], int | None]:
-    """Return the mean longitude and latitude of the positions that a replay would use, and the time of its first message."""
-    settings = config.logs
-    positions, first_ns = _positions(logs, config)
-    if not positions:
-        between = f" between {settings.start or 'their start'} and {settings.end or 'their end'}" if settings.start or settings.end else ""
-        raise MeasurementError(
-            f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; "
-            + ("widen --start and --end, or leave the option out" if between else "leave the option out")
-            + f"; replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
-        )
-    longitude, latitude = np.array(positions).T
-    # on the unit circle, because longitudes may lie on both sides of the antimeridian
-    directions = np.exp(1j * np.deg2rad(longitude))
-    return (float(np.rad2deg(np.angle(directions.mean()))), float(latitude.mean())), first_ns
-
-
-def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble: Ensemble) -> Ensemble | None:
+def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble: Ensemble, region: Region | None = None) -> Ensemble | None:
     """Return the truth of a job; None without one.
 
     Args:
@@ -262,6 +180,7 @@ def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble:
         config: Its settings; a truth need not have the forecast's leads or times.
         near_ns: Time of the logs' first message [ns, UTC].
         ensemble: The forecast; if it was moved, the truth is moved to the same place.
+        region: The part of it that is read; None for what the settings state.
 
     Raises:
         ForecastError: It cannot be read.
@@ -269,9 +188,10 @@ def open_truth(job: ReplayJob, config: RunConfig, near_ns: int | None, ensemble:
     if job.truth is None:
         return None
     centre = ensemble.grid.projection
-    settings = config.forecast.model_copy(update={"lead": None, "reference_time": None, "time": None})
+    part = config.forecast if region is None else config.forecast.model_copy(update={"region": region})
+    settings = part.model_copy(update={"lead": None, "reference_time": None, "time": None})
     place_at = (centre.longitude, centre.latitude) if config.forecast.place else None
     try:
-        return read_truth(job.truth, config.forecast, near_ns=near_ns, place_at=place_at)
+        return read_truth(job.truth, part, near_ns=near_ns, place_at=place_at)
     except ForecastError:
         return read_truth(job.truth, settings, near_ns=near_ns, place_at=place_at)

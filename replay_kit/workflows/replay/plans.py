@@ -12,6 +12,7 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Outcome, Surfacing, outcome_of
+from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.measurements.vehicle.surfacing import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.estimation import Step
 from replay_kit.workflows.replay.outputs import LogWarning, Output, PublishedPlan
@@ -115,7 +116,8 @@ def after_step(problem: PlanningProblem, state: PlanningState, step: Step, flow_
             state = replace(state, next_plan_ns=now_ns + problem.interval_ns)
         if due_ns is not None and now_ns >= due_ns + problem.waits_ns:
             state, outputs = make_plan(problem, state, flow_at(now_ns), now_ns)
-    detection, fix = detect_surfacing(state.detection, step.event, problem.surface_depth)
+    event = step.event.profiles[0] if isinstance(step.event, ProfileGroup) else step.event
+    detection, fix = detect_surfacing(state.detection, event, problem.surface_depth)
     return replace(state, detection=detection, surfaced=fix or state.surfaced), outputs
 
 

@@ -7,7 +7,8 @@ from typing import TypeVar
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason, VehicleState, usable
+from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState, reasons_of
+from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.estimation import Step
 
 # Inflations of the covariance given in a note.
@@ -41,7 +42,18 @@ class Sums:
     predicted: float = 0.0
 
     def with_profile(self, innovation: Innovation, dive_innovation: Array) -> "Sums":
-        """Return the sums with one more profile."""
+        """Return the sums with one more profile, or with those of a group."""
+        if (totals := innovation.totals) is not None:
+            return Sums(
+                self.profiles + innovation.profiles,
+                self.bins + totals.bins,
+                self.nis + innovation.nis,
+                self.dof + innovation.dof,
+                self.before + totals.before,
+                self.after + totals.after,
+                self.prior + totals.prior,
+                self.predicted + float(np.nansum(dive_innovation**2)),
+            )
         return Sums(
             self.profiles + 1,
             self.bins + innovation.dof // 2,
@@ -105,13 +117,14 @@ class ProfileCounts:
             total = total.with_profile(found.innovation, found.dive_innovation)
             if (dive := found.innovation.dive) > 0:
                 dives[dive] = dives.get(dive, Sums()).with_profile(found.innovation, found.dive_innovation)
-        far = [event.position_std for event, _ in used if isinstance(event, Observation) and event.position_std > 0.0]
+        profiles = [profile for event, _ in used for profile in _profiles(event)]
+        far = [profile.position_std for profile in profiles if profile.position_std > 0.0]
         vehicles = [step.event for step in steps if isinstance(step.event, VehicleState)]
         return ProfileCounts(
             self.rejected + len(done) - len(used),
-            increment(self.bins_rejected, (name for innovation in innovations for name in _reasons(innovation))),
+            _added(self.bins_rejected, (named for innovation in innovations for named in _reasons(innovation))),
             self.gated + sum(innovation.decision == "rejected" for innovation in innovations),
-            self.softened + sum(innovation.decision == "softened" for innovation in innovations),
+            self.softened + sum(_softened(innovation) for innovation in innovations),
             self.inflations + tuple(innovation.prior_inflation for innovation in innovations if innovation.prior_inflation > 1.0),
             total,
             dives,
@@ -160,13 +173,34 @@ def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:
     return out
 
 
-def _reasons(innovation: Innovation) -> list[str]:
-    """Return the names of the reasons for which bins were not used, a name for each bin and reason."""
-    not_used = innovation.reasons[~usable(innovation.flags)]
-    return [str(reason.name).lower() for reason in Reason if reason for _ in range(int(np.count_nonzero(not_used & reason)))]
+def _added(counts: Mapping[str, int], more: Iterable[tuple[str, int]]) -> dict[str, int]:
+    """Return counts with more of each key."""
+    out = dict(counts)
+    for key, count in more:
+        out[key] = out.get(key, 0) + count
+    return out
 
 
-def _place_of(measurement: Measurement) -> tuple[float, float]:
+def _softened(innovation: Innovation) -> int:
+    """Return how many profiles of an innovation were used with larger errors."""
+    return int(innovation.decision == "softened") if innovation.totals is None else innovation.totals.softened
+
+
+def _profiles(measurement: Measurement | ProfileGroup) -> tuple[Observation, ...]:
+    """Return the profiles in a measurement or a group."""
+    if isinstance(measurement, ProfileGroup):
+        return measurement.profiles
+    return (measurement,) if isinstance(measurement, Observation) else ()
+
+
+def _reasons(innovation: Innovation) -> list[tuple[str, int]]:
+    """Return the reasons for which bins were not used, and how many bins."""
+    if innovation.totals is not None:
+        return list(innovation.totals.not_used)
+    return reasons_of(innovation.reasons, innovation.flags)
+
+
+def _place_of(measurement: Measurement | ProfileGroup) -> tuple[float, float]:
     if isinstance(measurement, PathMean):
         return float(measurement.longitude[-1]), float(measurement.latitude[-1])
     return measurement.longitude, measurement.latitude

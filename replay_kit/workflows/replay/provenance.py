@@ -53,7 +53,7 @@ def run_metadata(
         arguments: The ensemble's files and stores, argument by argument; those of one belong together where members are models.
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
-        bathymetry: The file that the configuration names; None without.
+        bathymetry: The file that is read; None without.
 
     Raises:
         ConfigError: Two logs hold the same bytes.
@@ -86,7 +86,7 @@ def run_metadata(
         "replay_kit.options": options,
         "replay_kit.region": region,
         "replay_kit.members": members,
-        "replay_kit.versions": _versions(),
+        "replay_kit.versions": package_versions(),
     }
 
 
@@ -114,9 +114,9 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
         "modes": str(flow.n_modes),
         "depth_functions": flow.depth_functions.kind,
-        "kernel_length_east_m": repr(flow.kernel.length_east),
-        "kernel_length_north_m": repr(flow.kernel.length_north),
-        "kernel_speed": repr(flow.kernel.speed),
+        "kernel_length_east_m": repr(flow.horizontal.kernel.length_east),
+        "kernel_length_north_m": repr(flow.horizontal.kernel.length_north),
+        "kernel_speed": repr(flow.horizontal.kernel.speed),
     }
 
 
@@ -137,10 +137,11 @@ def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, objec
     """
     hashes = {name: named_hash(path) for name, path in inputs.items() if path is not None}
     asked = {name: str(value) for name, value in options.items() if value is not None}
-    return {"replay_kit.inputs": hashes, "replay_kit.options": asked, "replay_kit.versions": _versions()}
+    return {"replay_kit.inputs": hashes, "replay_kit.options": asked, "replay_kit.versions": package_versions()}
 
 
-def _versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """Return the versions of this package and of those on which the last bits of results depend."""
     return {"replay-kit": __version__, **{name: version(name) for name in _PACKAGES}}
 
 

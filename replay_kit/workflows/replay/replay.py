@@ -25,7 +25,8 @@ from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.summary_json import failure_json
-from replay_kit.workflows.replay.build import Forecasts, build
+from replay_kit.workflows.replay.basis_store import built
+from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming, run_identity
 from replay_kit.workflows.replay.conclude import conclude
 from replay_kit.workflows.replay.consistency import checked_speeds
@@ -34,19 +35,19 @@ from replay_kit.workflows.replay.inputs import (
     ReplayJob,
     check_goal,
     check_outputs,
-    check_span,
     copy_inputs,
     forecasts_of,
     input_stamps,
-    open_readers,
     open_truth,
     reading,
     with_planner_kind,
 )
+from replay_kit.workflows.replay.look_ahead import check_span, open_readers
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.prepared import Prepared
 from replay_kit.workflows.replay.provenance import FOLLOWED, forecast_times, lasting, run_metadata, run_options, run_settings_toml
+from replay_kit.workflows.replay.region import REGION_RECORD
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -126,12 +127,12 @@ def _prepare(
         forecasts = forecasts or forecasts_of(job, config)
         ensemble = forecasts.ensemble
         speeds = checked_speeds(ensemble, config)
-        truth = open_truth(job, config, forecasts.near_ns, ensemble)
+        truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
     readers = open_readers(job.logs, config)
     config = with_planner_kind(job, readers, config, float(ensemble.grid.levels[-1]))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
-        estimator = build(forecasts, config, None if job.goal is None else job.goal.depth)
+        estimator = built(forecasts, config, job)
         prior_flow = estimator.flow(estimator.initial())
     problem = None
     if job.goal is not None and planner_of is not None:
@@ -139,8 +140,11 @@ def _prepare(
         check_goal(planner, prior_flow, job, config)
         goals = () if job.following is None else job.following.goals
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth, goals)
-    arguments, bathymetry = find_sources(job.ensemble).arguments, config.planner.bathymetry_path
+    # without a goal nothing reads the bathymetry
+    arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
     metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
+    if metadata and forecasts.region is not None:
+        metadata[REGION_RECORD] = forecasts.region.to_record()
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
     if metadata and (times := forecast_times(forecasts)):
@@ -158,7 +162,8 @@ def _checkpoints(session: Session, inputs: Prepared) -> CheckpointFile | Followe
         return FollowedStates(job.following.states, run_identity(lasting(inputs.metadata), settings), prior)
     if job.checkpoint is None:
         return None
-    return CheckpointFile(job.checkpoint, run_identity(inputs.metadata, settings), session.config.output.checkpoint_interval, prior)
+    interval = session.config.output.checkpoint_interval
+    return CheckpointFile(job.checkpoint, run_identity(inputs.metadata, settings), interval, prior, inputs.forecasts.region)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,7 +236,7 @@ def _loop(
     if isinstance(checkpoints, FollowedStates):
         checkpoints.write_last()
     session.take(finish(state, measurements))
-    session.assimilate_buffer()
+    session.assimilate_buffer(last=True)
     session.statistics = session.statistics.with_order(stream.merged)
 
 

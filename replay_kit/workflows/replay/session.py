@@ -130,7 +130,7 @@ class Session:
 
     def _act_on(self, found: Sequence[Finding], means: Sequence[PathMean]) -> None:
         """Rebuild the estimate without an instrument that is not believed, and open the gate between sources that contradict each other."""
-        self.assimilate_buffer()
+        self.assimilate_buffer(last=True)
         self.estimator = consistency.trusting(self._built, self.monitoring)
         if consistency.is_distrusted(found):
             prior, kept = self.estimator.initial(), list(means) if self.estimator.supports_path_means else []
@@ -144,10 +144,14 @@ class Session:
         self._write(LogWarning(finding.since_ns, str(finding)) for finding in found)
         self._write((Findings(self.last_ns, self.monitoring.checks.findings),))
 
-    def assimilate_buffer(self) -> None:
-        """Assimilate the observations that wait, then publish everything in the order of the log."""
+    def assimilate_buffer(self, last: bool = False) -> None:
+        """Assimilate the observations that wait, then publish everything in the order of the log.
+
+        Args:
+            last: Whether profiles that others might join wait no longer.
+        """
         with self.clock.stage("estimate"):
-            self.estimation, steps = assimilate(self.estimator, self.estimation, self._buffer)
+            self.estimation, steps = assimilate(self.estimator, self.estimation, self._buffer, last)
         self._buffer, self._n_observations = [], 0
         self.statistics = self.statistics.after_steps(steps)
         self.monitoring = consistency.with_gated(self.monitoring, steps)

@@ -114,8 +114,19 @@ def test_files_of_version_2_open_without_a_model_of_time(flow: FlowEstimate, tmp
     flow.save(tmp_path / "flow.nc")
     with h5netcdf.File(tmp_path / "flow.nc", "a") as file:
         file.attrs["replay_kit_format_version"] = np.int32(2)
-        del file.attrs["evolution"]
+        del file.attrs["evolution"], file.attrs["horizontal_functions"]
     loaded = load(tmp_path / "flow.nc")
     assert_equal_flows(loaded, flow)
     with pytest.raises(EstimatorError, match="has no model of time"):
         loaded.at(TIME_NS)
+
+
+def test_files_of_version_3_open_with_the_kernel_of_the_grid_s_nodes(tmp_path: Path) -> None:
+    flow = evolving()
+    flow.save(tmp_path / "flow.nc")
+    with h5netcdf.File(tmp_path / "flow.nc", "a") as file:
+        file.attrs["replay_kit_format_version"] = np.int32(3)
+        del file.attrs["horizontal_functions"]
+    loaded = load(tmp_path / "flow.nc")
+    assert_equal_flows(loaded, flow)
+    assert_equal_flows(loaded.at(TIME_NS + HOUR), flow.at(TIME_NS + HOUR))

@@ -1,4 +1,5 @@
 import io
+import pickle
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from replay_kit import __version__
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.core.flow.load import load, load_bytes
 from replay_kit.core.flow.lossless import save, save_bytes
 from replay_kit.core.flow.netcdf import to_dataset, wet_at, write_grid
@@ -32,7 +34,7 @@ def assert_same_flow(one: FlowEstimate, other: FlowEstimate) -> None:
     for name in ("longitude", "latitude", "east", "north", "levels", "wet"):
         assert bits(getattr(one.grid, name)) == bits(getattr(other.grid, name)), name
     assert one.grid.projection == other.grid.projection
-    assert (one.kernel, one.depth_functions, one.time_ns) == (other.kernel, other.depth_functions, other.time_ns)
+    assert (one.horizontal.key, one.depth_functions, one.time_ns) == (other.horizontal.key, other.depth_functions, other.time_ns)
 
 
 @pytest.mark.parametrize("kind", ["hat", "gaussian"])
@@ -77,11 +79,18 @@ def test_load_refuses_other_files(flow: FlowEstimate, tmp_path: Path) -> None:
         load(path)
 
 
+def before_version_4(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a file's content without what version 4 says of the horizontal functions, which were a kernel of the grid's nodes."""
+    dataset = dataset.drop_vars(["node_east", "node_north"])
+    del dataset.attrs["horizontal_functions"]
+    return dataset
+
+
 def version_1(flow: FlowEstimate, path: Path) -> None:
     """Write a flow as replay-kit did before its files followed CF: time as an integer, the depth of ``wet`` first, no metadata."""
     save(flow, path)
     with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as opened:
-        dataset = opened.load()
+        dataset = before_version_4(opened.load())
     dataset = dataset.drop_vars("time", errors="ignore").assign(wet=dataset["wet"].transpose("depth", "y", "x"))
     if flow.time_ns is not None:
         dataset["time"] = ((), np.int64(flow.time_ns))
@@ -97,6 +106,29 @@ def test_files_of_version_1_still_open(make_flow, tmp_path: Path, n_modes: int, 
     flow = replace(make_flow(n_modes=n_modes), time_ns=time_ns)
     version_1(flow, tmp_path / "flow.nc")
     assert_same_flow(flow, load(tmp_path / "flow.nc"))
+
+
+@pytest.mark.parametrize("n_modes", [0, 4])
+def test_a_flow_on_a_lattice_survives_a_file_and_a_pickle(flow: FlowEstimate, n_modes: int) -> None:
+    lattice, rng = lattice_over(flow.horizontal.kernel, flow.nodes), np.random.default_rng(0)
+    latent, modes = rng.normal(size=(lattice.size, flow.levels.size)), rng.normal(size=(lattice.size, n_modes))
+    on_lattice = replace(flow if n_modes else flow.mean_flow(), horizontal=lattice, latent=latent, modes=modes)
+    for again in (load_bytes(save_bytes(on_lattice), "flow"), pickle.loads(pickle.dumps(on_lattice))):
+        assert_same_flow(on_lattice, again)
+        np.testing.assert_array_equal(again.velocity(1e3, 2e3, 60.0), on_lattice.velocity(1e3, 2e3, 60.0))
+
+
+def test_nodes_that_are_not_the_grid_s_survive(flow: FlowEstimate) -> None:
+    moved = replace(flow, horizontal=flow.horizontal.at_nodes(flow.nodes + 100.0))
+    assert_same_flow(moved, load_bytes(save_bytes(moved), "flow"))
+
+
+def test_functions_that_nobody_knows_are_refused(flow: FlowEstimate, tmp_path: Path) -> None:
+    save(flow, tmp_path / "flow.nc")
+    with h5netcdf.File(tmp_path / "flow.nc", "a") as file:
+        file.attrs["horizontal_functions"] = "splines"
+    with pytest.raises(ForecastError, match="expected 'node kernel' or 'stream function lattice'"):
+        load(tmp_path / "flow.nc")
 
 
 @pytest.mark.parametrize("time_ns", [0, 1, 999_999_999, 1_700_000_000_000_000_001, 4_102_444_799_999_999_999])

@@ -3,14 +3,15 @@
 import numpy as np
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS, cell_size, ensemble_slices
+from replay_kit.estimator.basis.modes import default_functions
+from replay_kit.estimator.basis.slices import ensemble_slices
 from tests import synthetic
 from tests.reference import baselines as slow
+from tests.reference import lattice
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 GRID = SMALL.grid
 MEMBERS = ensemble_slices(SMALL)
-LENGTHS = tuple(DEFAULT_LENGTH_IN_CELLS * size for size in cell_size(GRID))
 # a nugget so small that a flow at the nodes is what it was made of, to the tolerances below
 CONFIG = EstimatorConfig(nugget=1e-9)
 DEPTHS = np.array([20.0, 100.0, 200.0])
@@ -51,8 +52,13 @@ def std_at_nodes(flow):
     return np.moveaxis(both, -1, 1).reshape(GRID.levels.size, -1)
 
 
+def from_nodes(place):
+    """The matrix from velocities at the nodes to that at a place."""
+    return lattice.interpolation(default_functions(GRID, CONFIG), GRID.nodes, place, CONFIG.nugget)
+
+
 def members_at(place):
-    return slow.design_of_members(MEMBERS, GRID.nodes, GRID.levels, LENGTHS, place, DEPTHS, CONFIG.nugget)
+    return slow.design_of_members(MEMBERS, GRID.levels, from_nodes(place), DEPTHS)
 
 
 def local_twin(places, values, radius, column):

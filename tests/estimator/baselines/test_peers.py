@@ -15,9 +15,10 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import build_baseline
 from replay_kit.estimator.baselines.gp import build_gp, second_moments
 from replay_kit.estimator.baselines.letkf import build_letkf
-from replay_kit.estimator.prior.hybrid import gaspari_cohn
+from replay_kit.estimator.prior.localised import gaspari_cohn
 from tests import synthetic
 from tests.estimator.baselines.small import DEPTHS, GRID, MEMBERS, SMALL, STD, at_nodes, profiles, run
+from tests.reference.lattice import matrix as functions_at
 
 with warnings.catch_warnings():
     # DAPPER leaves its configuration file to the garbage collector
@@ -32,7 +33,7 @@ def uncompressed_rows(estimator, place):
     """H of one profile, all east then all north."""
     basis = estimator.basis
     weights = depth_weights(DepthFunctions("hat", 1.0), DEPTHS, GRID.levels)
-    row = velocity_kernel(basis.kernel, place[None], NODES)
+    row = functions_at(basis.horizontal, place[None])
     design = np.vstack([np.kron(weights, row[c] @ basis.modes) for c in range(2)])
     error = np.hypot(STD, np.interp(DEPTHS, GRID.levels, basis.truncation_std))
     return design, (weights @ (row @ basis.offset).T).T.ravel(), np.tile(error, 2)

@@ -9,7 +9,7 @@ import pytest
 from replay_kit.cli.app import main
 from replay_kit.config.run import EstimatorConfig, load_config
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.basis.modes import correlation_length
+from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.prior.fit import (
     SHARES,
     Members,
@@ -44,14 +44,14 @@ def test_the_score_equals_a_textbook_update_and_quadrature():
     truth = rng.standard_normal((2, 8))
     factor = rng.standard_normal((16, 16))
     prior = factor @ factor.T
-    precision, information = measure_columns(members, truth, 3, np.random.default_rng(1))
+    measured, information = measure_columns(members, truth, 3, np.random.default_rng(1))
     again = np.random.default_rng(1)
     at = again.integers(4, size=3)
     rows = np.concatenate([members.velocity_modes[at], members.velocity_modes[at + 4]])
     design = np.kron(np.eye(2), rows)
     values = design @ truth.ravel() + ERROR_STD * again.standard_normal(12)
     mean, cov, _, _ = slow.kalman_update(np.zeros(16), prior, design, values, ERROR_STD**2 * np.eye(12))
-    log_score, inside = score_withheld(members, truth, prior, precision, information)
+    log_score, inside = score_withheld(members, truth, prior, measured, information)
     error, std = mean - truth.ravel(), np.sqrt(np.diag(cov))
     by_hand = np.mean([slow_scores.crps_by_quadrature(e, s) for e, s in zip(error, std, strict=True)])
     assert log_score == pytest.approx(np.log(by_hand / np.mean(np.abs(truth))), abs=1e-5)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.basis.modes import cell_size, correlation_length
 from replay_kit.estimator.basis.shifts import shifted_copies
+from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.update.full_covariance import full_covariance_prior
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.baselines import gaspari_cohn as slow_taper
+from tests.reference.lattice import matrix as functions_at
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 CONFIGS = {
@@ -29,7 +29,7 @@ def test_the_prior_is_the_twin_s_projected_on_the_modes():
     config = EstimatorConfig(sample_share=share, shift_distance=shift, localisation_radius=radius)
     estimator = build_estimator(SMALL, config)
     basis, nodes = estimator.basis, SMALL.grid.nodes
-    velocity_modes = velocity_kernel(basis.kernel, nodes, nodes) @ basis.modes
+    velocity_modes = functions_at(basis.horizontal, nodes) @ basis.modes
     fields = basis.member_weights @ velocity_modes.T
     twin = slow.hybrid_covariance(fields, velocity_modes, nodes, share, shift, radius, slow_taper)
     projector = np.kron(np.eye(basis.member_weights.shape[1]), np.linalg.pinv(velocity_modes))

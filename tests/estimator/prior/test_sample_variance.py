@@ -18,7 +18,7 @@ from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines.etkf import build_etkf
 from replay_kit.estimator.baselines.letkf import build_letkf
 from replay_kit.estimator.baselines.naive import build_naive
-from replay_kit.estimator.basis.modes import ensemble_slices
+from replay_kit.estimator.basis.slices import ensemble_slices
 from replay_kit.estimator.evolving import build_evolving
 from replay_kit.estimator.prior.hybrid import PriorSettings, diagonal_prior, hybrid_prior
 from tests import synthetic

@@ -7,14 +7,14 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.estimator import build_estimator
-from replay_kit.estimator.basis.modes import ensemble_slices
+from replay_kit.estimator.basis.slices import ensemble_slices
 from replay_kit.estimator.update.compression import dependence_inflation
 from tests import synthetic
 from tests.reference import estimator as slow
+from tests.reference.lattice import matrix as functions_at
 
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 DEFAULT = EstimatorConfig()
@@ -76,7 +76,7 @@ def test_online_equals_batch(preset):
     for observation in observations:
         used = observation.depth <= SMALL.grid.levels[-1]
         point = np.array([to_local(SMALL.grid.projection, observation.longitude, observation.latitude)])
-        kernel = velocity_kernel(basis.kernel, point, basis.grid.nodes)
+        kernel = functions_at(basis.horizontal, point)
         weights = depth_weights(basis.depth_functions, observation.depth[used], basis.grid.levels)
         rows.append(np.vstack([np.kron(weights, kernel[c] @ basis.modes) for c in range(2)]))
         values.append(local_values(SMALL.grid, observation)[np.tile(used, 2)] - (weights @ (kernel @ basis.offset).T).T.ravel())
@@ -195,7 +195,7 @@ def test_correlated_bins_move_the_estimate_as_the_inflated_errors_would_and_pape
     assert innovation.error_inflation > 5.0
     own = np.hypot(smooth.error_std, np.interp(depth, SMALL.grid.levels, estimator.representation_std))
     weights = depth_weights(estimator.basis.depth_functions, depth, SMALL.grid.levels)
-    kernel = velocity_kernel(estimator.basis.kernel, np.array([[1e3, 2e3]]), SMALL.grid.nodes)
+    kernel = functions_at(estimator.basis.horizontal, np.array([[1e3, 2e3]]))
     h = np.vstack([np.kron(weights, kernel[c] @ estimator.basis.modes) for c in range(2)])
     value = (wiggle - weights @ (kernel @ estimator.basis.offset).reshape(2, -1).T).T.ravel()
     noise = np.diag(np.tile(own**2 * innovation.error_inflation, 2))

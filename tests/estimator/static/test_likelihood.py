@@ -7,12 +7,12 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.static.likelihood import predict_jointly
 from tests import synthetic
 from tests.reference import estimator as slow
+from tests.reference.lattice import matrix as functions_at
 
 SMALL = synthetic.ensemble(n_members=6, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 ESTIMATOR = build_estimator(SMALL, EstimatorConfig(modes=10))
@@ -26,7 +26,7 @@ def dense(profiles, bins):
     rows, values, offsets, errors = [], [], [], []
     for profile, used in zip(profiles, bins, strict=True):
         place = np.array([to_local(grid.projection, profile.longitude, profile.latitude)], float)
-        kernel = velocity_kernel(basis.kernel, place, grid.nodes)
+        kernel = functions_at(basis.horizontal, place)
         weights = depth_weights(basis.depth_functions, profile.depth[used], grid.levels)
         measured = rotate_to_local(grid.projection, profile.longitude, profile.latitude, *profile.velocity[used].T)
         for k, bin_at in enumerate(used):

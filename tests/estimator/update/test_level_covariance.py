@@ -3,16 +3,22 @@
 The parts are differences of matrices as large as the prior's, so the tolerance is 1e-12 of the prior's scale.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from replay_kit.config.gating import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.config.time import TimeConfig
+from replay_kit.core.flow.covariance import covariance_of_sum, quadratic_form, sums_for
+from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.evolving import build_evolving
+from replay_kit.estimator.prior.amplitude import ScaledPrior
+from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
 from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, nonzero_mode_std, to_reduced_subspace
@@ -70,6 +76,38 @@ def test_the_covariance_of_some_levels_is_that_part_of_the_whole(index):
     expected = posterior.covariance()[np.ix_(at, at)]
     scale = np.abs(posterior.prior.covariance()).max()
     np.testing.assert_allclose(posterior.covariance(CHOSEN), expected, rtol=0.0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("index", range(8))
+@pytest.mark.parametrize("levels", [(2,), (3, 1), (0, 1, 2, 3)])
+def test_the_covariance_of_a_sum_of_levels_is_the_sum_of_its_blocks(index, levels):
+    posterior = list(posteriors())[index]
+    for scaled in (posterior, replace(posterior, prior=ScaledPrior(posterior.prior, 1.7))):
+        blocks = scaled.covariance(levels).reshape(len(levels), -1, len(levels), scaled.covariance((0,)).shape[0])
+        scale = np.abs(scaled.prior.covariance()).max()
+        np.testing.assert_allclose(PosteriorCovariance(scaled).of_sum(levels), blocks.sum(axis=(0, 2)), rtol=0.0, atol=1e-11 * scale)
+
+
+def test_covariances_of_one_and_two_levels_give_that_at_every_depth():
+    rng = np.random.default_rng(0)
+    factor = rng.standard_normal((12, 12))
+    cov, rows = factor @ factor.T, rng.standard_normal((7, 3))
+    weights = depth_weights(DepthFunctions("hat", 0.0), np.array([0.0, 5.0, 40.0, 90.0, 250.0, 400.0]), LEVELS)
+    sums, shares = sums_for(weights)
+    assert len(sums) == 6  # three levels, two pairs of neighbours, one of them used twice
+    parts = [covariance_of_sum(cov, levels, 3) for levels in sums]
+    for row, of_depth in zip(weights, shares, strict=True):
+        design = np.kron(row, np.eye(3))
+        mixed = sum(share * part for share, part in zip(of_depth, parts, strict=True))
+        np.testing.assert_allclose(mixed, design @ cov @ design.T, atol=1e-12)
+        np.testing.assert_allclose(quadratic_form(rows, mixed), np.diag(rows @ mixed @ rows.T), atol=1e-11)
+
+
+def test_a_quadratic_form_of_a_matrix_of_several_blocks():
+    rng = np.random.default_rng(1)
+    factor, rows = rng.standard_normal((150, 150)), rng.standard_normal((4, 150))
+    cov = factor @ factor.T
+    np.testing.assert_allclose(quadratic_form(rows, cov), np.diag(rows @ cov @ rows.T), rtol=1e-12)
 
 
 ESTIMATORS = {

@@ -14,7 +14,6 @@ import pytest
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.estimator import FilterState, build_estimator
 from replay_kit.estimator.update import representation
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior
@@ -24,6 +23,7 @@ from replay_kit.estimator.update.representation import select_representation, to
 from replay_kit.estimator.update.subspace import directions
 from tests import synthetic
 from tests.reference import estimator as slow
+from tests.reference.lattice import matrix as functions_at
 
 LEVELS = np.array([5.0, 90.0, 220.0])
 WORLD = synthetic.ensemble(n_members=9, shape=(5, 7), levels=LEVELS)
@@ -69,7 +69,7 @@ def standard_error(flow, east, north, depth):
     """Root of diag(H P H'), shape (n, 2), from one dense H."""
     rows = []
     for point in zip(east, north, depth, strict=True):
-        kernel = velocity_kernel(flow.kernel, np.array([point[:2]]), flow.nodes)
+        kernel = functions_at(flow.horizontal, np.array([point[:2]]))
         weights = depth_weights(flow.depth_functions, np.array([point[2]]), flow.levels)
         rows.append([np.kron(weights[0], kernel[c] @ flow.modes) for c in range(2)])
     design = np.array(rows)

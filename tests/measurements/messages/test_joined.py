@@ -13,7 +13,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.measurements import Skipped, Used, initial_state, interpret, suggestions
 from replay_kit.measurements.mapping.suggest import sample_key, suggested_entries
-from replay_kit.workflows.replay.checkpoint import _Dumper, _Loader
+from replay_kit.workflows.replay.values import dump, load
 from tests.command import invoke
 from tests.logs.log_samples import tlog_entry
 from tests.measurements.samples import fix, only, run
@@ -64,9 +64,9 @@ def test_a_component_that_waits_is_a_value_that_a_checkpoint_holds():
     config = MeasurementConfig.model_validate({"map": [VELOCITY]})
     state, _ = interpret(initial_state(), part("VE", 0.25, 100), config)
     file = io.BytesIO()
-    _Dumper(file, None).dump(state)
+    dump(state, file)
     file.seek(0)
-    assert _Loader(file, None).load().components == state.components
+    assert load(file).components == state.components
     assert [waiting.value for waiting in state.components.values()] == [0.25]
 
 

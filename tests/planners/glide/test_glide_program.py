@@ -38,7 +38,8 @@ def _far_from_its_centre(flow: FlowEstimate, longitude: float) -> FlowEstimate:
     """Return a flow on the same places, whose local frame has its centre on another meridian, so that it is turned there."""
     centre = Projection(longitude, -40.0)
     east, north = to_local(centre, flow.grid.longitude, flow.grid.latitude)
-    return replace(flow, grid=replace(flow.grid, projection=centre, east=east, north=north))
+    grid = replace(flow.grid, projection=centre, east=east, north=north)
+    return replace(flow, grid=grid, horizontal=flow.horizontal.at_nodes(grid.nodes))
 
 
 @pytest.mark.full

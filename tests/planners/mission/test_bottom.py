@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from planners import AuvSettings, Bathymetry, MissionPlan, MissionRequest, MissionSettings, plan_mission, plan_mooring, plan_path
+from planners import (
+    AuvSettings,
+    Bathymetry,
+    MissionPlan,
+    MissionRequest,
+    MissionSettings,
+    PathRequest,
+    plan_mission,
+    plan_mooring,
+    plan_path,
+)
 from planners.mission.values import Mooring
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -124,10 +134,10 @@ def test_a_mooring_dives_no_deeper_than_the_bottom_around_it():
 def test_a_free_path_keeps_above_the_bottom():
     flow, bottom = eddying_flow(5, speed=0.4), bathymetry(lambda x, y: 150.0 + 0.0 * x)
     ends = place(flow, -15e3, -8e3, 40.0), place(flow, 12e3, 9e3, 60.0)
-    path = plan_path(flow, *ends, bathymetry=bottom)
+    path = plan_path(flow, PathRequest(*ends, bathymetry=bottom))
     assert path.status == "reached"
     assert least_height(flow, path.track, bottom) >= 20.0 - 1e-3
-    free = plan_path(flow, *ends)
+    free = plan_path(flow, PathRequest(*ends))
     assert free.track[:, 2].max() > 130.0
     with pytest.raises(PlanError, match="goal at 140 m is below the bottom"):
-        plan_path(flow, ends[0], replace(ends[1], depth=140.0), bathymetry=bottom, settings=AuvSettings(free_depth=False))
+        plan_path(flow, PathRequest(ends[0], replace(ends[1], depth=140.0), settings=AuvSettings(free_depth=False), bathymetry=bottom))

@@ -28,7 +28,7 @@ def moved(flow: FlowEstimate, frame: Projection, east: float, north: float) -> F
     """Return a flow moved by a distance [m] within another frame."""
     grid = replace(flow.grid, projection=frame, east=flow.grid.east + east, north=flow.grid.north + north)
     longitude, latitude = to_geographic(frame, grid.east, grid.north)
-    return replace(flow, grid=replace(grid, longitude=longitude, latitude=latitude))
+    return replace(flow, grid=replace(grid, longitude=longitude, latitude=latitude), horizontal=flow.horizontal.at_nodes(grid.nodes))
 
 
 def stepped(longitude: float, latitude: float, velocity: np.ndarray, seconds: float) -> tuple[float, float]:

@@ -298,7 +298,7 @@ def test_a_flow_that_is_not_a_number_fails_as_a_value():
         ((Place(152.5, -40.0, 350.0),), SETTINGS, "deeper than the dives"),
         ((Place(152.5, -40.0, 310.0), Place(152.55, -40.0, 0.0)), SETTINGS, "deeper than the dives"),
         ((Place(152.5, -40.0, 0.0), Place(152.55, -40.0, 0.0)), replace(SETTINGS, legs=1), "2 goals need as many legs"),
-        ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is where dives to 300 m may not go: range"),
+        ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is where the vehicle may not go: range"),
         ((Place(160.0, -40.0, 0.0),), SETTINGS, "outside the forecast"),
         ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, objective=Weights(time=1.0, closest=0.0)), "a weight of 0"),
     ],

@@ -1,7 +1,7 @@
 """Files for vehicles hold what the list of waypoints does: each is read back."""
 
 import json
-import re
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,6 +11,7 @@ import pytest
 from planners import waypoints_of
 from planners.output.waypoints import waypoint_text
 from tests.planners.mission.test_waypoints import FLOW, PLAN
+from tests.reference.vehicle import read_mission_arguments, read_targets
 
 FEW = waypoints_of(FLOW, PLAN, 50.0)
 PLACES = np.column_stack([FEW.longitude, FEW.latitude])
@@ -41,11 +42,42 @@ def test_a_kml_has_each_waypoint_and_the_way():
     assert next(read.iter(f"{space}description")).text == FEW.message
 
 
+def test_a_slocum_s_goto_list_has_each_waypoint():
+    behaviour, arguments, places = read_mission_arguments(waypoint_text(FEW, Path("goto_l10.ma")))
+    assert behaviour == "goto_list"
+    assert arguments == {
+        "num_waypoints(nodim)": len(PLACES),
+        "num_legs_to_run(nodim)": -2.0,
+        "start_when(enum)": 0.0,
+        "list_stop_when(enum)": 7.0,
+        "list_when_wpt_dist(m)": FEW.radius,
+        "initial_wpt(enum)": 0.0,
+    }
+    # to a tenth of a thousandth of a minute
+    np.testing.assert_allclose(places, PLACES, atol=0.5e-4 / 60.0 + 1e-12)
+
+
 def test_a_slocum_s_yo_has_the_dives():
-    text = waypoint_text(FEW, Path("yo10.ma"))
-    values = {name: float(value) for name, value in re.findall(r"b_arg: (\w+)\(\w+\) (-?[\d.]+)", text)}
-    assert text.startswith("behavior_name=yo\n")
-    assert (values["d_target_depth"], values["num_half_cycles_to_do"]) == (FEW.depths.min(), 2 * FEW.yos)
-    assert values["d_pitch_value"] == pytest.approx(-np.deg2rad(FEW.pitches_deg.mean()), abs=5e-5)
-    assert values["c_pitch_value"] == -values["d_pitch_value"]
-    assert waypoint_text(FEW, Path("goto_l10.ma")).startswith("behavior_name=goto_list\n")
+    behaviour, arguments, places = read_mission_arguments(waypoint_text(FEW, Path("yo10.ma")))
+    assert (behaviour, places.size) == ("yo", 0)
+    assert (arguments["d_target_depth(m)"], arguments["num_half_cycles_to_do(nodim)"]) == (FEW.depths.min(), 2 * FEW.yos)
+    assert arguments["d_pitch_value(X)"] == pytest.approx(-np.deg2rad(FEW.pitches_deg.mean()), abs=5e-5)
+    assert arguments["c_pitch_value(X)"] == -arguments["d_pitch_value(X)"]
+
+
+def test_a_seaglider_s_targets_lead_from_each_waypoint_to_the_next():
+    targets = read_targets(waypoint_text(FEW, Path("targets")))
+    np.testing.assert_allclose([[one["lon"], one["lat"]] for one in targets.values()], PLACES, atol=0.5e-4 / 60.0 + 1e-12)
+    assert {one["radius"] for one in targets.values()} == {FEW.radius}
+    names = list(targets)
+    assert [one["goto"] for one in targets.values()] == [*names[1:], names[-1]]
+
+
+@pytest.mark.parametrize("degrees", [-179.9999999, -70.5, -0.00001, 0.0, 0.99999999, 7.05, 152.9876543, 180.0])
+def test_minutes_are_read_as_they_were_written(degrees: float):
+    there = replace(FEW, longitude=FEW.longitude[:1] * 0.0 + degrees, latitude=FEW.latitude[:1], times=FEW.times[:1])
+    for places in (
+        read_mission_arguments(waypoint_text(there, Path("goto_l10.ma")))[2],
+        [[one["lon"], one["lat"]] for one in read_targets(waypoint_text(there, Path("a.targets"))).values()],
+    ):
+        np.testing.assert_allclose(places, [[degrees, FEW.latitude[0]]], atol=0.5e-4 / 60.0 + 1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from planners import Auv, AuvPlan, AuvSettings, plan_path
+from planners import Auv, AuvPlan, AuvSettings, PathRequest, plan_path
 from planners.path.plan import _crossed
 from planners.route.bottom import bottom_of, hazard_rings
 from planners.route.region import region_of
@@ -30,7 +30,7 @@ CASES = {
 
 
 def _path(flow: FlowEstimate, begin: Array, end: Array, **options: object) -> AuvPlan:
-    return plan_path(flow, place(flow, *begin), place(flow, *end), **options)  # type: ignore[arg-type]
+    return plan_path(flow, PathRequest(place(flow, *begin), place(flow, *end), **options))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", CASES)

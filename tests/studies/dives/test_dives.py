@@ -22,7 +22,7 @@ from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
 from replay_kit.studies.dives.predict import conditional, expect, surfacing
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
-from replay_kit.workflows.replay.inputs import look_ahead
+from replay_kit.workflows.replay.look_ahead import look_ahead
 from tests import synthetic
 from tests.command import invoke
 from tests.places import DATA

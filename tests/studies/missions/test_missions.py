@@ -184,7 +184,7 @@ def test_innovations_are_counted_and_a_covariance_grows_by_its_factor():
     state, factor = estimator.initial(), 1.5
     for before, observation in zip([None, *given[:-1]], given, strict=True):
         if before is not None:
-            state = replace(state, covariance=factor ** ((observation.time_ns - before.time_ns) / DAY) * state.cov)
+            state = replace(state, cov=factor ** ((observation.time_ns - before.time_ns) / DAY) * state.cov)
         state, _ = estimator.step(state, observation)
     grown = follow(estimator, given, 1, lambda flow, time_ns: time_ns, daily_inflation=factor)
     np.testing.assert_allclose(grown.state.mean, state.mean, rtol=1e-9, atol=1e-12)

@@ -133,8 +133,8 @@ def test_rows_are_those_that_exist():
     asked = [(row.method, row.rung, row.modes) for row in rows if row.rung]
     assert asked == [("paper", "full", 20), ("paper", "members", 5), ("default", "full", 16), ("default", "members", 5)]
     elements = {row.method: row.elements for row in rows if row.rung in ("members", "")}
-    # 2 N r, and for whole flows 2 N Z a mode
-    assert elements == {"naive3d": 40 * 4 * 5, "paper": 200, "default": 200, "nearest": None, "ensemble_mean": None}
+    # the latent values of a level times r, on a lattice and at the nodes, and for whole flows 2 N Z a mode
+    assert elements == {"naive3d": 40 * 4 * 5, "paper": 200, "default": 19 * 18 * 5, "nearest": None, "ensemble_mean": None}
 
 
 def test_the_paper_is_shown_in_cells_where_the_grid_is_coarser():

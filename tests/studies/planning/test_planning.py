@@ -24,6 +24,7 @@ from replay_kit.studies.planning.flights import corners_of, crossed, draw_missio
 from replay_kit.studies.planning.infeasible import cases, infeasible
 from replay_kit.studies.planning.masked import masked
 from replay_kit.studies.planning.masks import draw_masked, with_land
+from replay_kit.studies.planning.odds import as_sample, odds
 from replay_kit.studies.planning.scenarios import area_downstream, entering
 from replay_kit.studies.planning.world import build_world
 from replay_kit.studies.scoring.scores import bootstrap_ratio
@@ -214,6 +215,29 @@ def test_an_end_without_its_reason_is_counted(monkeypatch):
     report = infeasible(world())
     assert (criterion(report, "named reason").value, criterion(report, "named reason").met) == (10, False)
     assert [case.name for case in cases(eddying_flow(1), 1e-6)] == list(dict.fromkeys(row[0] for row in report.tables[0].rows))
+
+
+def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeypatch):
+    small = build_world(MEMBERS, None, CONFIG, replace(JOB, studies=("odds",), pairs=2, fresh=5), lambda what, steps=1: None)
+    monkeypatch.setattr("replay_kit.studies.planning.odds.JUDGING", 4)
+    monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 0.0)
+    report = odds(small)
+    (table,) = report.tables
+    assert len(table.rows) == 2
+    assert {row[1] for row in table.rows} <= {"reached", "unreachable"}
+    flown_in = [row for row in table.rows if row[1] == "reached"]
+    assert flown_in
+    share = criterion(report, "fresh samples").value
+    assert share == pytest.approx(np.mean([row[3] for row in flown_in]))
+    arrived = [row[4] <= planners.MissionSettings().tolerance for row in flown_in]
+    assert criterion(report, "withheld truth").value == pytest.approx(np.mean(arrived))
+    estimate, truth = small.truths[0].estimate(), small.truths[0].truth
+    same, at = as_sample(estimate, truth), (np.array([-8e3, 5e3]), np.array([3e3, -4e3]), np.array([20.0, 90.0]))
+    assert estimate.kernel.speed != pytest.approx(truth.kernel.speed, rel=1e-6)
+    np.testing.assert_allclose(same.velocity(*at), truth.velocity(*at), rtol=1e-9, atol=1e-12)
+    monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 1.1)
+    none = odds(small)
+    assert (none.criteria, "None of 2 missions is called reached" in none.findings[0]) == ((), True)
 
 
 def test_the_area_lies_downstream_and_entries_are_counted_flight_by_flight():

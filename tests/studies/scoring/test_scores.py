@@ -38,8 +38,8 @@ def test_coverage_of_gaussian_errors_is_their_share(share):
 def test_a_flow_that_is_zero_has_relative_error_one():
     grid = MEMBERS.grid
     size = 2 * len(grid.nodes)
-    kernel, hats = _kernel_and_hats()
-    nothing = FlowEstimate(grid, kernel, hats, np.zeros((size, 2)), np.empty((size, 0)), np.empty((0, 0)), None)
+    functions, hats = _functions_and_hats(grid.nodes)
+    nothing = FlowEstimate(grid, functions, hats, np.zeros((size, 2)), np.empty((size, 0)), np.empty((0, 0)), None)
     scores = score(nothing, scored_points(grid, TRUTH))
     assert scores.rel_error == pytest.approx(1.0)
     assert scores.rmse == pytest.approx(np.sqrt(np.mean(np.sum(TRUTH.velocity[0] ** 2, axis=0))))
@@ -61,8 +61,8 @@ def test_only_wet_points_inside_region_and_levels_are_scored():
         scored_points(MEMBERS.grid, Ensemble(elsewhere.grid, elsewhere.velocity[:1], None, "elsewhere"))
 
 
-def _kernel_and_hats():
+def _functions_and_hats(nodes):
     from replay_kit.core.flow.depth import DepthFunctions
-    from replay_kit.core.flow.horizontal import HorizontalKernel
+    from replay_kit.core.flow.horizontal import HorizontalKernel, NodeKernel
 
-    return HorizontalKernel(1e4, 1e4, 1.0), DepthFunctions("hat", 1.0)
+    return NodeKernel(HorizontalKernel(1e4, 1e4, 1.0), nodes), DepthFunctions("hat", 1.0)

@@ -33,6 +33,7 @@ def ordered(said, size, window_s=1.0):
     order = Order(window_s)
     for begin in range(0, len(said), size):
         order.add(block_of(said[begin : begin + size]))
+    order.finish()
     return order.topics
 
 
@@ -50,6 +51,32 @@ def test_late_messages_are_those_that_a_replay_leaves_out(size, jitter_s):
         times = [message.time_ns for message in said if message.topic == topic]
         assert (info.first_ns, info.last_ns) == (min(times), max(times))
         assert used[topic] + info.late == len(times)
+
+
+DAY = 86_400.0
+
+
+@pytest.mark.parametrize("size", [1, 7, 64, 1000])
+@pytest.mark.parametrize("wrong", ["stray stamps", "a clock set back", "a clock set back twice and late ones"])
+def test_a_wrong_clock_makes_late_what_it_makes_late_in_a_replay(size, wrong):
+    times = 1000.0 * DAY + np.arange(300.0)
+    if wrong == "stray stamps":
+        times[[0, 5, 150]] += [90.0 * DAY, 400.0 * DAY, -30.0 * DAY]
+    else:
+        times[100:] -= 20.0 * DAY
+        times[200:] -= 7.0 * DAY if "twice" in wrong else 0.0
+        times[[50, 130]] -= 5.0 if "late" in wrong else 0.0
+    # a latched message's stamp stays as it is where it is far, and is then late
+    said = messages(times, ("a", "config", "b") if wrong == "stray stamps" else ("a", "b"))
+    merged = merge([Said(said)], 1.0)
+    kept = list(merged)
+    found = ordered(said, size)
+    assert {topic: info.late for topic, info in found.items() if info.late} == merged.late
+    assert bool(merged.late) == ("late" in wrong)
+    for topic, info in found.items():
+        used = [message.time_ns for message in kept if message.topic == topic]
+        assert info.last_ns == max(used)
+        assert info.first_ns == min(used)
 
 
 def test_a_message_as_old_as_the_window_is_not_late_and_a_nanosecond_more_is():

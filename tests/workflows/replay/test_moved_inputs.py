@@ -9,10 +9,13 @@ import xarray as xr
 from mcap.reader import make_reader
 
 from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.plan import Place
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.verify import verify
 from tests.workflows.replay.interrupted import make_ocean, run_until
+
+GOAL = Place(152.3, -39.8, 150.0)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +32,7 @@ def folders(tmp_path_factory) -> tuple[Path, Path]:
     for path in first.iterdir():
         shutil.copy(path, second / path.name)
     for folder in (first, second):
-        (folder / "run.toml").write_text(f'[planner]\nkind = "mission"\nbathymetry = "{folder / "bottom.nc"}"\n')
+        (folder / "run.toml").write_text(f'[planner]\nkind = "glide"\ninterval = 1e9\nbathymetry = "{folder / "bottom.nc"}"\n')
     return first, second
 
 
@@ -38,7 +41,7 @@ def results(folders) -> tuple[Path, Path]:
     """The results of the two folders."""
     for folder in folders:
         config = load_config(folder / "run.toml")
-        job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", truth=str(folder / "truth.nc"))
+        job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", folder / "out.mcap", goal=GOAL, truth=str(folder / "truth.nc"))
         run_until(job, config, None)
     return folders[0] / "out.mcap", folders[1] / "out.mcap"
 
@@ -61,3 +64,11 @@ def test_nothing_in_a_result_names_a_folder(results):
 def test_verify_finds_the_bathymetry_by_its_name_and_content(folders, results, tmp_path):
     path = shutil.copy(results[0], tmp_path / "out.mcap")
     assert verify(Path(path), [folders[1]], planner_of).same
+
+
+def test_a_bathymetry_that_nothing_reads_is_no_input(folders, tmp_path):
+    config = RunConfig.model_validate({"planner": {"bathymetry": str(tmp_path / "nowhere.nc")}})
+    run_until(ReplayJob((folders[0] / "glider.mcap",), folders[0] / "ensemble.nc", tmp_path / "out.mcap"), config, None)
+    with (tmp_path / "out.mcap").open("rb") as file:
+        inputs = {record.name: record.metadata for record in make_reader(file).iter_metadata()}["replay_kit.inputs"]
+    assert sorted(inputs) == ["ensemble", "log0"]

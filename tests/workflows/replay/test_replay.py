@@ -22,7 +22,8 @@ from replay_kit.forecast.grid import local_grid, true_to_local
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.planning import planner_of
-from replay_kit.workflows.replay.inputs import ReplayJob, open_readers, with_planner_kind
+from replay_kit.workflows.replay.inputs import ReplayJob, with_planner_kind
+from replay_kit.workflows.replay.look_ahead import open_readers
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, existing, folder, name_page
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, numbers, option
+from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, Processes, numbers, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.paths import check_folder, check_paths
@@ -51,6 +51,7 @@ def accuracy(
     truths: Annotated[OneTruth, TO_INPUTS],
     survey: Annotated[Survey, TO_OPTIONS] = Survey(),
     settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
     """Return 0.
@@ -75,6 +76,7 @@ def accuracy(
         to_json,
         write_accuracy,
     )
+    from replay_kit.workflows.fleet.cluster import calls_made_by
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))
@@ -82,7 +84,7 @@ def accuracy(
     job = AccuracyJob(truths.leave_out, counts, survey.noise, survey.seeds, methods)
     members, withheld = truths.read(config.forecast)
     sources = None if survey.archive is None else read_sources(truths.ensemble, survey.archive, config.forecast)
-    with progress(config.output.threads) as advance:
+    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
         for result in run_accuracy(members, withheld, config.estimator, job, advance, sources):
             if out is not None:
                 out.mkdir(exist_ok=True)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, existing, folder, name_page
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
-from replay_kit.cli.options import TO_OUTPUTS, Answer, Ensemble, Log, flag
+from replay_kit.cli.options import TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Log, Processes, flag
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import check_folder, check_paths
@@ -25,6 +25,7 @@ def dives(
     ensemble: Ensemble,
     fit: Annotated[bool, flag("--fit", "Fit errors and oscillations to the dives before; observations are not gated.")] = False,
     settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
     """Return 0."""
@@ -36,16 +37,19 @@ def dives(
 
     from replay_kit.estimator.evolving import build_evolving
     from replay_kit.studies.dives import FILES, print_dives, read_dives, run_dives, to_json, write_dives
+    from replay_kit.workflows.fleet.cluster import calls_made_by
     from replay_kit.workflows.replay.build import read_forecasts
-    from replay_kit.workflows.replay.inputs import look_ahead
+    from replay_kit.workflows.replay.look_ahead import look_ahead
+    from replay_kit.workflows.replay.region import find_region
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     if config.estimator.name != "reduced_basis" or config.estimator.preset != "default":
         raise ConfigError("experiment dives predicts with the project's own estimator and its default preset; leave name and preset out")
     place_at, first_ns = look_ahead(logs, config)
     found = read_dives(list(logs), config)
-    forecasts = read_forecasts(ensemble, config, first_ns, place_at)
-    with progress(config.output.threads) as advance:
+    region = find_region(logs, ensemble, config, first_ns, None, may_follow=False)
+    forecasts = read_forecasts(ensemble, config, first_ns, place_at, region)
+    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
         estimator = build_evolving(forecasts.series, config.estimator, config.time, config.gating)
         for result in run_dives(estimator, found, config, fit, " ".join(map(str, ensemble)), advance):
             if out is not None:

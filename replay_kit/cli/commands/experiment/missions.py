@@ -6,7 +6,7 @@ from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, existing, folder, name_page, parts
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, option
+from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Noise, Processes, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_folder, check_paths
 
@@ -44,6 +44,7 @@ def missions(
     truths: Annotated[Truths, TO_INPUTS],
     flown: Annotated[Missions, TO_OPTIONS] = Missions(),
     settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
     """Return 0."""
@@ -55,6 +56,7 @@ def missions(
 
     from replay_kit.forecast import read_series
     from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
+    from replay_kit.workflows.fleet.cluster import calls_made_by
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     series = read_series(truths.ensemble, config.forecast)
@@ -62,7 +64,7 @@ def missions(
     usual = tuple(name for name in STUDIES if name != "time" or len(series) > 1)
     studies = usual if flown.study is None else tuple(flown.study.split(","))
     job = MissionJob(truths.leave_out, studies, flown.pings, flown.days, flown.dives, flown.noise, flown.seeds)
-    with progress(config.output.threads) as advance:
+    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
         for result in run_missions(series, config, job, advance):
             if out is not None:
                 out.mkdir(exist_ok=True)

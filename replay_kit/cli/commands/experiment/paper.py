@@ -6,7 +6,7 @@ from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import FOLDER, OneTruth, existing, folder, name_page
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OUTPUTS, Answer, option
+from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Processes, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.paths import check_folder, check_paths
 
@@ -24,6 +24,7 @@ def paper(
     truths: Annotated[OneTruth, TO_INPUTS],
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     modes: Annotated[
         str | None,
         option(
@@ -43,6 +44,7 @@ def paper(
     config = settings.load(estimator={"modes": modes})
 
     from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
+    from replay_kit.workflows.fleet.cluster import calls_made_by
 
     check_paths(truths.files, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     most = None if modes is None else config.estimator.modes
@@ -50,7 +52,7 @@ def paper(
     members, withheld = truths.read(config.forecast)
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
-    with progress(config.output.threads) as advance:
+    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
         for tables, shown in run_paper(members, withheld, config.estimator, job, advance):
             write_paper(out, tables, shown)
             keep_json(outputs.json_file, to_json(tables))

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from replay_kit.cli.commands.experiment.truths import ESTIMATOR, FOLDER, OneTruth, folder, name_page, parts
 from replay_kit.cli.console import console_beside, progress, write_json
-from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, option
+from replay_kit.cli.options import PART_OF_FORECAST, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Noise, Processes, option
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.paths import check_folder, check_paths
@@ -25,12 +25,12 @@ class Truths(OneTruth):
 class Sizes:
     """What is planned, and how many of each."""
 
-    study: Annotated[str | None, parts("glides, missions, scenarios, masked, infeasible, replanning")] = None
-    pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides and missions, over all truths.", least=1)] = 100
+    study: Annotated[str | None, parts("glides, missions, scenarios, masked, odds, infeasible, replanning")] = None
+    pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides, missions and odds, over all truths.", least=1)] = 100
     pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
     legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
     scenarios: Annotated[int, option("--scenarios", "Number of missions planned for samples.", least=1)] = 10
-    fresh: Annotated[int, option("--fresh", "Number of further samples that these are flown through.", least=1)] = 500
+    fresh: Annotated[int, option("--fresh", "Number of further samples that these and odds are flown through.", least=1)] = 500
     masks: Annotated[int, option("--masks", "Number of random cases with islands and areas.", least=1)] = 200
     replans: Annotated[int, option("--replans", "Number of missions planned anew at each surfacing.", least=1)] = 40
     noise: Noise = 0.09
@@ -51,6 +51,7 @@ def planning(
     outputs: Annotated[Outputs, TO_OUTPUTS],
     sizes: Annotated[Sizes, TO_OPTIONS] = Sizes(),
     settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
 ) -> int:
     """Return 0.
 
@@ -63,6 +64,7 @@ def planning(
     config = settings.load()
 
     from replay_kit.studies import planning as study
+    from replay_kit.workflows.fleet.cluster import calls_made_by
 
     possible = [name for name in study.STUDIES if truths.truth is None or name != study.WITHOUT_TRUTH]
     chosen = tuple(possible) if sizes.study is None else tuple(sizes.study.split(","))
@@ -84,7 +86,7 @@ def planning(
     job.check(study.STUDIES)
     members, withheld = truths.read(config.forecast)
 
-    with progress(config.output.threads) as advance:
+    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
         for result in study.run_planning(members, withheld, config.estimator, job, advance):
             # made before the first study, so that a folder that cannot be made is reported at once
             out.mkdir(exist_ok=True)

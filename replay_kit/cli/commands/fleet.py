@@ -1,0 +1,149 @@
+"""``fleet``: many missions, each an ordinary replay, on the processes of this machine or of a cluster."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from replay_kit.cli.console import console_beside, keep_json, progress, write_json
+from replay_kit.cli.options import (
+    ENSEMBLE_HELP,
+    INPUTS,
+    TO_INPUTS,
+    TO_OPTIONS,
+    TO_OUTPUTS,
+    Answer,
+    ConfigFile,
+    Ending,
+    Processes,
+    argument,
+    flag,
+    option,
+)
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.paths import check_folder, check_paths
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from replay_kit.config.fleet import FleetTable
+    from replay_kit.workflows.fleet.cluster import Cluster
+    from replay_kit.workflows.fleet.missions import Mission
+    from replay_kit.workflows.fleet.run import Outcome
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inputs:
+    """What missions have in common that no table states."""
+
+    ensemble: Annotated[
+        tuple[Path, ...],
+        option("--ensemble", f"Ensemble forecast of logs without a table: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS),
+    ] = ()
+    config: ConfigFile = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs(Answer):
+    """What is written."""
+
+    out: Annotated[
+        Path, option("--out -o", "Folder for a result of each mission, a table and a page; made if absent.", metavar="DIR"), Ending()
+    ]
+
+
+def fleet(
+    *missions: Annotated[Path, argument("MISSIONS", "A table (TOML), or patterns of logs, each of which is a mission of its own.")],
+    inputs: Annotated[Inputs, TO_INPUTS] = Inputs(),
+    outputs: Annotated[Outputs, TO_OUTPUTS],
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
+    resume: Annotated[bool, flag("--resume", "Keep results that are there, made of the same inputs; replay the others.")] = False,
+    dry_run: Annotated[bool, flag("--dry-run", "Only check everything, and report the memory and time expected.")] = False,
+) -> int:
+    """Return the gravest exit code of the missions."""
+    out = outputs.out
+    check_folder(out)
+    check_paths([*missions, inputs.config], [outputs.json_file], outputs.overwrite)
+
+    from replay_kit.workflows.fleet.cluster import open_cluster
+    from replay_kit.workflows.fleet.missions import check_missions, missions_of
+    from replay_kit.workflows.fleet.table import PAGE, TABLE
+    from replay_kit.workflows.fleet.workers import check_workers
+
+    table, folder = _table(missions, inputs)
+    each = missions_of(table, folder, inputs.config, out)
+    console = console_beside(outputs.json_file)
+    made = not out.exists()
+    # before the results are checked, and the workers asked whether they see it
+    out.mkdir(exist_ok=True)
+    try:
+        check_missions(each, outputs.overwrite, resume)
+        check_paths(missions, (out / TABLE, out / PAGE), outputs.overwrite or resume)
+        with progress() as advance:
+            advance(0, 0, "connecting to the workers")
+            with open_cluster(processes.scheduler, processes.workers) as cluster:
+                check_workers(cluster, sorted({path.absolute() for mission in each for path in mission.files}), out.absolute())
+                _name(cluster, console)
+                if dry_run:
+                    return _dry_run(each, cluster, outputs, console)
+                outcomes = _run(each, cluster, outputs)
+    finally:
+        if made and not any(out.iterdir()):
+            out.rmdir()
+    return _answer(outcomes, outputs, console)
+
+
+def _table(missions: tuple[Path, ...], inputs: Inputs) -> "tuple[FleetTable, Path]":
+    """Return the table, and the folder that its paths are relative to."""
+    from replay_kit.config.fleet import FleetTable, MissionEntry, load_fleet
+
+    if [path.suffix.lower() for path in missions] == [".toml"]:
+        if inputs.ensemble:
+            raise ConfigError(f"--ensemble: {missions[0]} says which ensemble a mission has; name it there, for all of them in [all]")
+        return load_fleet(missions[0]), missions[0].parent
+    if not inputs.ensemble:
+        raise ConfigError("fleet: expected a table (TOML), or logs with --ensemble FILE")
+    entry = MissionEntry(each=tuple(map(str, missions)), ensemble=tuple(map(str, inputs.ensemble)))
+    return FleetTable(mission=(entry,)), Path()
+
+
+def _name(cluster: "Cluster", console: "Console") -> None:
+    """Name the scheduler, and its page where it has one."""
+    page = f"; dashboard: {cluster.dashboard}" if cluster.dashboard else ""
+    console.print(f"Scheduler: {cluster.address}, {cluster.size} workers{page}", soft_wrap=True)
+
+
+def _dry_run(each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs, console: "Console") -> int:
+    """Print what the missions will take, and return the exit code of the first that cannot be replayed."""
+    from replay_kit.workflows.fleet.expected import expected_fleet, expected_json, print_expected
+
+    found, failed = expected_fleet(each, cluster)
+    answer = expected_json(found, failed, cluster.size)
+    print_expected(found, failed, cluster.size, console)
+    write_json(outputs.json_file, answer)
+    return int(answer["exit_code"])
+
+
+def _run(each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs) -> "tuple[Outcome, ...]":
+    """Return the outcomes; the table is written after each mission, so that it is there whatever ends the command."""
+    from replay_kit.core.progress import announce
+    from replay_kit.workflows.fleet.run import run_fleet
+    from replay_kit.workflows.fleet.table import TABLE, fleet_json, write_table
+
+    outcomes: tuple[Outcome, ...] = ()
+    for outcomes in run_fleet(each, cluster, outputs.overwrite, lambda done, total, what: announce(what, done, total)):
+        write_table(outcomes, outputs.out / TABLE)
+        keep_json(outputs.json_file, fleet_json(outcomes))
+    return outcomes
+
+
+def _answer(outcomes: "tuple[Outcome, ...]", outputs: Outputs, console: "Console") -> int:
+    """Print the table, write the page and the JSON, and return the exit code."""
+    from replay_kit.workflows.fleet.page import write_page
+    from replay_kit.workflows.fleet.table import PAGE, TABLE, exit_code, fleet_json, print_fleet
+
+    write_page(outcomes, outputs.out / PAGE)
+    print_fleet(outcomes, console)
+    console.print(f"{outputs.out}: {TABLE}, a result of each mission", soft_wrap=True)
+    console.print(f"Page: {outputs.out / PAGE}; open it in a browser.", soft_wrap=True)
+    write_json(outputs.json_file, fleet_json(outcomes))
+    return exit_code(outcomes)

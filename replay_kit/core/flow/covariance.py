@@ -1,0 +1,89 @@
+"""The covariance of a flow's weights, which is asked for in parts: a whole one has (r Z)^2 elements, and an error at a depth needs few.
+
+With w_j the weights of level j and a weight d_j for each level, the variance of a flow with modes g at a place is g C g' with
+
+    C = cov(sum_j d_j w_j) = sum_j d_j (d_j - sum_{k != j} d_k) cov(w_j) + sum_{j > k} d_j d_k cov(w_j + w_k),
+
+so the covariances of single levels and of sums of two levels, r x r each, serve all depths; hat functions overlap their neighbours only.
+"""
+
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+
+# Columns of a symmetric matrix that a quadratic form takes at once.
+_BLOCK = 64
+
+#: Levels whose weights are summed: one, or two.
+Levels = tuple[int, ...]
+
+
+@runtime_checkable
+class FactoredCovariance(Protocol):
+    """A covariance kept in factors."""
+
+    def __call__(self, levels: Levels | None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        ...
+
+    def of_sum(self, levels: Levels) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        ...
+
+
+#: A matrix, shape (Z r, Z r), or a function that returns that of some levels' weights, None for all.
+WeightCovariance = Array | Callable[[Levels | None], Array]
+
+
+def covariance_of_sum(covariance: WeightCovariance, levels: Levels, n_modes: int) -> Array:
+    """Return the covariance of the sum of some levels' weights, shape (r, r).
+
+    Args:
+        covariance: Of all weights.
+        levels: The levels.
+        n_modes: Number of modes r.
+    """
+    if isinstance(covariance, FactoredCovariance):
+        return covariance.of_sum(levels)
+    if callable(covariance):
+        blocks = covariance(levels).reshape(len(levels), n_modes, len(levels), n_modes)
+    else:
+        chosen = list(levels)
+        blocks = covariance.reshape(-1, n_modes, covariance.shape[0] // n_modes, n_modes)[chosen][:, :, chosen]
+    return np.asarray(blocks.sum(axis=(0, 2)))
+
+
+def sums_for(weights: Array) -> tuple[list[Levels], Array]:
+    """Return the sums of levels whose covariances give that at each depth, and the share of each of them in it, shape (D, T).
+
+    Args:
+        weights: shape (D, Z), of each level at each depth.
+    """
+    together = (weights != 0.0).astype(np.float64)
+    pairs = np.argwhere(np.tril(together.T @ together, -1) > 0.0)
+    single = np.flatnonzero(together.any(axis=0))
+    sums: list[Levels] = [(int(j),) for j in single] + [(int(j), int(k)) for j, k in pairs]
+    products = weights[:, pairs[:, 0]] * weights[:, pairs[:, 1]]
+    own = weights**2
+    for column in range(2):
+        np.subtract.at(own.T, pairs[:, column], products.T)
+    return sums, np.hstack([own[:, single], products])
+
+
+def quadratic_form(rows: Array, symmetric: Array) -> Array:
+    """Return the diagonal of rows C rows', shape (P,): by blocks of columns of C's lower half, hence half of the products.
+
+    Args:
+        rows: shape (P, r).
+        symmetric: shape (r, r), C.
+    """
+    out = np.zeros(len(rows))
+    for start in range(0, len(symmetric), _BLOCK):
+        stop = start + _BLOCK
+        below = 2.0 * symmetric[start:, start:stop]
+        below[:_BLOCK] = symmetric[start:stop, start:stop]
+        out += np.einsum("pr,pr->p", rows[:, start:] @ below, rows[:, start:stop])
+    return out

@@ -1,0 +1,164 @@
+"""Stream functions on a regular lattice: the kernel's flows at a cost that grows with the nodes, not with their square.
+
+The kernel's Gaussian of lengths l is the product of narrower ones over a lattice of points s with spacings h, up to aliasing:
+
+    exp(-(x - x')^2 / (2 l^2)) = h / (sqrt(pi) w) sum_s g(x - s) g(x' - s),    g(x) = exp(-x^2 / (2 w^2)),  w = l / sqrt(2),
+
+in each direction. Hence K = a G G', where G holds the velocities u = dpsi/dy, v = -dpsi/dx of the lattice's Gaussians at the nodes and
+a = sigma^2 hx hy / (pi wx wy), and every flow K(x, nodes) beta is that of the stream function with coefficients a G' beta. The relative
+error of aliasing is 2 exp(-2 pi^2 w^2 / h^2) or some 2e-7 of the spacing chosen; beyond 5.5 widths a Gaussian is cut off (3e-7).
+
+Nodes may lie anywhere: they do not appear in the functions.
+"""
+
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.horizontal import HorizontalKernel
+
+# Spacing of the lattice in kernel lengths: 0.9 cells where the kernel has two.
+_SPACING = 0.45
+# Widths of a Gaussian after which it is cut off, and what spacing and cut give: lattice points on either side of a place.
+_CUT = 5.5
+HALF_WINDOW = int(np.ceil(_CUT / np.sqrt(2.0) / _SPACING))
+WINDOW = 2 * HALF_WINDOW
+# Widths of a Gaussian by which the lattice extends beyond the nodes: coefficients farther away are less than 2e-3, their square counts.
+_MARGIN = 4.0
+# Lattice cells along a side of the tiles whose points are evaluated together.
+_TILE = 8
+# Points up to which each is evaluated on its own.
+_FEW = 4
+
+
+class Tile(NamedTuple):
+    """Some points and the part of the lattice that reaches them.
+
+    Attributes:
+        points: Their positions among all points.
+        east: Lattice points along the east axis.
+        north: Along the north axis.
+        design: shape (2, P, n_east, n_north) [1/m], velocities of the lattice's Gaussians at the points.
+    """
+
+    points: NDArray[np.intp]
+    east: slice
+    north: slice
+    design: Array
+
+
+@dataclass(frozen=True, slots=True)
+class StreamFunctionLattice:
+    """Gaussians of the stream function on a regular lattice; a latent value is a coefficient [m^2/s], along north first.
+
+    Attributes:
+        kernel: Kernel that the Gaussians factor.
+        origin: East and north of the first point [m].
+        spacing: Along east and north [m].
+        shape: Points along east and north, at least ``WINDOW`` each.
+    """
+
+    kernel: HorizontalKernel
+    origin: tuple[float, float]
+    spacing: tuple[float, float]
+    shape: tuple[int, int]
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return self.shape[0] * self.shape[1]
+
+    @property
+    def key(self) -> Hashable:
+        """The lattice itself."""
+        return self
+
+    @property
+    def widths(self) -> tuple[float, float]:
+        """Standard deviations of the Gaussians along east and north [m]."""
+        return self.kernel.length_east / np.sqrt(2.0), self.kernel.length_north / np.sqrt(2.0)
+
+    def at_nodes(self, nodes: Array) -> Self:
+        """Return the same functions, whatever the nodes."""
+        return self
+
+    def velocity(self, points: Array, latent: Array) -> Array:
+        """Return the velocity [m/s], shape (2, P, k), at points, shape (P, 2) [m], of coefficients, shape (size, k) [m^2/s]."""
+        k = latent.shape[1]
+        if len(points) <= _FEW:
+            rows, design = self.windows(points)
+            return np.asarray(np.matmul(design, latent[rows])[..., 0, :])
+        on_lattice, out = latent.reshape(*self.shape, k), np.empty((2, len(points), k))
+        for tile in self.tiles(points):
+            n = tile.points.size
+            part = np.ascontiguousarray(on_lattice[tile.east, tile.north]).reshape(-1, k)
+            out[:, tile.points] = (tile.design.reshape(2 * n, -1) @ part).reshape(2, n, k)
+        return out
+
+    def windows(self, points: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return the functions that reach each of some points, shape (P, n), and their velocities [1/m], shape (2, P, 1, n).
+
+        A place is reached by the ``WINDOW`` nearest lattice lines in each direction.
+
+        Args:
+            points: shape (P, 2) [m].
+        """
+        (east, gx, slope_x), (north, gy, slope_y) = (self._window(points[:, axis], axis) for axis in (0, 1))
+        rows = (east * self.shape[1])[:, :, None] + north[:, None]
+        design = np.stack([gx[:, :, None] * slope_y[:, None], -slope_x[:, :, None] * gy[:, None]])
+        return rows.reshape(len(points), -1), design.reshape(2, len(points), 1, -1)
+
+    def tiles(self, points: Array) -> Iterator[Tile]:
+        """Yield the points, shape (P, 2) [m], by tiles of neighbours, with the functions that reach any of them.
+
+        The design is zero where a function does not reach a point, so that its velocity does not depend on its neighbours.
+        """
+        first = np.stack([self._first(points[:, axis], axis) for axis in (0, 1)])
+        tile = (first[0] // _TILE) * (self.shape[1] // _TILE + 1) + first[1] // _TILE
+        order = np.argsort(tile, kind="stable")
+        ends = np.flatnonzero(np.diff(tile[order])) + 1
+        for chosen in np.split(order, ends):
+            if chosen.size:
+                (east, gx, slope_x), (north, gy, slope_y) = (self._axis(points[chosen, axis], first[axis, chosen], axis) for axis in (0, 1))
+                yield Tile(chosen, east, north, np.stack([gx[:, :, None] * slope_y[:, None], -slope_x[:, :, None] * gy[:, None]]))
+
+    def _first(self, at: Array, axis: int) -> NDArray[np.intp]:
+        """Return the first lattice line that counts at each place along an axis, shape (P,)."""
+        cell = np.floor((at - self.origin[axis]) / self.spacing[axis])
+        return np.asarray(np.clip(cell - (HALF_WINDOW - 1), 0, self.shape[axis] - WINDOW).astype(np.intp))
+
+    def _window(self, at: Array, axis: int) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return the lattice lines that count at each place along an axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
+        lines = self._first(at, axis)[:, None] + np.arange(WINDOW)
+        distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
+        inverse = 1.0 / self.widths[axis] ** 2
+        gaussian = np.exp((-0.5 * inverse) * distance * distance)
+        return lines, gaussian, (-inverse * distance) * gaussian
+
+    def _axis(self, at: Array, first: NDArray[np.intp], axis: int) -> tuple[slice, Array, Array]:
+        """Return lattice lines along an axis, the Gaussians around them at places along it, shape (P, n), and their slopes [1/m]."""
+        lines = np.arange(first.min(), first.max() + WINDOW)
+        distance = at[:, None] - (self.origin[axis] + self.spacing[axis] * lines)
+        inverse = 1.0 / self.widths[axis] ** 2
+        gaussian = np.exp((-0.5 * inverse) * distance * distance)
+        ahead = lines - first[:, None]
+        gaussian[(ahead < 0) | (ahead >= WINDOW)] = 0.0
+        return slice(int(lines[0]), int(lines[-1]) + 1), gaussian, (-inverse * distance) * gaussian
+
+
+def lattice_over(kernel: HorizontalKernel, nodes: Array) -> StreamFunctionLattice:
+    """Return the lattice for flows known at nodes, shape (N, 2) [m]; it extends beyond them by as much as their velocities depend on."""
+    lengths = np.array([kernel.length_east, kernel.length_north])
+    low, high = nodes.min(axis=0), nodes.max(axis=0)
+    spacing = _SPACING * lengths
+    shape = np.maximum(np.ceil((high - low + _MARGIN * np.sqrt(2.0) * lengths) / spacing).astype(int) + 1, WINDOW)
+    origin = 0.5 * (low + high) - 0.5 * (shape - 1) * spacing
+    return StreamFunctionLattice(kernel, _pair(origin), _pair(spacing), (int(shape[0]), int(shape[1])))
+
+
+def _pair(values: Array) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

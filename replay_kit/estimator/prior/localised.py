@@ -1,0 +1,173 @@
+"""The localised covariance of the modes, from pairs of tiles of nodes within reach of each other.
+
+With V (2N, r) the modes at the nodes, P its pseudo-inverse, C the covariance of the modes' amplitudes and T the taper, the localised
+covariance is H = P (T o V C V') P'. T is zero for most pairs of nodes of a large region: nodes are sorted into compact tiles, and H is the
+sum over pairs of tiles within the taper's radius of P_i (T_ij o F_i F_j') P_j', with F F' = V C V'. The sum is symmetric, so each pair
+counts once, and no N x N matrix is made. In large regions the products are in single precision, whose error, some 1e-7 of the sum,
+cancels out over the nodes.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from replay_kit.core.arrays import Array
+
+# Nodes in a tile at most, and tiles in one product.
+_TILE, _RUN = 64, 4
+# Up to so many nodes double precision costs next to nothing.
+_FEW_NODES = 1000
+# Share of the variance that the factor of a covariance leaves out.
+_DROPPED = 1e-9
+# Depth functions that always have a covariance of their own, and the share of the variance that those with one of their own hold.
+_LEAST_APART, _APART = 8, 0.999
+
+
+def vertical_functions(anomalies: Array) -> tuple[Array, int]:
+    """Return the empirical orthogonal functions of depth, of decreasing variance, and how many have a covariance of their own.
+
+    Each row times its own amplitude's covariance is a part of the localised covariance. The weak ones share one amplitude covariance,
+    the mean of theirs; their rows are scaled to their share in it, so that their squares sum to one.
+
+    Args:
+        anomalies: shape (F, Z, r); their outer products sum to the covariance.
+
+    Returns:
+        shape (Z, Z), and a number of at most Z.
+    """
+    variance, vectors = np.linalg.eigh(np.einsum("ezr,eyr->zy", anomalies, anomalies, optimize=True))
+    variance, functions = np.maximum(variance[::-1], 0.0), vectors.T[::-1].copy()
+    held = np.cumsum(variance) >= _APART * variance.sum()
+    apart = max(int(np.argmax(held)) + 1, _LEAST_APART)
+    if apart >= variance.size - 1:
+        return functions, variance.size
+    weak = variance[apart:]
+    functions[apart:] *= np.sqrt(weak / weak.sum() if weak.sum() > 0.0 else np.full(weak.size, 1.0 / weak.size))[:, None]
+    return functions, apart
+
+
+def localised_part(anomalies: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float) -> tuple[Array, Array]:
+    """Return the covariance of anomalies, tapered, in their vertical functions: shapes (q, Z) and (g, r, r), g <= q.
+
+    Functions from the g-th on have the last covariance.
+
+    Args:
+        anomalies: shape (F, Z, r); their outer products sum to the covariance.
+        velocity_modes: shape (2N, r).
+        projector: shape (r, 2N), its pseudo-inverse.
+        nodes: shape (N, 2) [m].
+        radius: Where the taper reaches zero [m].
+    """
+    functions, apart = vertical_functions(anomalies)
+    unit = functions / np.maximum(np.linalg.norm(functions, axis=1, keepdims=True), np.finfo(float).tiny)
+    in_functions: Array = np.einsum("qz,ezr->qer", unit, anomalies, optimize=True)
+    covariances = np.matmul(in_functions.swapaxes(1, 2), in_functions)
+    if apart < len(functions):
+        covariances = np.concatenate([covariances[:apart], covariances[apart:].sum(axis=0, keepdims=True)])
+    return functions, localised(covariances, velocity_modes, projector, nodes, radius)
+
+
+def localised(covariances: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float) -> Array:
+    """Return covariances of the modes' amplitudes after tapering over the nodes, shape (g, r, r); see the module.
+
+    Args:
+        covariances: shape (g, r, r).
+        velocity_modes: shape (2N, r).
+        projector: shape (r, 2N).
+        nodes: shape (N, 2) [m].
+        radius: Where the taper reaches zero [m].
+    """
+    n_nodes, n_modes, precision = len(nodes), velocity_modes.shape[1], np.float64 if len(nodes) <= _FEW_NODES else np.float32
+    order, ends = tiles(nodes)
+    places = nodes[order]
+    factors = _factors(covariances)
+    # (g, N, 2, f) and (N, 2, r), node after node: a run of tiles is adjacent in memory
+    fields = np.empty((len(factors), n_nodes, 2, factors.shape[2]), dtype=precision)
+    for component in range(2):
+        at_nodes = velocity_modes[component * n_nodes + order]
+        for group, factor in enumerate(factors):
+            fields[group, :, component] = at_nodes @ factor
+    back = np.stack([projector[:, component * n_nodes + order].T for component in range(2)], axis=1).astype(precision)
+    half = np.zeros((len(factors), n_modes, n_modes))
+    for first, last, runs in _pairs(places, ends, radius):
+        here, n = fields[:, first:last].reshape(len(factors), 2 * (last - first), -1), last - first
+        projected = np.zeros((len(factors), 2 * n, n_modes), dtype=precision)
+        for start, stop in runs:
+            there, m = fields[:, start:stop].reshape(len(factors), 2 * (stop - start), -1), stop - start
+            taper = gaspari_cohn(cdist(places[first:last], places[start:stop]), radius)
+            if start == first:
+                taper[:, :n] = 0.5 * taper[:, :n]
+            product = np.matmul(here, there.swapaxes(1, 2))
+            np.multiply(product, np.kron(taper, np.ones((2, 2))).astype(precision), out=product)
+            projected += (product.reshape(-1, 2 * m) @ back[start:stop].reshape(2 * m, n_modes)).reshape(projected.shape)
+        half += np.matmul(back[first:last].reshape(2 * n, n_modes).T, projected)
+    return _positive(half + half.swapaxes(1, 2)) if precision is np.float32 else half + half.swapaxes(1, 2)
+
+
+def tiles(nodes: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return an order of nodes, shape (N,), in which tiles follow each other, and the ends of the tiles.
+
+    A tile is half of a larger one, cut across its longer side, so land and curvilinear grids need nothing special.
+    """
+    done, left = [], [np.arange(len(nodes))]
+    while left:
+        tile = left.pop()
+        if tile.size <= _TILE:
+            done.append(tile)
+            continue
+        places = nodes[tile]
+        along = places[:, int(np.argmax(np.ptp(places, axis=0)))]
+        by_place = tile[np.argsort(along, kind="stable")]
+        left += [by_place[tile.size // 2 :], by_place[: tile.size // 2]]
+    return np.concatenate(done), np.cumsum([tile.size for tile in done])
+
+
+def _pairs(places: Array, ends: NDArray[np.intp], radius: float) -> Iterator[tuple[int, int, list[tuple[int, int]]]]:
+    """Yield each tile, its first and last node, and the runs of tiles within reach from itself on."""
+    starts = np.append(0, ends[:-1])
+    low, high = (function.reduceat(places, starts, axis=0) for function in (np.minimum, np.maximum))
+    for tile, (first, last) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        apart = np.maximum(np.maximum(low[tile:] - high[tile], low[tile] - high[tile:]), 0.0)
+        near = tile + np.flatnonzero(np.hypot(*apart.T) < radius)
+        yield (
+            first,
+            last,
+            [
+                (int(starts[part[0]]), int(ends[part[-1]]))
+                for run in np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
+                for part in np.split(run, range(_RUN, run.size, _RUN))
+            ],
+        )
+
+
+def _factors(covariances: Array) -> Array:
+    """Return factors of covariances, shape (g, r, f), without the directions that hold next to nothing."""
+    values, vectors = np.linalg.eigh(covariances)
+    values = np.maximum(values, 0.0)
+    needed = np.sum(np.cumsum(values, axis=1) > _DROPPED * values.sum(axis=1, keepdims=True), axis=1)
+    kept = slice(values.shape[1] - max(int(needed.max()), 1), None)
+    return np.asarray(vectors[:, :, kept] * np.sqrt(values[:, None, kept]))
+
+
+def _positive(covariances: Array) -> Array:
+    """Return covariances without the negative eigenvalues that rounding leaves."""
+    values, vectors = np.linalg.eigh(covariances)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None]) @ vectors.swapaxes(1, 2))
+
+
+def gaspari_cohn(distance: Array, radius: float) -> Array:
+    """Return the fifth-order taper of Gaspari and Cohn (1999, eq. 4.10): 1 at no distance, 0 from ``radius`` on.
+
+    Args:
+        distance: [m], any shape.
+        radius: Twice the function's half-width c [m].
+    """
+    r = np.minimum(2.0 * np.abs(distance) / radius, 2.0)
+    inner = 1.0 + r**2 * (-5.0 / 3.0 + r * (5.0 / 8.0 + r * (0.5 - 0.25 * r)))
+    outside = np.maximum(r, 1.0)
+    outer = (
+        4.0 + outside * (-5.0 + outside * (5.0 / 3.0 + outside * (5.0 / 8.0 + outside * (-0.5 + outside / 12.0)))) - 2.0 / (3.0 * outside)
+    )
+    return np.where(r <= 1.0, inner, np.maximum(outer, 0.0))

@@ -1,0 +1,39 @@
+"""The covariance of a posterior's weights, computed in the parts that are asked for, and once."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.covariance import Levels
+from replay_kit.estimator.prior.reduction import Reduction
+from replay_kit.estimator.update.posterior import Posterior
+
+
+# Not slotted: the parts are computed when they are first asked for.
+@dataclass(frozen=True, eq=False)
+class PosteriorCovariance:
+    """The covariance of a posterior's weights, a ``FactoredCovariance``.
+
+    Attributes:
+        posterior: The posterior.
+    """
+
+    posterior: Posterior
+
+    def __call__(self, levels: Levels | None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        return self.posterior.covariance(levels)
+
+    def of_sum(self, levels: Levels) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        if levels not in self._known:
+            self._known[levels] = self.posterior.prior.of_sum(levels) - self._reduction(levels)
+        return self._known[levels]
+
+    @cached_property
+    def _reduction(self) -> Reduction:
+        return self.posterior.reduction()
+
+    @cached_property
+    def _known(self) -> dict[Levels, Array]:
+        return {}

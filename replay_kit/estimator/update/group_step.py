@@ -1,0 +1,260 @@
+"""One step of an estimator with a group of profiles: screening, evaluation, one update, and the innovations to publish."""
+
+from dataclasses import dataclass, replace
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.grid import Grid
+from replay_kit.core.observation import Flag, GroupTotals, Innovation, Measurement, Observation, Reason, reasons_of, usable
+from replay_kit.estimator.update.group_gate import DECISIONS
+from replay_kit.estimator.update.group_screening import local_velocities, relative_velocities, screen_profiles
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.estimator.update.screening import Screened, is_duplicate, unused_innovation
+from replay_kit.estimator.update.superobservation import Column, Factors, GroupUpdate, ProfileStack, stacked
+
+State = TypeVar("State")
+
+
+class Stepped(NamedTuple, Generic[State]):
+    """What became of a profile, or of several combined ones.
+
+    Attributes:
+        event: The measurement or the group.
+        before: The estimator's state before it.
+        after: The estimator's state after it.
+        innovation: To publish.
+    """
+
+    event: Measurement | ProfileGroup
+    before: State
+    after: State
+    innovation: Innovation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScreenedGroup:
+    """The profiles of a group after screening.
+
+    Attributes:
+        profiles: In order.
+        flags: shape (n, m).
+        reasons: shape (n, m).
+        used: Positions of those with a usable bin that are no duplicates.
+        last: The last measurement with a usable bin.
+    """
+
+    profiles: tuple[Observation, ...]
+    flags: NDArray[np.int8]
+    reasons: NDArray[np.int32]
+    used: NDArray[np.intp]
+    duplicates: frozenset[int]
+
+    def unused(self, i: int) -> Innovation:
+        """Return the innovation of a profile that is not used."""
+        blank = unused_innovation(self.profiles[i], self.flags[i], self.reasons[i])
+        if i not in self.duplicates:
+            return blank
+        return Screened(self.profiles[i], np.empty(0, np.intp), blank).rejected(Reason.DUPLICATE)
+
+
+def screen_group(group: ProfileGroup, last: object, grid: Grid) -> ScreenedGroup:
+    """Return a group after screening.
+
+    Args:
+        group: The group.
+        last: The last measurement with a usable bin before it; an equal one that follows is a duplicate.
+        grid: The region.
+    """
+    flags, reasons = screen_profiles(group.profiles, grid)
+    used, duplicates = [], set()
+    for i in np.flatnonzero(usable(flags).any(axis=1)).tolist():
+        profile = group.profiles[i]
+        if isinstance(last, Observation) and is_duplicate(last, profile):
+            duplicates.add(i)
+            continue
+        used.append(i)
+        last = profile
+    return ScreenedGroup(group.profiles, flags, reasons, np.array(used, np.intp), frozenset(duplicates))
+
+
+def stack_of(screened: ScreenedGroup, grid: Grid, reference: Array, depth_weights: "DepthWeights", factors: Factors) -> ProfileStack:
+    """Return the usable profiles as arrays.
+
+    Args:
+        screened: The group after screening.
+        grid: The region.
+        reference: shape (Z, 2) [m/s], the estimator's reference current at the place.
+        depth_weights: Of the levels at depths.
+        factors: See ``superobservation.Factors``.
+    """
+    profiles = tuple(screened.profiles[i] for i in screened.used)
+    used = usable(screened.flags[screened.used])
+    depth = np.stack([each.depth for each in profiles])
+    at, back = np.unique(np.where(used, depth, 0.0), return_inverse=True)
+    known = (depth_weights(at) @ reference)[back.reshape(depth.shape)]
+    return stacked(profiles, used, local_velocities(profiles, grid) - known, relative_velocities(profiles, used, grid), factors)
+
+
+class DepthWeights(Protocol):
+    """Gives the weights of the levels at depths, shape (n, Z) for n depths [m]."""
+
+    def __call__(self, depth: Array, /) -> Array:
+        """Return them."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroupResult:
+    """A group's evaluation, its update's effect, and what is published of them.
+
+    Attributes:
+        screened: The group after screening.
+        update: Its evaluation.
+        before: The column before it.
+        after: The column after it.
+        prior: shape (2 q,), the column's mean before any observation.
+        prior_inflation: Factor on the estimate's covariance after it.
+    """
+
+    screened: ScreenedGroup
+    update: GroupUpdate
+    before: Column
+    after: Column
+    prior: Array
+    prior_inflation: float
+
+    def rejected(self, i: int) -> Innovation:
+        """Return the innovation of one of the usable profiles, which the gate rejected."""
+        update, gate, at = self.update, self.update.gate, int(self.screened.used[i])
+        one = update.stack.part(np.array([i], np.intp))
+        result = gate.result(i)
+        (before,), (prior,) = _shown(one, update.before[i : i + 1]), _shown(one, self._misfit(one, self.prior))
+        return replace(
+            unused_innovation(self.screened.profiles[at], self.screened.flags[at], self.screened.reasons[at]),
+            innovation=before,
+            innovation_std=_shown(one, self._std(one))[0],
+            residual=before,
+            prior_innovation=prior,
+            nis=float(gate.nis[i]),
+            dof=int(one.layouts[0].dof),
+            error_inflation=result.inflation,
+            decision="rejected",
+            gate_statistic=result.statistic,
+            gate=result.threshold,
+            signal_dof=0.0,
+        )
+
+    def combined(self, accepted: NDArray[np.intp]) -> Innovation:
+        """Return the innovation of the accepted ones together."""
+        update, gate, screened = self.update, self.update.gate, self.screened
+        stack, at = update.stack.part(accepted), screened.used[accepted]
+        misfits = {"innovation": self._misfit(stack, self.before.means[:, 0]), "residual": self._misfit(stack, self.after.means[:, 0])}
+        misfits["prior_innovation"] = self._misfit(stack, self.prior)
+        squares = {name: float(np.sum(values**2)) for name, values in misfits.items()}
+        assert update.rows is not None
+        nis, dof = float(gate.nis[accepted].sum()), int(np.broadcast_to(stack.of("dof"), accepted.size).sum())
+        softened = int(np.count_nonzero(gate.decision[accepted] == DECISIONS.index("softened")))
+        first, flags = update.first, np.where(stack.used.any(axis=0), Flag.GOOD, screened.flags[at[0]]).astype(np.int8)
+        values = np.linalg.eigvalsh(self.before.predicted_cov(update.rows.r[None])[0])
+        depth = np.mean([each.depth for each in stack.observations], axis=0)
+        members = ProfileGroup(stack.observations)
+        return replace(
+            unused_innovation(stack.observations[0], flags, screened.reasons[at[0]]),
+            time_ns=members.time_ns,
+            depth=depth,
+            innovation=_mean_of(stack, misfits["innovation"]),
+            residual=_mean_of(stack, misfits["residual"]),
+            prior_innovation=_mean_of(stack, misfits["prior_innovation"]),
+            innovation_std=_mean_std(stack, self._std(stack)),
+            nis=nis,
+            dof=dof,
+            accepted=True,
+            error_inflation=float(accepted.size / np.sum(1.0 / gate.inflation[accepted])),
+            decision="softened" if softened else "accepted",
+            gate_statistic=first.statistic,
+            gate=first.threshold,
+            signal_dof=float(np.sum(values / (values + 1.0))),
+            prior_inflation=self.prior_inflation,
+            log_likelihood=self._log_likelihood(stack, accepted),
+            profiles=accepted.size,
+            totals=GroupTotals(
+                softened,
+                dof // 2,
+                float(np.sum(update.before[accepted] ** 2)),
+                squares["residual"],
+                squares["prior_innovation"],
+                tuple(reasons_of(screened.reasons[at], screened.flags[at])),
+            ),
+        )
+
+    def _misfit(self, stack: ProfileStack, means: Array) -> Array:
+        rows = Column(means[:, None], np.empty((0, 0))).predicted(stack.of("r"))[..., 0]
+        return stack.misfit(np.broadcast_to(rows, stack.y.shape))
+
+    def _std(self, stack: ProfileStack) -> Array:
+        """Return the variances that the estimate and the stated errors give a bin, shape (n, m, 2) and (n, m, 2), stacked."""
+        cov, q = self.before.predicted_cov(stack.of("r")), self.before.width
+        bins = np.matmul(stack.of("unwhiten"), stack.of("q"))
+        blocks = [cov[:, c * q : (c + 1) * q, c * q : (c + 1) * q] for c in range(2)]
+        of_estimate = np.stack([np.einsum("snk,skl,snl->sn", bins, block, bins) for block in blocks], axis=-1)
+        return np.asarray(np.sqrt(np.maximum(of_estimate, 0.0) + stack.of("std")[..., None] ** 2))
+
+    def _log_likelihood(self, stack: ProfileStack, accepted: NDArray[np.intp]) -> float:
+        """Return the logarithm of the density of all values under the column before the group, with the errors of the update."""
+        rows, inflation = self.update.rows, self.update.gate.inflation[accepted]
+        assert rows is not None
+        cov = self.before.predicted_cov(rows.r[None])[0] + np.eye(rows.y[..., 0].size)
+        innovation = (rows.y[..., 0] - self.before.predicted(rows.r[None])[0, ..., 0]).ravel()
+        square = float(innovation @ np.linalg.solve(cov, innovation)) + rows.residual + float(np.sum(stack.residual_square / inflation))
+        half_log_det, dof = (np.broadcast_to(stack.of(name), accepted.size) for name in ("half_log_det", "dof"))
+        noise = 2.0 * half_log_det + 0.5 * dof * np.log(inflation)
+        return float(-0.5 * square - 0.5 * np.linalg.slogdet(cov)[1] - np.sum(noise))
+
+
+def _shown(stack: ProfileStack, values: Array) -> Array:
+    """Return values of bins, shape (n, m, 2), NaN where not used."""
+    return np.where(stack.used[..., None], values, np.nan)
+
+
+def _mean_of(stack: ProfileStack, values: Array) -> Array:
+    """Return the mean over the profiles that use a bin, shape (m, 2); NaN where none does."""
+    counts = stack.used.sum(axis=0)[:, None]
+    total = np.sum(np.where(stack.used[..., None], values, 0.0), axis=0)
+    return np.asarray(np.divide(total, counts, out=np.full(total.shape, np.nan), where=counts > 0))
+
+
+def _mean_std(stack: ProfileStack, std: Array) -> Array:
+    """Return the standard deviation of the mean innovation of bins, shape (m, 2): the estimate's error is shared, the noise is not."""
+    counts = stack.used.sum(axis=0)[:, None]
+    noise = np.where(stack.used, stack.of("std"), 0.0)[..., None] ** 2
+    of_estimate = _mean_of(stack, np.broadcast_to(std**2, (*stack.used.shape, 2)) - noise)
+    of_noise = np.divide(noise.sum(axis=0), counts**2, out=np.full((len(counts), 1), np.nan), where=counts > 0)
+    return np.asarray(np.sqrt(np.maximum(of_estimate, 0.0) + of_noise))
+
+
+def results_of(result: GroupResult, states: tuple[State, State], seen: State) -> list[Stepped[State]]:
+    """Return what became of each profile of a group, and of the accepted ones together, in the order of the first.
+
+    Args:
+        result: The evaluation.
+        states: Of the estimator before and after the group.
+        seen: Its state before, after unusable profiles were seen.
+    """
+    before, after = states
+    screened, gate = result.screened, result.update.gate
+    accepted = np.flatnonzero(gate.accepted)
+    used = set(screened.used.tolist())
+    found: list[Stepped[State]] = [
+        Stepped(profile, seen, seen, screened.unused(i)) for i, profile in enumerate(screened.profiles) if i not in used
+    ]
+    # the last thing of a group leaves the estimator in the state after it
+    left = before if accepted.size else after
+    for i in np.flatnonzero(~gate.accepted).tolist():
+        found.append(Stepped(screened.profiles[int(screened.used[i])], before, left, result.rejected(i)))
+    if accepted.size:
+        group = ProfileGroup(result.update.stack.part(accepted).observations)
+        found.append(Stepped(group if accepted.size > 1 else group.profiles[0], before, after, result.combined(accepted)))
+    return found

@@ -1,0 +1,134 @@
+"""Which profiles are combined: those near enough in time and place that the current between them hardly differs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import cos, hypot, radians
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.observation import Observation, PathMean, Source, VehicleState
+
+#: Share of a bin's error that the current's difference within a group may have.
+SHARE = 0.1
+#: Longest group where the window is chosen by itself [s]: the estimate is to follow the log.
+_LONGEST_S = 600.0
+_NS, _METRES_A_DEGREE = 1e9, 111_200.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileGroup:
+    """Profiles of one instrument that are assimilated as one, in order of time.
+
+    Attributes:
+        profiles: At least one.
+    """
+
+    profiles: tuple[Observation, ...]
+
+    @property
+    def longitude(self) -> float:
+        """Mean [degrees east]."""
+        longitude = np.array([profile.longitude for profile in self.profiles])
+        return float(longitude[0] + np.mean((longitude - longitude[0] + 180.0) % 360.0 - 180.0))
+
+    @property
+    def latitude(self) -> float:
+        """Mean [degrees north]."""
+        return float(np.mean([profile.latitude for profile in self.profiles]))
+
+    @property
+    def time_ns(self) -> int:
+        """Mean time, for which they count [ns, UTC]."""
+        first_ns = self.profiles[0].time_ns
+        return first_ns + round(sum(profile.time_ns - first_ns for profile in self.profiles) / len(self.profiles))
+
+    @property
+    def dive(self) -> int:
+        """Number of their dive."""
+        return self.profiles[-1].dive
+
+    @property
+    def source(self) -> Source:
+        """Of the first."""
+        return self.profiles[0].source
+
+    @property
+    def position_std(self) -> float:
+        """Largest standard error of a place [m]."""
+        return max(profile.position_std for profile in self.profiles)
+
+
+@dataclass(frozen=True, slots=True)
+class Grouping:
+    """How far apart the profiles of a group may be.
+
+    The difference of the current between the ends of a group, by its own change and by the vehicle's way, is at most ``SHARE`` of the
+    error of the first profile's bins. All bins keep their own depths, but the published mean of a bin needs them to be near one another:
+    they stay within a bin's size.
+
+    Attributes:
+        gradient: RMS difference of the current from place to place [1/s].
+        change: RMS rate at which its squared difference grows with time [m^2/s^3]; 0 where it does not change.
+        seconds: Longest group [s].
+    """
+
+    gradient: float
+    change: float = 0.0
+    seconds: float = _LONGEST_S
+
+    def by_hand(self, seconds: float) -> "Grouping":
+        """Return a grouping with the time stated, and the way limited as before."""
+        return replace(self, change=0.0, seconds=seconds)
+
+    def fits(self, first: Observation, profile: Observation) -> bool:
+        """Return whether a profile may join a group that begins with another."""
+        elapsed = (profile.time_ns - first.time_ns) / _NS
+        if not 0.0 <= elapsed <= self.seconds or not _are_alike(first, profile):
+            return False
+        error = float(np.median(first.error_std))
+        if np.isfinite(first.common_std):
+            error = hypot(error, first.common_std)
+        north = profile.latitude - first.latitude
+        east = ((profile.longitude - first.longitude + 180.0) % 360.0 - 180.0) * cos(radians(first.latitude))
+        way = _METRES_A_DEGREE * hypot(east, north)
+        return hypot(self.gradient * way, (self.change * elapsed) ** 0.5) <= SHARE * error
+
+    def ends(self, first: Observation, event: VehicleState | PathMean) -> bool:
+        """Return whether something else ends a group that begins with a profile: a mean current, or a position too late."""
+        return isinstance(event, PathMean) or not 0.0 <= (event.time_ns - first.time_ns) / _NS <= self.seconds
+
+
+def _are_alike(first: Observation, profile: Observation) -> bool:
+    """Return whether profiles are of one instrument and dive, have as many bins in nearly the same depths, and lack the same."""
+    if first.depth.size != profile.depth.size or first.depth.size < 2 or first.dive != profile.dive:
+        return False
+    one, other = first.source, profile.source
+    if (one.input, one.topic) != (other.input, other.topic) or first.correlation_depth != profile.correlation_depth:
+        return False
+    lacks = (first.platform_velocity is None) != (profile.platform_velocity is None)
+    if lacks or (first.common_std < np.inf) != (profile.common_std < np.inf):
+        return False
+    cell, step = abs(float(first.depth[1] - first.depth[0])), abs(float(profile.depth[0] - first.depth[0]))
+    return step <= cell
+
+
+def current_gradient(ensemble: Ensemble) -> float:
+    """Return the RMS difference of an ensemble's currents between neighbouring grid points over their distance [1/s], the larger axis's."""
+    grid, velocity = ensemble.grid, ensemble.velocity
+    found = [0.0]
+    for axis in (0, 1):
+        way = np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis))
+        steps: Array = np.diff(velocity, axis=axis - 2) / way
+        wet = ~(np.diff(grid.wet.astype(np.int8), axis=axis - 2) != 0) & np.delete(grid.wet, -1, axis=axis - 2)
+        squares = np.sum(steps**2, axis=1)[:, wet]
+        if squares.size:
+            found.append(float(np.sqrt(np.mean(squares))))
+    return max(found)
+
+
+def spread_of(ensembles: Sequence[Ensemble]) -> float:
+    """Return the RMS standard deviation of a component of ensembles' members [m/s]."""
+    variances = [np.mean(np.var(each.velocity, axis=0)[:, each.grid.wet]) for each in ensembles]
+    return float(np.sqrt(np.mean(variances)))

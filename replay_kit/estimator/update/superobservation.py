@@ -1,0 +1,329 @@
+"""Superobservations: profiles that repeat each other, combined without loss before they meet the filter.
+
+The bins of profile i under one place are v_i = J_i x + noise for each component, with x the unknowns of the column of water there: the
+current at the levels, and what else a row holds. Whitened and compressed (``compression.py``) it is y_i = R_i x + noise of unit variance.
+With an error variance w_i times the stated one all profiles together say what the rows
+
+    R'R = sum R_i'R_i / w_i,    R y = sum R_i'y_i / w_i
+
+say, which are as many as one profile's. So a group costs the filter one update. Only the place is shared, the mean of
+the profiles': depths, errors and missing bins are each one's own.
+
+Each profile is judged on its own: its gate, errors and dependence of residuals are those of ``gate.py`` and ``compression.py``, for many
+profiles at once. The first is held against the estimate before the group, the second against that with the first, then two, four, eight ...
+against that with all before them, so that one that is wrong is told from the others as it would be alone, in the
+column's few unknowns instead of the weights.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from replay_kit.config.gating import GatingConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.observation import Observation
+from replay_kit.estimator.basis.noise import BinNoise
+from replay_kit.estimator.update.biases import NAMES
+from replay_kit.estimator.update.gate import GateResult
+from replay_kit.estimator.update.group_gate import GroupGate, gate_profiles
+
+#: Joint factor and noise of a profile's used bins: shapes (m, q) and of m bins.
+Factors = Callable[[Observation, NDArray[np.intp]], tuple[Array, BinNoise]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """What profiles with the same depths, errors and used bins have in common, padded with zeros where a bin is not used.
+
+    Attributes:
+        rows: shape (q, n), from velocities to compressed rows, Q'W.
+        whiten: shape (n, n), W.
+        unwhiten: shape (n, n).
+        q: shape (n, q), Q.
+        r: shape (q, q), R.
+        distance: shape (n,) [m], from the first used bin.
+        std: shape (n,) [m/s], stated error of each bin; zero where not used.
+        dof: Number of measured values of both components.
+        k: Number of compressed rows of a component.
+        half_log_det: Of one component's error covariance.
+    """
+
+    rows: Array
+    whiten: Array
+    unwhiten: Array
+    q: Array
+    r: Array
+    distance: Array
+    std: Array
+    dof: int
+    k: int
+    half_log_det: float
+
+
+def layout_of(observation: Observation, used: NDArray[np.intp], factors: Factors) -> Layout:
+    """Return the layout of a profile's used bins."""
+    joint, noise = factors(observation, used)
+    q, r = np.linalg.qr(noise.whiten @ joint)
+    n, (known, k), width = observation.depth.size, q.shape, joint.shape[1]
+    whiten, unwhiten, wide, square = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, width)), np.zeros((width, width))
+    whiten[:known, used], unwhiten[used, :known], wide[:known, :k], square[:k] = noise.whiten, noise.unwhiten, q, r
+    distance, std = np.zeros(n), np.zeros(n)
+    distance[used], std[used] = np.abs(observation.depth[used] - observation.depth[used[0]]), noise.std
+    return Layout(wide.T @ whiten, whiten, unwhiten, wide, square, distance, std, 2 * known, k, noise.half_log_det)
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileStack:
+    """The usable profiles of a group, as arrays.
+
+    Attributes:
+        observations: The n profiles.
+        used: shape (n, m), which bins are used.
+        values: shape (n, m, 2) [m/s], local axes, about the estimator's reference current; 0 where not used.
+        relative: shape (n, 2) [m/s], mean velocity of the used bins relative to the platform; None where the log does not state it.
+        layouts: Those that occur.
+        layout: shape (n,), each profile's.
+    """
+
+    observations: tuple[Observation, ...]
+    used: NDArray[np.bool_]
+    values: Array
+    relative: Array | None
+    layouts: tuple[Layout, ...]
+    layout: NDArray[np.intp]
+
+    @cached_property
+    def y(self) -> Array:
+        """Compressed rows, shape (n, 2, q)."""
+        return np.asarray(np.matmul(self.of("rows"), self.values).swapaxes(1, 2))
+
+    @cached_property
+    def residual_square(self) -> Array:
+        """Squared norm of the compression residual, shape (n,)."""
+        whitened = np.matmul(self.of("whiten"), self.values)
+        return np.asarray(np.maximum(np.sum(whitened**2, axis=(1, 2)) - np.sum(self.y**2, axis=(1, 2)), 0.0))
+
+    def of(self, name: str) -> Array:
+        """Return an attribute of the layouts: of each profile, shape (n, ...), or of all, shape (1, ...), where they have the same."""
+        if len(self.layouts) == 1:
+            return np.asarray(getattr(self.layouts[0], name))[None]
+        return np.stack([np.asarray(getattr(layout, name)) for layout in self.layouts])[self.layout]
+
+    def part(self, rows: NDArray[np.intp]) -> "ProfileStack":
+        """Return some of the profiles."""
+        kept = np.unique(self.layout[rows])
+        found = ProfileStack(
+            tuple(self.observations[i] for i in rows),
+            self.used[rows],
+            self.values[rows],
+            None if self.relative is None else self.relative[rows],
+            tuple(self.layouts[i] for i in kept),
+            np.searchsorted(kept, self.layout[rows]),
+        )
+        # what was computed of all is not computed again
+        for name in ("y", "residual_square"):
+            found.__dict__[name] = getattr(self, name)[rows]
+        return found
+
+    def misfit(self, rows: Array) -> Array:
+        """Return measured minus predicted bins, shape (n, m, 2) [m/s], 0 where not used; ``rows``, shape (n, 2, q), are predicted."""
+        return np.asarray(np.matmul(self.of("unwhiten"), self.whitened_misfit(rows)))
+
+    def whitened_misfit(self, rows: Array) -> Array:
+        """Return the same in units of their error."""
+        return np.asarray(np.matmul(self.of("whiten"), self.values) - np.matmul(self.of("q"), rows.swapaxes(1, 2)))
+
+    def bias_rows(self, misfit: Array) -> Array | None:
+        """Return the effect of instrument errors of one unit on the rows, shape (n, 2, q, 3); see ``biases.Biases.bins``.
+
+        Args:
+            misfit: shape (n, m, 2) [m/s], measured minus predicted bins.
+        """
+        if self.relative is None:
+            return None
+        counts = self.used.sum(axis=1)[:, None]
+        motion = self.relative - misfit.sum(axis=1) / counts
+        speed = np.hypot(*motion.T)[:, None]
+        along = -np.divide(motion, speed, out=np.zeros_like(motion), where=speed > 0.0)
+        east, north = self.relative.T
+        same = np.matmul(self.of("rows"), self.used[..., None].astype(np.float64))[..., 0]
+        growing = np.matmul(self.of("rows"), self.of("distance")[..., None])[..., 0]
+        across = np.stack([north, -east], axis=1)
+        columns = [across[..., None] * same[:, None], self.relative[..., None] * same[:, None], along[..., None] * growing[:, None]]
+        return np.stack(columns, axis=-1)
+
+
+def stacked(
+    observations: Sequence[Observation], used: NDArray[np.bool_], values: Array, relative: Array | None, factors: Factors
+) -> ProfileStack:
+    """Return profiles as arrays; the arguments are those of ``ProfileStack``, and what makes a layout."""
+    found: dict[tuple[bytes, bytes, bytes, float], int] = {}
+    layouts: list[Layout] = []
+    which = np.empty(len(observations), np.intp)
+    for i, (observation, bins) in enumerate(zip(observations, used, strict=True)):
+        key = observation.depth.tobytes(), observation.error_std.tobytes(), bins.tobytes(), observation.common_std
+        if key not in found:
+            found[key] = len(layouts)
+            layouts.append(layout_of(observation, np.flatnonzero(bins), factors))
+        which[i] = found[key]
+    return ProfileStack(tuple(observations), used, np.where(used[..., None], values, 0.0), relative, tuple(layouts), which)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """The estimate of the unknowns of a column of water.
+
+    Attributes:
+        means: shape (2 q, 1 + b), component after component: their mean, and its change for instrument errors of one unit.
+        cov: shape (2 q, 2 q).
+    """
+
+    means: Array
+    cov: Array
+
+    @property
+    def width(self) -> int:
+        """Number q of unknowns of a component."""
+        return len(self.means) // 2
+
+    def predicted(self, r: Array) -> Array:
+        """Return predicted rows and their bias sensitivity, shape (s, 2, q, 1 + b), for R of shape (s, q, q)."""
+        return np.asarray(np.matmul(r[:, None], self.means.reshape(2, self.width, -1)))
+
+    def predicted_cov(self, r: Array) -> Array:
+        """Return the covariance of rows, shape (s, 2 q, 2 q), for R of shape (s, q, q)."""
+        q = self.width
+        left = np.matmul(r[:, None], self.cov.reshape(2, q, 2 * q))  # (s, 2, q, 2 q)
+        both = np.matmul(left.reshape(len(r), 2 * q, 2, q).swapaxes(1, 2), r[:, None].swapaxes(2, 3))  # (s, 2, 2 q, q)
+        cov = both.swapaxes(1, 2).reshape(len(r), 2 * q, 2 * q)
+        return np.asarray(0.5 * (cov + cov.swapaxes(1, 2)))
+
+    def updated(self, r: Array, innovation: Array) -> "Column":
+        """Return the column after rows of unit noise.
+
+        Args:
+            r: shape (q, q), R.
+            innovation: shape (2 q, 1 + b).
+        """
+        q = self.width
+        cross = np.matmul(r, self.cov.reshape(2, q, 2 * q)).reshape(2 * q, 2 * q)
+        cov = self.predicted_cov(r[None])[0]
+        lower = np.linalg.cholesky(cov + np.eye(2 * q))
+        both = scipy.linalg.solve_triangular(lower, np.hstack([cross, innovation]), lower=True)
+        gain = both[:, : 2 * q]
+        return Column(self.means + gain.T @ both[:, 2 * q :], self.cov - gain.T @ gain)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CombinedRows:
+    """The rows of several profiles as one.
+
+    Attributes:
+        r: shape (q, q), R.
+        y: shape (2, q, 1 + b): values, and the effect of instrument errors of one unit.
+        residual: Squared norm of what the combination leaves of the values.
+    """
+
+    r: Array
+    y: Array
+    residual: float
+
+
+def combined(r: Array, y: Array, weight: Array) -> CombinedRows:
+    """Return rows as one: with the same information, and the same products with the values.
+
+    Args:
+        r: shape (s, q, q), or (1, q, q) where all are the same.
+        y: shape (s, 2, q, 1 + b).
+        weight: shape (s,), one over each one's error variance.
+    """
+    q = r.shape[-1]
+    if len(r) == 1:
+        root = np.sqrt(weight.sum())
+        whole = np.tensordot(weight, y, axes=1) / root
+        square = float(np.sum(weight[:, None, None] * y[..., 0] ** 2) - np.sum(whole[..., 0] ** 2))
+        return CombinedRows(root * r[0], whole, max(square, 0.0))
+    roots = np.sqrt(weight)
+    turn, of_all = np.linalg.qr((roots[:, None, None] * r).reshape(-1, q))
+    columns = (roots[:, None, None, None] * y).transpose(0, 2, 1, 3).reshape(len(turn), -1)
+    whole = (turn.T @ columns).reshape(q, 2, -1).swapaxes(0, 1)
+    square = float(np.sum(columns.reshape(len(turn), 2, -1)[..., 0] ** 2) - np.sum(whole[..., 0] ** 2))
+    return CombinedRows(of_all, whole, max(square, 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroupUpdate:
+    """What a group says, profile by profile and as one.
+
+    Attributes:
+        stack: The profiles.
+        gate: Of each of them.
+        before: shape (n, m, 2) [m/s], measured minus what was predicted before each.
+        rows: Of the accepted ones together; None without one.
+        scale_jacobian: Sum over them; see ``biases.scale_jacobian``.
+        first: The gate's result of the first profile, which alone is told the consistency monitor: the others share the estimate's error.
+    """
+
+    stack: ProfileStack
+    gate: GroupGate
+    before: Array
+    rows: CombinedRows | None
+    scale_jacobian: float
+    first: GateResult
+
+
+def evaluate_group(stack: ProfileStack, column: Column, gating: GatingConfig | None, correlated: bool, is_consistent: bool) -> GroupUpdate:
+    """Return the evaluation of a group.
+
+    Args:
+        stack: Its profiles.
+        column: The estimate before them.
+        gating: Gate; None accepts everything.
+        correlated: Whether errors grow where residuals are correlated along a profile.
+        is_consistent: Whether recent innovations agree with the estimate.
+    """
+    gates, misfits, parts, jacobian = [], [], [], 0.0
+    for rows in _stages(len(stack.observations)):
+        part = stack.part(rows)
+        predicted = column.predicted(part.of("r"))
+        gate = gate_profiles(part, predicted[..., 0], column.predicted_cov(part.of("r")), (gating, correlated, is_consistent))
+        misfit = part.misfit(np.broadcast_to(predicted[..., 0], part.y.shape))
+        gates.append(gate)
+        misfits.append(misfit)
+        accepted = np.flatnonzero(gate.accepted)
+        if not accepted.size:
+            continue
+        known = part.bias_rows(misfit)
+        biases = np.zeros((*part.y.shape, len(NAMES))) if known is None else known
+        values = np.concatenate([part.y[..., None], biases], axis=-1)[accepted]
+        r = part.of("r")
+        whole = combined(r if len(r) == 1 else r[accepted], values, 1.0 / gate.inflation[accepted])
+        column = column.updated(whole.r, _innovation(whole, column))
+        parts.append(whole)
+        jacobian += float(gate.scale_jacobians(part)[accepted].sum()) if known is not None else 0.0
+    whole_rows = None
+    if parts:
+        whole_rows = combined(np.stack([part.r for part in parts]), np.stack([part.y for part in parts]), np.ones(len(parts)))
+        whole_rows = (
+            replace(whole_rows, residual=whole_rows.residual + sum(part.residual for part in parts)) if len(parts) > 1 else parts[0]
+        )
+    gate = GroupGate.joined(gates)
+    return GroupUpdate(stack, gate, np.concatenate(misfits), whole_rows, jacobian, gates[0].result(0))
+
+
+def _innovation(rows: CombinedRows, column: Column) -> Array:
+    """Return values minus their prediction, and the same of instrument errors of one unit, shape (2 q, 1 + b)."""
+    return np.asarray((rows.y - column.predicted(rows.r[None])[0]).reshape(2 * column.width, -1))
+
+
+def _stages(n: int) -> Iterator[NDArray[np.intp]]:
+    """Yield the profiles that are judged together: the first, the second, then as many as there were before."""
+    start = 0
+    while start < n:
+        stop = min(n, max(1, 2 * start))
+        yield np.arange(start, stop)
+        start = stop

@@ -1,0 +1,83 @@
+"""A prior after rows of any form: what it was made of stays in parts, and the rows take away a part of low rank."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from replay_kit.core.arrays import Array
+from replay_kit.estimator.prior.hybrid import Prior, PriorSettings
+from replay_kit.estimator.prior.reduction import Reduction, reduction_by_products
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConditionedPrior:
+    """A Gaussian of the weights: another one's covariance without that of some rows.
+
+    Attributes:
+        before: The prior.
+        mean: shape (Z r,).
+        gain: shape (m, Z, r); the sum of the rows' outer products is taken from the covariance.
+    """
+
+    before: Prior
+    mean: Array
+    gain: Array
+
+    @property
+    def settings(self) -> PriorSettings | None:
+        """The settings of the prior."""
+        return self.before.settings
+
+    def matvec(self, weights: Array) -> Array:
+        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
+        rows = self.gain.reshape(len(self.gain), -1)
+        taken = (weights.reshape(len(weights), -1) @ rows.T) @ rows
+        return np.asarray(self.before.matvec(weights) - taken.reshape(weights.shape))
+
+    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
+        of_levels = self.gain if levels is None else self.gain[:, list(levels)]
+        at_basis = self.gain @ basis.T  # (m, Z, c)
+        return np.asarray(self.before.matvec_modes(basis, levels) - np.tensordot(at_basis, of_levels, axes=(0, 0)))
+
+    def mode_std(self) -> Array:
+        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
+        taken = np.einsum("mzr,mzr->r", self.gain, self.gain) / self.gain.shape[1]
+        before = self.before.mode_std() ** 2
+        # rounding must not leave a mode without variance
+        return np.asarray(np.sqrt(np.maximum(before - taken, 1e-12 * before)))
+
+    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        rows = (self.gain if levels is None else self.gain[:, list(levels)]).reshape(len(self.gain), -1)
+        return np.asarray(self.before.covariance(levels) - rows.T @ rows)
+
+    def of_sum(self, levels: tuple[int, ...]) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        rows = self.gain[:, list(levels)].sum(axis=1)
+        return np.asarray(self.before.of_sum(levels) - rows.T @ rows)
+
+    def reduction(self, directions: Array, matrix: Array) -> Reduction:
+        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
+        return reduction_by_products(self, directions, matrix)
+
+
+def conditioned(prior: Prior, design: Array, innovation: Array) -> tuple[ConditionedPrior, Array]:
+    """Return a prior after rows y = H w + noise of unit variance, and the change of its mean for each further column.
+
+    Args:
+        prior: Gaussian of the weights before.
+        design: shape (m, Z, r), H.
+        innovation: shape (m, 1 + b): y minus its mean in the first column; effects of instrument errors on y in the others.
+
+    Returns:
+        The prior, and shape (b, Z, r).
+    """
+    size = len(design)
+    cross = prior.matvec(design)
+    cov = design.reshape(size, -1) @ cross.reshape(size, -1).T
+    lower = np.linalg.cholesky(0.5 * (cov + cov.T) + np.eye(size))
+    gain = np.asarray(scipy.linalg.solve_triangular(lower, cross.reshape(size, -1), lower=True))
+    change = np.asarray(scipy.linalg.solve_triangular(lower, innovation, lower=True)).T @ gain
+    return ConditionedPrior(prior, prior.mean + change[0], gain.reshape(design.shape)), change[1:].reshape(-1, *design.shape[1:])

@@ -1,0 +1,242 @@
+"""An estimator of windows that follow the vehicle."""
+
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replay_kit.config.gating import GatingConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import inside_grid
+from replay_kit.core.grid import Grid
+from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.core.region import Region, inside
+from replay_kit.estimator.interface import Estimator
+from replay_kit.estimator.prior.amplitude import ScaledPrior
+from replay_kit.estimator.static.filter import FilterState, ReducedBasisEstimator
+from replay_kit.estimator.update.group_step import Stepped
+from replay_kit.estimator.update.grouping import Grouping, ProfileGroup
+from replay_kit.estimator.update.observation_space import initial
+from replay_kit.estimator.windows.conditioned import conditioned
+from replay_kit.estimator.windows.geometry import next_window
+from replay_kit.estimator.windows.handover import learnt, velocities_at
+
+# Points of an overlap at most: every second or third row and column of a window's own.
+_POINTS = 600
+# Measurements in a row outside the window after which a window is made about them: one may have a wrong position.
+_STRAYS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """A window, and what was learnt in it.
+
+    Attributes:
+        region: West, south, east, north [degrees].
+        state: Of its estimator.
+        loss: Root mean square of what the window before had learnt of this one and did not hand over [m/s]; 0 of the first.
+    """
+
+    region: Region
+    state: FilterState
+    loss: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowedState:
+    """The estimate in the window that holds the vehicle, and the last ones of those it left.
+
+    Attributes:
+        current: The window that holds the vehicle.
+        left: Windows that were left, in order.
+        strays: Number of measurements in a row that lay outside the window.
+        unusable: Windows that could not be made, each with the reason.
+    """
+
+    current: Window
+    left: tuple[Window, ...] = ()
+    strays: int = 0
+    unusable: tuple[tuple[Region, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowedEstimator(Estimator[WindowedState]):
+    """Static estimators of windows, one after the other; each begins with what the one before it learnt where they overlap.
+
+    All windows have one local frame, and the same levels.
+
+    Attributes:
+        first: The first window [degrees].
+        margin: Distance from the vehicle to a window's sides that an estimate needs [m].
+        bounds: The forecast's box [degrees].
+        build: Returns the estimator of a window; the same window gives the same estimator, and the latest are kept.
+        gating: Gate and covariance inflation; None accepts every profile with its stated errors.
+        grouping: Which profiles are combined; None combines none.
+    """
+
+    first: Region
+    margin: float
+    bounds: Region
+    build: Callable[[Region], ReducedBasisEstimator]
+    gating: GatingConfig | None = None
+    grouping: Grouping | None = None
+
+    supports_path_means = True
+    block_size = ReducedBasisEstimator.block_size
+
+    @property
+    def state_size(self) -> int:
+        """Number of weights in all of the first window."""
+        return self._of(self.first).state_size
+
+    @property
+    def basis_size(self) -> tuple[int | None, int | None]:
+        """Number of modes for each level, and of elements of the basis, of the first window."""
+        return self._of(self.first).basis_size
+
+    def _of(self, region: Region) -> ReducedBasisEstimator:
+        return replace(self.build(region), gating=self.gating, grouping=self.grouping)
+
+    def initial(self) -> WindowedState:
+        """Return the prior of the first window as a state."""
+        return WindowedState(Window(self.first, self._of(self.first).initial()))
+
+    def step(self, state: WindowedState, observation: Measurement) -> tuple[WindowedState, Innovation]:
+        """Return the state after an observation, in the window that it lies in, and its innovation."""
+        return next(self.steps(state, [observation]))
+
+    def steps(self, state: WindowedState, observations: Iterable[Measurement]) -> Iterator[tuple[WindowedState, Innovation]]:
+        """Yield the state after each observation, and its innovation."""
+        for _, _, after, innovation in self.group_steps(state, observations):
+            yield after, innovation
+
+    def group_steps(self, state: WindowedState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[WindowedState]]:
+        """Yield what became of measurements and groups of profiles, each in the window that it lies in."""
+        block = list[Measurement | ProfileGroup]()
+        for item in items:
+            if block and (len(block) == self.block_size or not self._stays(state, item)):
+                state = yield from self._in_window(state, block)
+                block = []
+            if not block:
+                state = self._moved(state, item)
+            block.append(item)
+        yield from self._in_window(state, block)
+
+    def _in_window(
+        self, state: WindowedState, block: Sequence[Measurement | ProfileGroup]
+    ) -> Generator[Stepped[WindowedState], None, WindowedState]:
+        """Yield what became of measurements and groups in one window; return the last state."""
+        for event, _, inner, innovation in self._of(state.current.region).group_steps(state.current.state, block):
+            before, state = state, replace(state, current=replace(state.current, state=inner))
+            yield Stepped(event, before, state, innovation)
+        return state
+
+    def _stays(self, state: WindowedState, observation: Measurement | ProfileGroup) -> bool:
+        """Return whether an observation certainly leaves the window as it is."""
+        region, place = state.current.region, _place(observation)
+        return not state.strays and inside(region, *place).item() and next_window(region, self.margin, self.bounds, place) is None
+
+    def _moved(self, state: WindowedState, observation: Measurement | ProfileGroup) -> WindowedState:
+        """Return the state in the window that an observation needs."""
+        place, region = _place(observation), state.current.region
+        strays = 0 if inside(region, *place) or not inside(self.bounds, *place) else state.strays + 1
+        following = next_window(region, self.margin, self.bounds, place) if strays in (0, _STRAYS) else None
+        if following is None or following in [refused for refused, _ in state.unusable]:
+            return state if strays == state.strays else replace(state, strays=strays)
+        try:
+            begun, loss = hand_over(self._of(region), state.current.state, self._of(following))
+        except ForecastError as error:
+            return replace(state, strays=0, unusable=(*state.unusable, (following, str(error))))
+        return WindowedState(Window(following, begun, loss), (*state.left, state.current), 0, state.unusable)
+
+    def usable(self, observation: Measurement) -> bool:
+        """Return whether an observation has a bin that ``step`` would use, if it lies in water: windows are made when they are needed."""
+        place = _place(observation)
+        if not inside(self.bounds, *place):
+            return False
+        if inside(self.first, *place) or not isinstance(observation, Observation):
+            return self._of(self.first).usable(observation) or not inside(self.first, *place)
+        levels = self._of(self.first).basis.grid.levels
+        return bool(np.any(np.isfinite(observation.velocity).all(axis=1) & (observation.depth <= levels[-1])))
+
+    def innovation(self, state: WindowedState, observation: Measurement) -> Array:
+        """Return measured minus predicted in the state's window, shape (n, 2) [m/s], local axes; NaN for bins that are not usable."""
+        return self._of(state.current.region).innovation(state.current.state, observation)
+
+    def group_innovation(self, state: WindowedState, group: ProfileGroup) -> Array:
+        """Return the same of all bins of all profiles of a group, shape (n m, 2) [m/s]; 0 for bins that are not usable."""
+        return self._of(state.current.region).group_innovation(state.current.state, group)
+
+    def flow(self, state: WindowedState) -> FlowEstimate:
+        """Return the current estimate in the state's window."""
+        return self._of(state.current.region).flow(state.current.state)
+
+    def left_flows(self, state: WindowedState) -> Iterator[FlowEstimate]:
+        """Yield the last estimate of each window that was left; one at a time, because each is made from the forecast again."""
+        for window in state.left:
+            yield self._of(window.region).flow(window.state)
+
+    def notes(self) -> list[str]:
+        """Return the settings of the first window's prior."""
+        return self._of(self.first).notes()
+
+    def bias_notes(self, state: WindowedState) -> list[str]:
+        """Return what is said of the log in the last window, and of the windows."""
+        notes = self._of(state.current.region).bias_notes(state.current.state)
+        windows = [*state.left, state.current]
+        if len(windows) > 1:
+            lost = 100.0 * max(window.loss for window in windows)
+            notes.append(
+                f"{len(windows)} windows followed the vehicle; up to {lost:.1f} cm/s RMS of what one had learnt was not handed over"
+            )
+        return [*notes, *(f"no window could be made at {refused}: {reason}" for refused, reason in state.unusable)]
+
+    def spread_record(self, state: WindowedState) -> dict[str, str]:
+        """Return the amplitude of the prior's covariance in a state, and what it was fitted to."""
+        return self._of(state.current.region).spread_record(state.current.state)
+
+
+def hand_over(before: ReducedBasisEstimator, state: FilterState, after: ReducedBasisEstimator) -> tuple[FilterState, float]:
+    """Return the next window's first state, with what the one before learnt where they overlap, and what was lost of it [m/s].
+
+    The amplitude of the prior's covariance, where it is fitted to the log, is kept as it is from then on.
+
+    Args:
+        before: Estimator of the window before.
+        state: Its last state.
+        after: Estimator of the next window, in the same local frame and with the same levels.
+    """
+    old, new = before.prior, after.prior
+    spread = None if state.spread is None else replace(state.spread, apart=(), past=None)
+    if spread is not None:
+        old, new = ScaledPrior(old, spread.amplitude), ScaledPrior(new, spread.amplitude)
+    no_bias = np.zeros((len(state.posterior.prior_bias_sensitivity), *after.prior_weights.shape))
+    begun = replace(state, posterior=initial(new, no_bias), spread=spread)
+    points = overlap(before.basis.grid, after.basis.grid)
+    if not len(points):
+        return begun, 0.0
+    next_modes, next_offset = velocities_at(after.basis, points)
+    said = learnt(old, state.posterior, *velocities_at(before.basis, points), next_modes, after.representation_std)
+    if said is None:
+        return begun, 0.0
+    innovation = said.values.copy()
+    innovation[:, 0] -= said.of(next_offset + next_modes @ after.prior_weights.T)
+    prior, sensitivity = conditioned(new, said.design(next_modes), innovation)
+    return replace(begun, posterior=initial(prior, sensitivity)), said.loss
+
+
+def _place(observation: Measurement | ProfileGroup) -> tuple[float, float]:
+    """Return longitude and latitude of an observation [degrees]; of a path its end."""
+    return float(np.atleast_1d(observation.longitude)[-1]), float(np.atleast_1d(observation.latitude)[-1])
+
+
+def overlap(one: Grid, other: Grid) -> Array:
+    """Return points at which two windows both know the current, shape (P, 2) [m]: nodes of the first, thinned to some hundreds."""
+    wet = one.wet[0] & inside_grid(other, one.east, one.north)
+    every = max(1, int(np.ceil(np.sqrt(wet.sum() / _POINTS))))
+    thin = np.zeros_like(wet)
+    thin[::every, ::every] = True
+    chosen = wet & thin
+    return np.column_stack([one.east[chosen], one.north[chosen]])

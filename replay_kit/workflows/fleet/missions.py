@@ -1,0 +1,157 @@
+"""The missions of a fleet's table: jobs with absolute paths and their settings, checked before any of them begins."""
+
+import glob
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from replay_kit.config.fleet import FleetTable, MissionEntry
+from replay_kit.config.run import RunConfig, laid_over, load_config
+from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
+from replay_kit.core.paths import check_paths, truth_path
+from replay_kit.core.plan import Place
+from replay_kit.forecast import ensemble_files
+from replay_kit.logs.folders import logs_in
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.provenance import with_bathymetry
+
+#: Folder of the built estimators in that of the results.
+STORE = "basis"
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """One replay of a fleet.
+
+    Attributes:
+        name: Unique; its files begin with it.
+        job: Inputs, as absolute paths, and the result.
+        config: Settings.
+    """
+
+    name: str
+    job: ReplayJob
+    config: RunConfig
+
+    @property
+    def result(self) -> Path:
+        """The result."""
+        assert self.job.out is not None
+        return self.job.out
+
+    @property
+    def record(self) -> Path:
+        """The answer of the replay as JSON, with the hashes of its inputs and its result; it is there once the result is complete."""
+        return self.result.with_suffix(".json")
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that are read.
+
+        Raises:
+            ReplayKitError: One is missing.
+        """
+        job, bathymetry = self.job, self.config.planner.bathymetry_path
+        logs = [file for path in job.logs for file in logs_in(path)]
+        return (*logs, *ensemble_files(job.ensemble), *filter(None, (truth_path(job.truth), bathymetry)))
+
+
+def missions_of(table: FleetTable, folder: Path, config: Path | None, out: Path) -> tuple[Mission, ...]:
+    """Return the missions of a table.
+
+    Args:
+        table: The table.
+        folder: What relative paths in it are relative to.
+        config: File of settings for missions that name none.
+        out: Folder of the results.
+
+    Raises:
+        ConfigError: A setting is wrong; two results have one name; a mission has no ensemble.
+        LogError: A pattern stands for no log.
+    """
+    out = out.absolute()
+    missions: list[Mission] = []
+    names: dict[str, Mission] = {}
+    for entry in table.mission:
+        entry = _completed(entry, table.all)
+        try:
+            settings = _config(entry, folder, config)
+        except ConfigError as error:
+            raise ConfigError(f"mission {entry.name or (entry.logs or entry.each or ('',))[0]}: {error}") from error
+        for name, logs in _logs(entry, folder):
+            mission = Mission(name, _job(entry, name, logs, folder, out), settings)
+            # file systems that ignore case would have one file for both
+            if (other := names.get(name.casefold())) is not None:
+                first, second = (str(each.job.logs[0]) for each in (other, mission))
+                raise ConfigError(f"{name}: two missions have this name, those of {first} and {second}; give one of them another name")
+            names[name.casefold()] = mission
+            missions.append(mission)
+    return tuple(missions)
+
+
+def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -> None:
+    """Raise an error unless every input is there and every result may be written; all that is wrong is said at once.
+
+    Args:
+        missions: All.
+        overwrite: Whether results that exist are made anew.
+        resume: Whether results that exist are kept where their inputs are the same.
+
+    Raises:
+        ConfigError: As stated.
+    """
+    wrong = []
+    for mission in missions:
+        try:
+            for path in mission.files:
+                if not path.exists():
+                    raise LogError(f"{path}: there is no such file; correct its name")
+            check_paths(mission.files, (mission.result, mission.record), overwrite or resume)
+        except ReplayKitError as error:
+            wrong.append(f"{mission.name}: {error}")
+    if wrong:
+        more = f"; and {len(wrong) - 10} more" if len(wrong) > 10 else ""
+        raise ConfigError(f"{len(wrong)} of {len(missions)} missions cannot begin: {'; '.join(wrong[:10])}{more}")
+
+
+def _completed(entry: MissionEntry, common: MissionEntry) -> MissionEntry:
+    """Return an entry with what all have where it states nothing."""
+    filled = {name: getattr(common, name) for name in type(entry).model_fields if getattr(entry, name) is None}
+    return entry.model_copy(update={**filled, "settings": laid_over(common.settings, entry.settings)})
+
+
+def _config(entry: MissionEntry, folder: Path, config: Path | None) -> RunConfig:
+    settings = load_config(config if entry.config is None else folder / entry.config, entry.settings)
+    bathymetry = settings.planner.bathymetry_path
+    # workers may be in another folder
+    return settings if bathymetry is None else with_bathymetry(settings, bathymetry.absolute())
+
+
+def _logs(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Path, ...]]]:
+    """Yield the name and the logs of each mission of an entry."""
+    if entry.logs is not None:
+        logs = tuple((folder / log).absolute() for log in entry.logs)
+        yield entry.name or logs[0].stem, logs
+    for pattern in entry.each or ():
+        found = sorted(glob.glob(str((folder / pattern).absolute())))
+        if not found:
+            raise LogError(f"{pattern}: no log has such a name in {folder.absolute()}; correct the pattern")
+        for path in map(Path, found):
+            yield path.stem, (path,)
+
+
+def _job(entry: MissionEntry, name: str, logs: tuple[Path, ...], folder: Path, out: Path) -> ReplayJob:
+    if entry.ensemble is None:
+        raise ConfigError(f"{name}: no ensemble is given; name it in [all], in the mission, or with --ensemble")
+    truth = None
+    if entry.truth is not None:
+        path, mark, member = entry.truth.partition("#")
+        truth = f"{(folder / path).absolute()}{mark}{member}"
+    return ReplayJob(
+        logs,
+        tuple((folder / path).absolute() for path in entry.ensemble),
+        out / f"{name}.mcap",
+        goal=None if entry.goal is None else Place(*entry.goal),
+        truth=truth,
+        basis_store=out / STORE,
+    )

@@ -1,0 +1,119 @@
+"""A fleet of twins on two workers against one, and with workers that are killed: wall time of all missions, and their bytes."""
+
+import os
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from replay_kit.config.fleet import FleetTable
+from replay_kit.config.run import RunConfig
+from replay_kit.forecast import read_truth
+from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.workflows.fleet.cluster import Cluster, open_cluster
+from replay_kit.workflows.fleet.missions import Mission, missions_of
+from replay_kit.workflows.fleet.run import run_fleet, run_mission
+from tests import synthetic
+from tests.benchmarks.measure import seconds
+from tests.places import SAMPLES
+
+# Missions and pings of each; between two kills [s].
+_MISSIONS, _PINGS, _MODES, _KILL_S = 40, 300, 60, 30.0
+
+
+def rows(tiny: bool) -> list[dict[str, Any]]:
+    """Return the wall time of a fleet's missions on two workers beside one, and on two of which one is killed again and again."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        count = _make(folder, tiny)
+        with _workers(1, tiny) as one:
+            alone_s, _ = seconds(lambda: _run(_missions(folder, "one"), one))
+        with _workers(2, False) as two:
+            both_s, _ = seconds(lambda: _run(_missions(folder, "two"), two))
+            killed_s, kills = seconds(lambda: _run_killed(_missions(folder, "killed"), two, _KILL_S)) if not tiny else (both_s, 0)
+        differing = _differing(folder, "one", "two"), 0 if tiny else _differing(folder, "one", "killed")
+    common = {"peer": "one worker", "peer_s": alone_s, "peak_mb": None, "missions": count}
+    return [
+        {"name": f"fleet of {count} twins, two workers", "ours_s": both_s, "ratio": alone_s / both_s, "asked": 1.85}
+        | {"error": {"differing": differing[0]}}
+        | common,
+        {"name": f"fleet of {count} twins, a worker killed every {_KILL_S:g} s", "ours_s": killed_s, "ratio": alone_s / killed_s}
+        | {"asked": 1.0, "error": {"differing": differing[1]}, "kills": kills}
+        | common,
+    ]
+
+
+def _make(folder: Path, tiny: bool) -> int:
+    """Write an ensemble and the twins' logs, and return how many there are."""
+    if tiny:
+        synthetic.write_ocean(folder, 6)
+    else:
+        for name in ("ensemble.nc", "truth.nc"):
+            shutil.copy(SAMPLES / name, folder)
+    truth = read_truth(str(folder / "truth.nc"), RunConfig().forecast)
+    count, pings = (2, 4) if tiny else (_MISSIONS, _PINGS)
+    for seed in range(count):
+        make_twin(truth, Twin("vessel", pings, 0.05, seed), folder / f"twin{seed:02d}.mcap")
+    return count
+
+
+def _missions(folder: Path, out: str) -> tuple[Mission, ...]:
+    settings = {"estimator": {"modes": _MODES}}
+    table = FleetTable.model_validate({"mission": [{"each": "twin*.mcap", "ensemble": "ensemble.nc", "settings": settings}]})
+    (folder / out / "basis").mkdir(parents=True)
+    return missions_of(table, folder, None, folder / out)
+
+
+@contextmanager
+def _workers(count: int, here: bool) -> Iterator[Cluster | None]:
+    """Yield workers that have replayed nothing but have begun; None for this process."""
+    if here:
+        yield None
+        return
+    with open_cluster(None, count) as cluster:
+        cluster.on_each(_ready)
+        yield cluster
+
+
+def _ready() -> bool:
+    import replay_kit.workflows.fleet.run  # noqa: F401
+
+    return True
+
+
+def _run(missions: tuple[Mission, ...], cluster: Cluster | None) -> None:
+    outcomes = [run_mission(mission) for mission in missions] if cluster is None else list(run_fleet(missions, cluster, False))[-1]
+    failed = [outcome.failed for outcome in outcomes if outcome.failed]
+    assert not failed, failed
+
+
+def _run_killed(missions: tuple[Mission, ...], cluster: Cluster, every_s: float) -> int:
+    """Run a fleet of which one worker is killed now and then, and return how often."""
+    done, kills = threading.Event(), 0
+
+    def kill() -> None:
+        nonlocal kills
+        while not done.wait(every_s):
+            # a worker that begins anew does not answer yet
+            with suppress(Exception):
+                pids = [pid for pid in cluster.on_each(os.getpid).values() if isinstance(pid, int)]
+                os.kill(pids[kills % len(pids)], signal.SIGKILL)
+                kills += 1
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        _run(missions, cluster)
+    finally:
+        done.set()
+        killer.join()
+    return kills
+
+
+def _differing(folder: Path, one: str, other: str) -> int:
+    """Return how many results of two runs of a fleet differ."""
+    return sum(path.read_bytes() != (folder / other / path.name).read_bytes() for path in (folder / one).glob("*.mcap"))

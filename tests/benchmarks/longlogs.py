@@ -1,0 +1,107 @@
+"""Long logs: a survey at 1 Hz with profiles combined against each alone, and a whole day of it."""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.geodesy import rotate_to_geographic
+from replay_kit.core.grid import Ensemble
+from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.studies.twins.field import Field, build_field
+from replay_kit.studies.twins.messages import measured_on
+from replay_kit.studies.twins.vehicle import EPOCH_NS, NS_PER_S, Mission, Pings, log_position
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+from tests.benchmarks.estimator import row
+from tests.benchmarks.measure import alone, seconds
+from tests.benchmarks.scene import NOISE, Size, ensemble
+
+Row = dict[str, Any]
+_DAY = 86_400
+_SPEED = 1.5  # m/s
+_LEG, _APART = 20e3, 3e3  # m
+_SIZES = {False: (Size(members=50), _DAY // 10, _DAY), True: (Size(9, 11, 4, 20, 12), 240, 40)}
+
+
+def survey(field: Field, n: int) -> Mission:
+    """Return a vehicle that goes up and down parallel legs at 1.5 m/s, with a ping and a position each second."""
+    way = _SPEED * np.arange(n)
+    leg, along = np.divmod(way, _LEG + _APART)
+    east = np.clip(along, 0.0, _LEG) - 0.5 * _LEG
+    north = leg * _APART + np.clip(along - _LEG, 0.0, _APART)
+    half = 0.4 * (field.grid.north.max() - field.grid.north.min())
+    # there and back where the region ends
+    north = half - np.abs(north % (4.0 * half) - 2.0 * half)
+    heading = np.where(along < _LEG, np.where(leg % 2 == 0, 90.0, 270.0), 0.0)
+    east = np.where(leg % 2 == 0, east, -east)
+    time_ns, nothing = EPOCH_NS + NS_PER_S * np.arange(n, dtype=np.int64), np.zeros(n)
+    pings = Pings(time_ns, east, north, nothing, heading, nothing)
+    positions = tuple(log_position(field, at, place) for at, place in zip(time_ns.tolist(), np.column_stack([east, north]), strict=True))
+    return Mission(pings, positions, ())
+
+
+def written(values: Ensemble, path: Path) -> Path:
+    """Return the file into which an ensemble was written."""
+    grid = values.grid
+    parts = rotate_to_geographic(grid.projection, grid.longitude, grid.latitude, values.velocity[:, 0], values.velocity[:, 1])
+    axes = ("member", "depth", "latitude", "longitude")
+    names = {"uo": "eastward_sea_water_velocity", "vo": "northward_sea_water_velocity"}
+    xr.Dataset(
+        {name: (axes, part, {"units": "m s-1", "standard_name": names[name]}) for name, part in zip(names, parts, strict=True)},
+        {
+            "depth": ("depth", grid.levels, {"units": "m", "positive": "down"}),
+            "latitude": ("latitude", grid.latitude[:, 0], {"units": "degrees_north"}),
+            "longitude": ("longitude", grid.longitude[0], {"units": "degrees_east"}),
+        },
+    ).to_netcdf(path, engine="h5netcdf")
+    return path
+
+
+def _replayed(folder: Path, log: Path, window: float | str) -> dict[str, Any]:
+    """Replay in a process of its own; return its time, its error, the profiles used, and what its memory grew by."""
+    config: RunConfig = load_config(None, {"time": {"window": window}})
+    job = ReplayJob((log,), folder / "ensemble.nc", folder / "out.mcap", truth=str(folder / "truth.nc"), overwrite=True)
+
+    def work() -> dict[str, Any]:
+        took, (summary, _) = seconds(lambda: replay(job, config))
+        assert summary.truth is not None
+        return {"seconds": took, "rmse": summary.truth.rmse, "used": summary.profiles_used, "stages": dict(summary.seconds)}
+
+    return alone(work)
+
+
+def rows(tiny: bool) -> list[Row]:
+    """Return the rows of all measurements."""
+    size, part, day = _SIZES[tiny]
+    members, truth = ensemble(size)
+    field, found = build_field(truth), []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        written(members, folder / "ensemble.nc")
+        written(truth, folder / "truth.nc")
+        for n, peer in ((part, True), (day, False)):
+            log, rng = folder / f"{n}.mcap", np.random.default_rng(1)
+            write_mcap_log(log, measured_on(survey(field, n), field, NOISE, rng).messages())
+            ours = _replayed(folder, log, "auto")
+            theirs = _replayed(folder, log, 0.0) if peer else None
+            error = {"unused": float(n - ours["used"])}
+            if theirs is not None:
+                error["rmse_changed"] = abs(ours["rmse"] / theirs["rmse"] - 1.0)
+            found.append(
+                row(
+                    f"long: replay of {n} pings at 1 Hz, a survey, {size.columns} x {size.rows} x {size.levels}, {size.members} members",
+                    ours["seconds"],
+                    "every profile alone" if peer else "none",
+                    None if theirs is None else theirs["seconds"],
+                    None if theirs is None else 1.0,
+                    error,
+                    peak_mb=ours["peak_mb"],
+                    rmse=ours["rmse"],
+                    **{f"{stage}_s": took for stage, took in ours["stages"].items()},
+                )
+            )
+    return found

@@ -1,0 +1,224 @@
+"""How set-up, a ping and a standard error grow with the region: processor time, and memory in a process of its own.
+
+Members are random eddies on cells of 1/12 degree, some three cells in size, in six vertical modes with a little noise, so that the prior's
+correlation length is the same in every region. The dense way is the kernel's eigenvectors, the SVD of all slices and one N x N taper, as
+the default was set up before; it takes minutes and gigabytes at 60 x 60 nodes and is made where it takes seconds.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import xarray as xr
+
+from replay_kit.config.gating import GatingConfig
+from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.core.flow.horizontal import HorizontalKernel, velocity_kernel
+from replay_kit.core.flow.netcdf import to_dataset
+from replay_kit.core.grid import Ensemble, Grid
+from replay_kit.estimator import ReducedBasisEstimator, build_estimator
+from replay_kit.estimator.basis.modes import DEFAULT_LENGTH_IN_CELLS
+from replay_kit.estimator.basis.slices import cell_size, ensemble_slices
+from replay_kit.estimator.prior.hybrid import HybridPrior
+from replay_kit.estimator.prior.localised import gaspari_cohn
+from replay_kit.forecast import read_ensemble
+from replay_kit.forecast.grid import local_grid
+from tests import synthetic
+from tests.benchmarks.measure import alone, peak_mb
+
+Row = dict[str, Any]
+_CELL = 1.0 / 12.0
+_EDDY = 3.0  # cells
+# Rows, columns, levels, members, and what is asked [s], [MB]; None where nothing is.
+SIZES = (
+    (17, 31, 8, 50, 3.0, None),
+    (60, 60, 8, 50, 6.0, 600.0),
+    (120, 120, 30, 50, 30.0, 1500.0),
+)
+GROWTH = (30, 60, 120, 240)
+LARGEST = (240, 240, 50, 95, 360.0, 4000.0)
+# Nodes up to which the dense way is made.
+_DENSE = 600
+
+
+def region(rows: int, columns: int, levels: int) -> Grid:
+    """Return a grid without land."""
+    longitude, latitude = np.meshgrid(-30.0 + _CELL * np.arange(columns), 40.0 + _CELL * np.arange(rows))
+    return local_grid(longitude, latitude, np.geomspace(5.0, 1000.0, levels), np.ones((levels, rows, columns), dtype=bool), None)
+
+
+def member(grid: Grid, number: int) -> np.ndarray:
+    """Return the velocities of a member, shape (2, Z, J, I), along the local axes; all share those of member -1."""
+    n_levels, rows, columns = grid.wet.shape
+    n_functions = min(n_levels, 6)
+    wave = 2.0 * np.pi * np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
+    functions = np.cos(np.pi * np.outer(np.arange(n_functions), np.linspace(0.0, 1.0, n_levels))) * 0.6 ** np.arange(n_functions)[:, None]
+    out = np.zeros((2, *grid.wet.shape))
+    for seed in dict.fromkeys((0, number + 1)):
+        rng = np.random.default_rng(seed)
+        stream = np.fft.ifft2(np.fft.fft2(rng.standard_normal((n_functions, rows, columns))) * np.exp(-0.5 * (_EDDY * wave) ** 2)).real
+        stream *= 0.3 * _EDDY / np.sqrt(np.mean(stream**2))
+        flow = np.stack([-np.gradient(stream, axis=1), np.gradient(stream, axis=2)])
+        out += np.einsum("kz,ckji->czji", functions, flow, optimize=True) + 0.01 * rng.standard_normal(out.shape)
+    return out
+
+
+def ensemble(rows: int, columns: int, levels: int, members: int) -> Ensemble:
+    """Return an ensemble in memory."""
+    grid = region(rows, columns, levels)
+    return Ensemble(grid, np.stack([member(grid, number) for number in range(members)]), None, "benchmark of sizes")
+
+
+def write_zarr(path: Path, rows: int, columns: int, levels: int, members: int) -> None:
+    """Write an ensemble member by member, a chunk a member, in single precision as forecasts are."""
+    grid = region(rows, columns, levels)
+    dims = ("member", "depth", "lat", "lon")
+    for number in range(members):
+        values = member(grid, number).astype(np.float32)[:, None]
+        fields = {
+            name: (dims, part, {"standard_name": f"{where}ward_sea_water_velocity", "units": "m s-1"})
+            for name, where, part in zip(("uo", "vo"), ("east", "north"), values, strict=True)
+        }
+        coords = {
+            "member": ("member", [number], {"standard_name": "realization"}),
+            "depth": ("depth", grid.levels, {"units": "m", "positive": "down"}),
+            "lat": ("lat", grid.latitude[:, 0], {"units": "degrees_north"}),
+            "lon": ("lon", grid.longitude[0], {"units": "degrees_east"}),
+        }
+        more: dict[str, Any] = {"append_dim": "member"} if number else {"mode": "w"}
+        xr.Dataset(fields, coords).to_zarr(path, zarr_format=2, **more)
+
+
+def cpu(work: Callable[[], Any]) -> tuple[float, Any]:
+    """Return the processor time [s], and what the work gave."""
+    start = time.process_time()
+    value = work()
+    return time.process_time() - start, value
+
+
+def row(name: str, ours_s: float, asked_s: float | None, peer: str, peer_s: float | None, error: dict[str, float], **more: Any) -> Row:
+    """Return a row of the benchmarks; ``asked`` is in seconds."""
+    ratio = None if peer_s is None else peer_s / ours_s
+    return {"name": name, "ours_s": ours_s, "peer": peer, "peer_s": peer_s, "ratio": ratio, "asked": asked_s or 0.0, "error": error} | more
+
+
+def setup(make: Callable[[], Ensemble], modes: int) -> tuple[float, float, ReducedBasisEstimator]:
+    """Return the processor time [s] and what memory grew to at most, the ensemble included [MB]."""
+    before = peak_mb(anew=True)
+    world = make()
+    took, estimator = cpu(lambda: build_estimator(world, EstimatorConfig(modes=modes), GatingConfig()))
+    return took, peak_mb() - before, estimator
+
+
+def dense(world: Ensemble, estimator: ReducedBasisEstimator) -> tuple[float, float]:
+    """Return the processor time of the dense way, and the relative difference of the localised covariance of the first function."""
+    prior, settings = _hybrid(estimator), estimator.prior.settings
+    assert settings is not None
+    grid = world.grid
+    start = time.process_time()
+    lengths = [DEFAULT_LENGTH_IN_CELLS * side for side in cell_size(grid)]
+    values, vectors = np.linalg.eigh(velocity_kernel(HorizontalKernel(*lengths, 1.0), grid.nodes, grid.nodes))
+    slices = ensemble_slices(world)
+    columns = (slices - slices.mean(axis=0)).reshape(-1, slices.shape[2]).T
+    velocities = scipy.linalg.svd(columns, full_matrices=False)[0][:, : estimator.basis.n_modes]
+    modes = vectors @ ((vectors.T @ velocities) * (values / (values + EstimatorConfig().nugget * values[-1]))[:, None])
+    ours = estimator.basis.horizontal.velocity(grid.nodes, estimator.basis.modes).reshape(modes.shape)
+    modes *= np.sign(np.sum(modes * ours, axis=0))
+    apart = np.hypot(*(grid.nodes[:, None] - grid.nodes).T)
+    taper = np.tile(gaspari_cohn(apart, settings.radius), (2, 2))
+    fields = np.einsum("z,fzr->fr", prior.vertical[0], prior.factor / np.sqrt(settings.sample_share)) @ modes.T
+    projector = np.linalg.pinv(modes)
+    theirs = (1.0 - settings.sample_share) * projector @ (taper * (fields.T @ fields)) @ projector.T
+    took = time.process_time() - start
+    return took, float(np.linalg.norm(prior.horizontal[0] - theirs) / np.linalg.norm(theirs))
+
+
+def _hybrid(estimator: ReducedBasisEstimator) -> HybridPrior:
+    prior = estimator.prior
+    assert isinstance(prior, HybridPrior)
+    return prior
+
+
+def size_row(rows: int, columns: int, levels: int, members: int, asked: float | None, asked_mb: float | None, modes: int) -> Row:
+    took, grown, estimator = setup(lambda: ensemble(rows, columns, levels, members), modes)
+    peer_s, error = None, {}
+    if rows * columns <= _DENSE:
+        peer_s, difference = dense(ensemble(rows, columns, levels, members), estimator)
+        error = {"localised_covariance": difference}
+    name = f"set-up, {rows} x {columns} nodes, {levels} levels, {members} members, {estimator.basis.n_modes} modes"
+    return row(name, took, asked, "kernel, slices and one taper, all dense", peer_s, error, peak_mb=grown, asked_mb=asked_mb)
+
+
+def from_zarr_row(rows: int, columns: int, levels: int, members: int, asked: float, asked_mb: float, modes: int) -> Row:
+    """The set-up from a Zarr store, reading included."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ensemble.zarr"
+        write_zarr(path, rows, columns, levels, members)
+        before = peak_mb(anew=True)
+        start = time.process_time()
+        world = read_ensemble(path, ForecastConfig())
+        read_s = time.process_time() - start
+        build_estimator(world, EstimatorConfig(modes=modes), GatingConfig())
+        took, grown = time.process_time() - start, peak_mb() - before
+    name = f"set-up from Zarr, {rows} x {columns} nodes, {levels} levels, {members} members"
+    return row(name, took, asked, "none", None, {}, peak_mb=grown, asked_mb=asked_mb, read_s=read_s)
+
+
+def use_row(rows: int, columns: int, levels: int, members: int, pings: int, modes: int) -> Row:
+    """Pings along a glider's track through the last member, the mean after each; then the standard error at every node and level."""
+    world = ensemble(rows, columns, levels, members + 1)
+    truth = world.velocity[-1]
+    estimator = build_estimator(replace(world, velocity=world.velocity[:-1]), EstimatorConfig(modes=modes), GatingConfig())
+    rng, depth = np.random.default_rng(1), 16.0 + 32.0 * np.arange(22)
+    place, observations = np.zeros(2), []
+    for number in range(pings):
+        place = place + np.array([130.0, 40.0]) + 20.0 * rng.standard_normal(2)
+        j, i = np.unravel_index(np.argmin(np.hypot(world.grid.east - place[0], world.grid.north - place[1])), world.grid.east.shape)
+        current = np.column_stack([np.interp(depth, world.grid.levels, component) for component in truth[:, :, j, i]])
+        noisy = current + 0.09 * rng.standard_normal(current.shape)
+        observations.append(synthetic.profile(world.grid, *place, depth, noisy, 0.09, time_ns=number))
+
+    def track() -> Any:
+        state = estimator.initial()
+        for start in range(0, pings, estimator.block_size):
+            states = [after for after, _ in estimator.steps(state, observations[start : start + estimator.block_size])]
+            estimator.weights(states)
+            state = states[-1]
+        return state
+
+    took, state = cpu(track)
+    before = peak_mb(anew=True)
+    error_s, _ = cpu(lambda: to_dataset(estimator.flow(state)))
+    more = {"ms_a_ping": 1e3 * took / pings, "asked_ms": 60.0, "standard_error_s": error_s, "asked_standard_error_s": 5.0}
+    form = type(state.posterior).__name__
+    name = f"{pings} pings at {rows} x {columns} x {levels}, mean after each; standard error of every node and level"
+    return row(name, took, 0.06 * pings, "none", None, {}, peak_mb=peak_mb() - before, form=form, **more)
+
+
+def growth_row(sides: tuple[int, ...], levels: int, members: int, modes: int, run: Callable[[Callable[[], Row]], Row]) -> Row:
+    """Exponents of processor time and memory in the number of nodes, over square regions."""
+    found = [run(lambda side=side: size_row(side, side, levels, members, None, None, modes)) for side in sides]
+    nodes = np.log([side**2 for side in sides])
+    times, memory = [each["ours_s"] for each in found], [each["peak_mb"] for each in found]
+    exponents = {"exponent_of_time": float(np.polyfit(nodes, np.log(times), 1)[0]), "asked_exponent_of_time": 1.35}
+    if all(memory) and min(memory) > 0.0:
+        exponents |= {"exponent_of_memory": float(np.polyfit(nodes, np.log(memory), 1)[0]), "asked_exponent_of_memory": 1.3}
+    name = f"growth of the set-up from {sides[0]} x {sides[0]} to {sides[-1]} x {sides[-1]} nodes, {levels} levels, {members} members"
+    return row(name, times[-1], None, "none", None, {}, peak_mb=memory[-1], times_s=times, memory_mb=memory, **exponents)
+
+
+def rows(tiny: bool) -> list[Row]:
+    """All rows, each in a process of its own; tiny ones in this one."""
+    if tiny:
+        done = [size_row(5, 6, 3, 6, 1.0, None, 10), from_zarr_row(4, 5, 3, 4, 1.0, 1.0, 8), use_row(5, 6, 12, 6, 3, 10)]
+        return [*done, growth_row((4, 6), 3, 5, 8, lambda job: job())]
+    done = [alone(lambda size=size: size_row(*size, 300)) for size in SIZES]
+    done.append(alone(lambda: use_row(120, 120, 30, 50, 200, 300)))
+    done.append(growth_row(GROWTH, 8, 50, 300, alone))
+    done.append(alone(lambda: from_zarr_row(*LARGEST, 300)))
+    return done

@@ -1,0 +1,189 @@
+"""A mission along a shelf, longer than a window: the error of windows that follow the vehicle beside that of one window alone.
+
+The sea is a random stream function of eddies, part of which the members share; the truth is one more draw. The vehicle crosses the whole
+strip in a zigzag. The peer is an estimator of the middle third, with the measurements there: what a user would get who splits the mission.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from replay_kit.config.gating import GatingConfig
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.geodesy import rotate_to_geographic, to_local
+from replay_kit.core.grid import Ensemble, Projection
+from replay_kit.core.observation import Observation
+from replay_kit.core.region import Region, around
+from replay_kit.estimator import ReducedBasisEstimator, build_estimator
+from replay_kit.estimator.basis.modes import correlation_length
+from replay_kit.estimator.windows import WindowedEstimator
+from replay_kit.forecast.grid import in_frame, local_grid, true_to_local
+from replay_kit.studies.twins.field import build_field
+from tests import synthetic
+from tests.benchmarks.measure import peak_mb
+
+_WEST, _SOUTH, _STEP = -14.0, 40.0, 1.0 / 12.0
+_NOISE = 0.05  # m/s
+_DEPTHS = np.array([10.0, 60.0, 110.0, 160.0, 210.0])
+_LEVELS = np.array([5.0, 100.0, 300.0])
+
+
+@dataclass(frozen=True)
+class Strip:
+    """The sea and the mission: points of the grid, members, an eddy's size in cells, points of a window, pings."""
+
+    rows: int = 40
+    columns: int = 210
+    members: int = 50
+    eddy: float = 2.5
+    window: int = 1600
+    pings: int = 1200
+
+
+TINY = Strip(10, 30, 8, 1.2, 144, 24)
+
+
+@dataclass(frozen=True, eq=False)
+class Sea:
+    """Members, the last of which is the truth, shape (E + 1, 2, Z, J, I) [m/s], true east and north; and where they are [degrees]."""
+
+    longitude: np.ndarray
+    latitude: np.ndarray
+    velocity: np.ndarray
+
+    def part(self, region: Region | None, members: slice, frame: Projection | None = None) -> Ensemble:
+        """Return members in a region, in a local frame of their own or another one."""
+        west, south, east, north = (-180.0, -90.0, 180.0, 90.0) if region is None else region
+        rows = np.flatnonzero((self.latitude >= south) & (self.latitude <= north))
+        columns = np.flatnonzero((self.longitude >= west) & (self.longitude <= east))
+        longitude, latitude = np.meshgrid(self.longitude[columns], self.latitude[rows])
+        values = self.velocity[members][..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        grid = local_grid(longitude, latitude, _LEVELS, np.ones(values.shape[2:], dtype=bool), None)
+        found = Ensemble(grid, true_to_local(grid.projection, longitude, latitude, values), None, "windows")
+        return found if frame is None else in_frame(found, frame)
+
+
+def sea(strip: Strip, seed: int = 0) -> Sea:
+    """Return a sea of eddies."""
+    rng = np.random.default_rng(seed)
+    latitude, longitude = _SOUTH + _STEP * np.arange(strip.rows), _WEST + _STEP * np.arange(strip.columns)
+    dy = 111_195.0 * _STEP
+    dx = dy * np.cos(np.deg2rad(latitude.mean()))
+    functions = [np.exp(-_LEVELS / 300.0), 0.4 * np.exp(-_LEVELS / 1000.0) * np.cos(_LEVELS / 300.0)]
+
+    def field() -> np.ndarray:
+        edge = 20
+        drawn = gaussian_filter(rng.standard_normal((strip.rows + edge, strip.columns + edge)), strip.eddy)
+        inner = drawn[edge // 2 : -edge // 2, edge // 2 : -edge // 2]
+        return inner / inner.std()
+
+    shared = [field() for _ in functions]
+    velocity = np.empty((strip.members + 1, 2, _LEVELS.size, strip.rows, strip.columns))
+    for member in velocity:
+        parts = [np.sqrt(0.3) * common + np.sqrt(0.7) * field() for common in shared]
+        psi = sum(part * depth[:, None, None] for part, depth in zip(parts, functions, strict=True))
+        member[0], member[1] = -np.gradient(psi, dy, axis=1), np.gradient(psi, dx, axis=2)
+    velocity *= 0.25 / np.sqrt(np.mean(velocity[:, :, 0] ** 2))
+    return Sea(longitude, latitude, velocity)
+
+
+def mission(of: Sea, strip: Strip, truth: Ensemble, margin: float, seed: int = 1) -> list[Observation]:
+    """Return the pings of a zigzag from one end to the other, half a margin or more inside the strip."""
+    along = np.linspace(0.0, 1.0, strip.pings)
+    inset = 0.5 * margin / 111_195.0
+    half = 0.5 * (of.latitude[-1] - of.latitude[0]) - inset
+    inset_x = inset / np.cos(np.deg2rad(of.latitude[-1]))
+    longitude = of.longitude[0] + inset_x + along * (of.longitude[-1] - of.longitude[0] - 2.0 * inset_x)
+    turns = strip.columns / strip.rows
+    latitude = of.latitude.mean() + 0.5 * half * (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * turns * along))
+    east, north = to_local(truth.grid.projection, longitude, latitude)
+    field, rng = build_field(truth), np.random.default_rng(seed)
+    values = field.velocity(east[:, None], north[:, None], _DEPTHS)
+    values += _NOISE * rng.standard_normal(values.shape)
+    return [synthetic.profile(truth.grid, east[k], north[k], _DEPTHS, values[k], _NOISE, time_ns=k * 10**9) for k in range(strip.pings)]
+
+
+def windowed(of: Sea, strip: Strip, first: Observation, margin: float) -> WindowedEstimator:
+    """Return the estimator of windows about the first ping."""
+    half = 0.5 * (np.sqrt(strip.window) - 1.0) * _STEP
+    members = slice(0, strip.members)
+    here = np.array([first.longitude, first.latitude])
+    region = around([here - half, here + half], 0.0)
+    corners = [(of.longitude[0], of.latitude[0]), (of.longitude[-1], of.latitude[-1])]
+    frame = of.part(region, members).grid.projection
+
+    @lru_cache(maxsize=2)
+    def build(region: Region) -> ReducedBasisEstimator:
+        return build_estimator(of.part(region, members, frame), EstimatorConfig(), GatingConfig())
+
+    return WindowedEstimator(region, margin, around(corners, 1e4), build, GatingConfig())
+
+
+def rows(tiny: bool) -> list[dict[str, Any]]:
+    """Return the row: time and error of the windows beside those of one."""
+    strip = TINY if tiny else Strip()
+    of = sea(strip)
+    truth = of.part(None, slice(strip.members, None))
+    length = correlation_length(of.part(None, slice(0, strip.members)))
+    margin = 4.0 * length
+    pings = mission(of, strip, truth, margin)
+    peak_mb(anew=True)
+    began = time.process_time()
+    estimator = windowed(of, strip, pings[0], margin)
+    state, jumps = estimator.initial(), []
+    for ping in pings:
+        before = state
+        moved = estimator._moved(state, ping)
+        if moved is not state and moved.current.region != state.current.region:
+            jumps.append(_jump(estimator, before, moved, ping))
+        state, _ = estimator.step(moved, ping)
+    flows = [*estimator.left_flows(state), estimator.flow(state)]
+    spent, memory = time.process_time() - began, peak_mb()
+    west, east = np.quantile(of.longitude, [1.0 / 3.0, 2.0 / 3.0])
+    third = (float(west), float(of.latitude[0]), float(east), float(of.latitude[-1]))
+    inside = [ping for ping in pings if west <= ping.longitude <= east]
+    began = time.process_time()
+    alone = build_estimator(of.part(third, slice(0, strip.members)), EstimatorConfig(), GatingConfig())
+    *_, (single, _) = alone.steps(alone.initial(), inside)
+    peer_s = time.process_time() - began
+    ours, theirs = _error(flows, inside, truth), _error([alone.flow(single)], inside, truth)
+    return [
+        {
+            "name": f"mission of {strip.columns * _STEP * 85.0:.0f} km, {strip.pings} pings, {len(flows)} windows of {strip.window} points",
+            "ours_s": spent,
+            "peer": "one window of the middle third, with the pings there",
+            "peer_s": peer_s,
+            "ratio": spent / peer_s,
+            "asked": 0.0,
+            "error": {"relative_to_one_window": ours / theirs, "jump_in_standard_errors": max(jumps, default=0.0)},
+            "error_windows": ours,
+            "error_one_window": theirs,
+            "windows": len(flows),
+            "peak_mb": memory,
+        }
+    ]
+
+
+def _jump(estimator: WindowedEstimator, before: Any, after: Any, ping: Observation) -> float:
+    """Return by how many standard errors the estimate under the vehicle changes at a handover, RMS over depths and components."""
+    one, other = (estimator.flow(state).velocity_at(ping.longitude, ping.latitude, _DEPTHS) for state in (before, after))
+    change = np.array([other.u - one.u, other.v - one.v])
+    return float(np.sqrt(np.mean((change / [one.u_standard_error, one.v_standard_error]) ** 2)))
+
+
+def _error(flows: Sequence[Any], pings: Sequence[Observation], truth: Ensemble) -> float:
+    """Return the RMS error [m/s] about the track, in each place of the latest estimate that holds it."""
+    longitude, latitude = (np.array([getattr(ping, name) for ping in pings]) for name in ("longitude", "latitude"))
+    east, north = to_local(truth.grid.projection, longitude, latitude)
+    true = build_field(truth).velocity(east[:, None], north[:, None], _DEPTHS)
+    true = np.stack(rotate_to_geographic(truth.grid.projection, longitude[:, None], latitude[:, None], true[..., 0], true[..., 1]), axis=-1)
+    values = [flow.velocity_at(longitude[:, None], latitude[:, None], _DEPTHS) for flow in flows]
+    errors = np.array([np.nan_to_num(np.hypot(each.u_standard_error, each.v_standard_error), nan=np.inf) for each in values])
+    best = np.argmin(errors, axis=0)[None]
+    found = np.stack([np.take_along_axis(np.array([getattr(each, name) for each in values]), best, 0)[0] for name in "uv"], axis=-1)
+    return float(np.sqrt(np.nanmean((found - true) ** 2)))

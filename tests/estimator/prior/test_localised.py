@@ -1,0 +1,98 @@
+"""The localised covariance by tiles against every pair of nodes, and what any localised covariance must be."""
+
+import numpy as np
+import pytest
+
+from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_copies, shifted_in_modes
+from replay_kit.estimator.prior import localised as module
+from replay_kit.estimator.prior.hybrid import PriorSettings, hybrid_prior
+from replay_kit.estimator.prior.localised import localised, localised_part, tiles, vertical_functions
+from tests.reference import estimator as slow
+from tests.reference.baselines import gaspari_cohn as slow_taper
+
+RADIUS = 4.0
+
+
+def nodes_of(kind, rng):
+    """A regular grid with a bay of land, or a curvilinear one."""
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(7.0), np.arange(6.0)))
+    places = np.column_stack([x, y]) if kind == "land" else np.column_stack([x + 0.3 * np.sin(y), (1.0 + 0.1 * x) * y])
+    return places[~((x < 3) & (y > 3))] if kind == "land" else places
+
+
+def covariances_of(rng, groups, n_modes):
+    factors = rng.standard_normal((groups, n_modes, n_modes + 2)) * np.geomspace(1.0, 0.05, n_modes)[:, None]
+    return factors @ factors.swapaxes(1, 2)
+
+
+@pytest.mark.parametrize("kind", ["land", "curvilinear"])
+@pytest.mark.parametrize(("few", "error"), [(1000, 1e-12), (0, 1e-4)])
+def test_it_equals_the_twin_in_double_precision_and_nearly_in_single(monkeypatch, kind, few, error):
+    monkeypatch.setattr(module, "_TILE", 5)
+    monkeypatch.setattr(module, "_FEW_NODES", few)
+    monkeypatch.setattr(module, "_DROPPED", 0.0)
+    rng = np.random.default_rng(0)
+    nodes = nodes_of(kind, rng)
+    modes, covariances = rng.standard_normal((2 * len(nodes), 6)), covariances_of(rng, 2, 6)
+    found = localised(covariances, modes, projector(modes), nodes, RADIUS)
+    for ours, covariance in zip(found, covariances, strict=True):
+        theirs = slow.localised_covariance(covariance, modes, nodes, RADIUS, slow_taper)
+        np.testing.assert_allclose(ours, theirs, atol=error * np.abs(theirs).max())
+        np.testing.assert_array_equal(ours, ours.T) if few else np.testing.assert_allclose(ours, ours.T, atol=1e-15)
+        assert np.linalg.eigvalsh(ours).min() > -1e-12 * np.abs(theirs).max()
+
+
+def test_nothing_is_correlated_outside_the_radius():
+    rng = np.random.default_rng(1)
+    nodes = nodes_of("land", rng)
+    identity = np.eye(2 * len(nodes))
+    (found,) = localised(covariances_of(rng, 1, 2 * len(nodes)), identity, identity, nodes, RADIUS)
+    apart = np.tile(np.hypot(*(nodes[:, None] - nodes).T), (2, 2))
+    np.testing.assert_array_equal(found[apart >= RADIUS], 0.0)
+    assert np.all(found[apart == 0.0] != 0.0)
+
+
+def test_every_node_is_in_one_compact_tile(monkeypatch):
+    monkeypatch.setattr(module, "_TILE", 8)
+    nodes = np.random.default_rng(2).uniform(size=(100, 2))
+    order, ends = tiles(nodes)
+    assert sorted(order) == list(range(100))
+    assert np.diff(np.append(0, ends)).max() <= 8
+    spans = [np.ptp(nodes[part], axis=0).max() for part in np.split(order, ends[:-1])]
+    assert max(spans) < 0.75
+
+
+def test_weak_functions_of_depth_share_a_covariance_and_keep_their_variance():
+    rng = np.random.default_rng(3)
+    nodes = nodes_of("curvilinear", rng)
+    modes = rng.standard_normal((2 * len(nodes), 5))
+    anomalies = rng.standard_normal((40, 14, 5)) * np.geomspace(1.0, 1e-4, 14)[:, None]
+    functions, apart = vertical_functions(anomalies)
+    assert apart == 8
+    np.testing.assert_allclose(np.sum(functions[apart:] ** 2), 1.0)
+    vertical, horizontal = localised_part(anomalies, modes, projector(modes), nodes, 1e9)
+    assert horizontal.shape == (9, 5, 5)
+    # without a taper, all that is left out is correlation between functions
+    variance = sum(np.sum(row**2) * np.trace(horizontal[min(q, 8)]) for q, row in enumerate(vertical))
+    assert variance == pytest.approx(np.sum(anomalies**2), rel=1e-8)
+    prior = hybrid_prior(rng.standard_normal((6, 14, 5)), modes, nodes, PriorSettings(0.5, 1.0, RADIUS))
+    dense = prior.covariance()
+    np.testing.assert_allclose(dense, dense.T, atol=1e-14)
+    assert np.linalg.eigvalsh(dense).min() > -1e-12 * np.abs(dense).max()
+    np.testing.assert_allclose(np.diag(dense).reshape(14, 5).mean(axis=0) ** 0.5, prior.mode_std())
+    weights = rng.standard_normal((2, 14, 5))
+    np.testing.assert_allclose(prior.matvec(weights).reshape(2, -1), weights.reshape(2, -1) @ dense, atol=1e-12)
+
+
+@pytest.mark.parametrize("deficient", [False, True])
+def test_the_projector_is_the_pseudo_inverse_and_shifts_in_modes_are_shifts_of_fields(deficient):
+    rng = np.random.default_rng(4)
+    nodes = nodes_of("land", rng)
+    modes = rng.standard_normal((2 * len(nodes), 6))
+    if deficient:
+        modes[:, 5] = modes[:, 0] - modes[:, 1]
+    to_modes = projector(modes)
+    np.testing.assert_allclose(to_modes, np.linalg.pinv(modes), atol=1e-10)
+    anomalies = rng.standard_normal((3, 2, 6))
+    expected = shifted_copies(anomalies @ modes.T, nodes, 1.2) @ to_modes.T
+    np.testing.assert_allclose(shifted_in_modes(anomalies, shift_operators(modes, to_modes, nodes, 1.2)), expected, atol=1e-12)

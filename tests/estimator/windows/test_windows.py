@@ -1,0 +1,91 @@
+"""Where windows lie, and what an estimator of windows does with measurements."""
+
+import numpy as np
+import pytest
+
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.region import centre, inside, width
+from replay_kit.estimator.windows import WindowedEstimator
+from replay_kit.estimator.windows.geometry import next_window, room_in
+from tests.benchmarks.windows import TINY, mission, sea, windowed
+
+BOUNDS = (-20.0, 30.0, 20.0, 50.0)
+WINDOW = (-2.0, 38.0, 2.0, 42.0)
+MARGIN = 60_000.0
+
+
+@pytest.mark.parametrize("place", [(0.0, 40.0), (1.6, 40.0), (0.0, 38.3), (-1.6, 41.7)])
+def test_far_enough_from_the_sides_the_window_stays(place):
+    assert next_window(WINDOW, MARGIN, BOUNDS, place) is None
+
+
+@pytest.mark.parametrize("place", [(1.8, 40.3), (-1.75, 39.0), (0.3, 41.8), (0.0, 38.1), (1.9, 41.9)])
+def test_near_a_side_the_next_window_is_as_large_and_reaches_a_margin_and_a_half_behind(place):
+    found = next_window(WINDOW, MARGIN, BOUNDS, place)
+    assert found is not None
+    assert width(found) == pytest.approx(4.0, abs=1e-3)
+    assert found[3] - found[1] == pytest.approx(4.0, abs=1e-3)
+    assert room_in(found, BOUNDS, place) > 1.4 * MARGIN
+    ahead, moved = np.sign(np.subtract(place, centre(WINDOW))), np.subtract(centre(found), place)
+    assert np.all(ahead * moved >= -1e-3)
+
+
+def test_at_the_forecasts_own_side_no_window_has_more_room():
+    at_edge = (16.0, 38.0, 20.0, 42.0)
+    assert next_window(at_edge, MARGIN, BOUNDS, (19.99, 40.0)) is None
+    assert next_window(at_edge, MARGIN, BOUNDS, (20.5, 40.0)) is None
+    assert next_window(at_edge, MARGIN, BOUNDS, (19.99, 41.9)) == pytest.approx((16.0, 40.8, 20.0, 44.8), abs=1.0)
+
+
+def test_a_window_crosses_the_antimeridian():
+    found = next_window((175.0, -2.0, 179.0, 2.0), MARGIN, (-180.0, -90.0, 180.0, 90.0), (178.9, 0.0))
+    assert found is not None
+    assert found[0] > found[2]
+    assert inside(found, [178.9, -179.0], [0.0, 0.0]).all()
+
+
+@pytest.fixture(scope="module")
+def scene():
+    of = sea(TINY)
+    truth = of.part(None, slice(TINY.members, None))
+    return of, mission(of, TINY, truth, 25_000.0)
+
+
+def test_steps_in_blocks_are_single_steps(scene):
+    of, pings = scene
+    estimator = windowed(of, TINY, pings[0], 25_000.0)
+    state = estimator.initial()
+    for ping in pings:
+        state, _ = estimator.step(state, ping)
+    *_, (blocks, _) = estimator.steps(estimator.initial(), pings)
+    assert [window.region for window in blocks.left] == [window.region for window in state.left]
+    assert len(blocks.left) > 1
+    assert np.allclose(blocks.current.state.mean, state.current.state.mean, atol=1e-8)
+
+
+def test_one_measurement_far_away_does_not_move_the_window_but_three_do(scene):
+    of, pings = scene
+    estimator = windowed(of, TINY, pings[0], 25_000.0)
+    first, far = pings[:3], pings[-5:]
+    *_, (state, innovation) = estimator.steps(estimator.initial(), [*first, far[0], *first])
+    assert state.current.region == estimator.first
+    assert not state.strays
+    assert innovation.accepted or innovation.decision != "unused"
+    *_, (state, _) = estimator.steps(estimator.initial(), [*first, *far])
+    assert state.current.region != estimator.first
+    assert inside(state.current.region, far[-1].longitude, far[-1].latitude)
+
+
+def test_a_window_that_cannot_be_made_leaves_the_vehicle_in_its_own_and_is_told(scene):
+    of, pings = scene
+    whole = windowed(of, TINY, pings[0], 25_000.0)
+
+    def only_first(region):
+        if region != whole.first:
+            raise ForecastError("every point of the first level is land")
+        return whole.build(region)
+
+    estimator = WindowedEstimator(whole.first, whole.margin, whole.bounds, only_first)
+    *_, (state, _) = estimator.steps(estimator.initial(), pings)
+    assert state.current.region == whole.first
+    assert any("no window could be made at" in note and "is land" in note for note in estimator.bias_notes(state))

@@ -1,0 +1,58 @@
+"""Ensembles larger than memory: read in groups, kept on disk, and the same to every user."""
+
+import errno
+import os
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.core import arrays
+from replay_kit.core.errors import ReplayKitError
+from replay_kit.estimator import build_estimator
+from replay_kit.forecast import gather, read_ensemble
+from tests import synthetic
+
+
+@pytest.fixture
+def nothing_fits(monkeypatch):
+    monkeypatch.setattr(arrays, "IN_MEMORY", 1000)
+    monkeypatch.setattr(gather, "IN_MEMORY", 1000)
+    monkeypatch.setattr(gather, "_GROUP", 6000)
+
+
+@pytest.mark.parametrize("form", ["zarr", "netcdf", "files"])
+def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, form):
+    data = synthetic.dataset(n_members=7)
+    data["uo"][2, :, 1, 1] = np.nan
+    data["uo"][:, 2:, 3, 3] = np.nan
+    if form == "zarr":
+        data.to_zarr(tmp_path / "e.zarr", zarr_format=2, consolidated=True)
+        path = tmp_path / "e.zarr"
+    elif form == "netcdf":
+        data.to_netcdf(path := tmp_path / "e.nc")
+    else:
+        path = tmp_path
+        for k in range(7):
+            data.isel(member=k, drop=True).to_netcdf(tmp_path / f"mem{k:03d}.nc")
+    expected = read_ensemble(path, ForecastConfig())
+    request.getfixturevalue("nothing_fits")
+    ensemble = read_ensemble(path, ForecastConfig())
+    np.testing.assert_array_equal(ensemble.velocity, expected.velocity)
+    assert not ensemble.velocity.flags.owndata
+    assert ensemble.members == expected.members
+    assert ensemble.notes == expected.notes
+    assert str(ensemble) == str(expected)
+    np.testing.assert_array_equal(ensemble.rows(1, 3), expected.velocity[:, :, :, 1:3])
+    ours, theirs = (build_estimator(each, EstimatorConfig()) for each in (ensemble, expected))
+    np.testing.assert_array_equal(ours.prior.mean, theirs.prior.mean)
+    np.testing.assert_array_equal(ours.prior.covariance(), theirs.prior.covariance())
+
+
+def test_a_full_disk_is_told_before_anything_is_read(nothing_fits, monkeypatch):
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(ReplayKitError, match=r"needs 0\.0 GB.*No space left.*TMPDIR"):
+        arrays.large_array((10, 100))

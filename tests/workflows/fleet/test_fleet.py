@@ -1,0 +1,142 @@
+"""Many missions: the bytes of each are those of a replay on its own; what is done is kept, what fails is listed, and the rest goes on."""
+
+import csv
+import json
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from replay_kit.workflows.fleet.page import fleet_page
+from replay_kit.workflows.fleet.run import Outcome, run_fleet, run_mission
+from replay_kit.workflows.fleet.table import exit_code
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay import basis_store
+from replay_kit.workflows.replay.replay import replay
+from tests.command import invoke
+from tests.workflows.fleet.missions import missions_in
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.glob("*.mcap")}
+
+
+@pytest.fixture(scope="module")
+def alone(table, tmp_path_factory):
+    """The results of ordinary replays, one by one."""
+    out = tmp_path_factory.mktemp("alone")
+    for mission in missions_in(table, out):
+        replay(replace(mission.job, basis_store=None), mission.config, planner_of)
+    return contents(out)
+
+
+def last(each):
+    return list(each)[-1]
+
+
+def test_a_fleet_gives_the_bytes_of_its_missions_one_by_one_and_makes_their_basis_once(table, alone, cluster, tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(basis_store, "build", lambda *given, build=basis_store.build: made.append(1) or build(*given))
+    missions = missions_in(table, tmp_path)
+    told = []
+    outcomes = last(run_fleet(missions, cluster, False, lambda *step: told.append(step[:2])))
+    assert [outcome.name for outcome in outcomes] == ["twin00", "twin01"]
+    assert not any(outcome.failed or outcome.kept for outcome in outcomes)
+    assert contents(tmp_path) == alone
+    assert len(made) == 1
+    assert told == [(0, 2), (1, 2), (2, 2)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["basis", "twin00.json", "twin00.mcap", "twin01.json", "twin01.mcap"]
+    assert [path.suffix for path in sorted((tmp_path / "basis").iterdir())] == [".basis", ".lock"]
+
+
+def test_what_is_done_is_not_done_again_unless_its_inputs_or_its_result_are_other_ones(table, cluster, tmp_path):
+    folder = tmp_path / "data"
+    shutil.copytree(table.parent, folder)
+    missions = missions_in(folder / table.name, tmp_path / "out")
+    first = last(run_fleet(missions, cluster, False))
+    assert [outcome.kept for outcome in last(run_fleet(missions, cluster, False))] == [True, True]
+    missions[0].result.write_bytes(b"something else")
+    again = last(run_fleet(missions, cluster, False))
+    assert [outcome.kept for outcome in again] == [False, True]
+    assert [outcome.sha256 for outcome in again] == [outcome.sha256 for outcome in first]
+    shutil.copy(folder / "twin00.mcap", folder / "twin01.mcap")
+    changed = last(run_fleet(missions, cluster, False))
+    assert [outcome.kept for outcome in changed] == [True, False]
+    assert changed[1].sha256 != first[1].sha256
+    assert [outcome.kept for outcome in last(run_fleet(missions, cluster, True))] == [False, False]
+
+
+def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(table, tmp_path, scheduler):
+    folder = tmp_path / "data"
+    shutil.copytree(table.parent, folder)
+    (folder / "twin02.mcap").write_bytes(b"no log")
+    arguments = ["fleet", str(folder / "fleet.toml"), "-o", str(tmp_path / "out"), "--scheduler", scheduler]
+    done = invoke([*arguments, "--json", str(tmp_path / "fleet.json")])
+    assert done.exit_code == 3, done.output
+    assert "3 missions: 2 replayed, 0 were there already, 1 failed" in done.stdout
+    assert "FAILED: twin02: " in done.stdout
+    assert scheduler in done.stdout
+    rows = list(csv.DictReader((tmp_path / "out" / "fleet.csv").read_text().splitlines()))
+    assert [row["status"] for row in rows] == ["done", "done", "failed"]
+    assert 0.0 < float(rows[0]["rms_after_m_s"]) < float(rows[0]["rms_before_m_s"])
+    assert float(rows[0]["truth_rmse_m_s"]) > 0.0
+    assert "twin02.mcap" in rows[2]["failed"]
+    answer = json.loads((tmp_path / "fleet.json").read_text())
+    assert answer["failed"] == ["twin02"]
+    assert [row["sha256"] for row in answer["missions"]] == [row["sha256"] for row in rows]
+    assert "twin02 failed: " in (tmp_path / "out" / "index.html").read_text()
+    assert invoke(arguments).exit_code == 2
+    assert "2 were there already" in invoke([*arguments, "--resume"]).stdout
+
+
+def test_a_dry_run_reads_everything_and_writes_nothing(table, tmp_path, scheduler):
+    done = invoke(["fleet", str(table), "-o", str(tmp_path / "out"), "--scheduler", scheduler, "--dry-run", "--json", "-"])
+    answer = json.loads(done.stdout)
+    assert (answer["status"], answer["exit_code"], answer["workers"]) == ("dry run", 0, 2)
+    assert [mission["profiles"] for mission in answer["missions"]] == [6, 6]
+    assert 0.0 < answer["seconds"] < 60.0
+    assert not (tmp_path / "out").exists()
+
+
+def test_logs_without_a_table_are_missions_of_their_own(table, tmp_path, scheduler):
+    words = ["fleet", str(table.parent / "twin*.mcap"), "--ensemble", str(table.parent / "ensemble.nc"), "-o", str(tmp_path / "out")]
+    done = invoke([*words, "--scheduler", scheduler, "--dry-run"])
+    assert "2 missions on 2 workers" in done.stdout, done.output
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
+def test_on_a_full_disk_a_mission_fails_in_words_and_leaves_nothing_half_done(table, alone, tmp_path):
+    from tests.workflows.disk import full_disk
+
+    missions = missions_in(table, tmp_path)
+    (tmp_path / "basis").mkdir()
+    run_mission(missions[1])
+    with full_disk(3000):
+        outcome = run_mission(missions[0])
+    assert "is the disk full?" in outcome.failed
+    assert outcome.exit_code == 1
+    assert sorted(path.name for path in tmp_path.glob("twin*")) == ["twin01.json", "twin01.mcap"]
+    assert run_mission(missions[1]).kept
+    assert not run_mission(missions[0]).failed
+    assert contents(tmp_path) == alone
+
+
+def test_the_gravest_exit_code_counts():
+    codes = {(): 0, (0, 4): 4, (6, 4): 4, (6, 3, 0): 3, (4, 1, 3): 1}
+    for given, expected in codes.items():
+        assert exit_code([Outcome(str(code), exit_code=code) for code in given]) == expected
+
+
+def test_names_in_the_page_are_text():
+    page = fleet_page([Outcome("<b>", failed="<script>alert(1)</script>")])
+    assert "<script>alert(1)" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+@pytest.mark.full
+def test_one_process_of_its_own(table, alone, tmp_path: Path):
+    done = invoke(["fleet", str(table), "-o", str(tmp_path / "out"), "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    assert contents(tmp_path / "out") == alone

@@ -1,0 +1,98 @@
+"""Studies and fits whose calls workers make: the figures of one process, and progress that reaches its end."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import EstimatorConfig, RunConfig
+from replay_kit.config.time import TimeConfig
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.tasks import called_by
+from replay_kit.estimator.evolving import build_evolving
+from replay_kit.studies.accuracy import AccuracyJob, run_accuracy
+from replay_kit.studies.dives import read_dives, run_dives, to_json
+from replay_kit.studies.missions import MissionJob, run_missions
+from replay_kit.studies.paper import PaperJob, run_paper
+from replay_kit.studies.planning import PlanningJob, run_planning
+from replay_kit.studies.twins import Twin, make_twin
+from replay_kit.workflows.fit import fit_prior
+from tests import synthetic
+from tests.command import invoke
+from tests.studies.results import final
+
+MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
+MODES = EstimatorConfig(modes=6, sample_share=0.6)
+
+
+def both(cluster, study):
+    """Return what a study gives here, and what it gives with workers."""
+    here = study()
+    with called_by(cluster.starmap):
+        return here, study()
+
+
+def test_accuracy(cluster):
+    job, told = AccuracyJob(leave_out="0,3", pings=(2, 4), seeds=2, methods=("default", "etkf", "nearest")), []
+    here, there = both(cluster, lambda: final(run_accuracy(MEMBERS, None, MODES, job, lambda *step: told.append(step[:2]))))
+    # undefined figures are unequal to themselves
+    assert repr(here) == repr(there)
+    # here each ping is a step, of workers what a call has done
+    assert told == [*((n, 48) for n in range(1, 49)), *((n, 48) for n in range(8, 49, 8))]
+
+
+def test_fit(cluster):
+    here, there = both(cluster, lambda: fit_prior(MEMBERS, MODES, 3))
+    assert here == there
+
+
+@pytest.mark.full
+def test_missions(cluster):
+    slow = replace(MEMBERS, velocity=0.3 * MEMBERS.velocity)
+    job = MissionJob("1,3", studies=("relative", "outliers"), pings=6, days=2.0, dives=2, evaluations=2)
+    here, there = both(cluster, lambda: final(run_missions((slow,), RunConfig(estimator=MODES), job)))
+    assert repr(here) == repr(there)
+
+
+def test_dives(cluster, tmp_path):
+    truth = Ensemble(MEMBERS.grid, MEMBERS.velocity[:1], None, "truth")
+    make_twin(truth, Twin("glider", 12, 0.05, 3, interval_s=1200.0), tmp_path / "glider.mcap")
+    found, estimator = read_dives([tmp_path / "glider.mcap"], RunConfig()), build_evolving((MEMBERS,), MODES, TimeConfig())
+    here, there = both(cluster, lambda: to_json(final(run_dives(estimator, found, RunConfig(), False, "ensemble.nc"))))
+    assert here == there
+
+
+@pytest.mark.full
+def test_paper(cluster):
+    job = PaperJob(leave_out="0,2", most_modes=4, plan_modes=4, pings=(3,), pairs=1)
+    here, there = both(cluster, lambda: final(run_paper(MEMBERS, None, MODES, job))[0])
+    for one, other in zip((here.table1, here.table2, here.table3), (there.table1, there.table2, there.table3), strict=True):
+        assert repr([replace(row, seconds=0.0) for row in one]) == repr([replace(row, seconds=0.0) for row in other])
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("study", ["glides", "missions", "scenarios", "masked", "replanning"])
+def test_planning(cluster, study):
+    slow = replace(MEMBERS, velocity=0.3 * MEMBERS.velocity)
+    job = PlanningJob((study,), "1,3", 2, 6, legs=2, scenarios=2, fresh=10, masks=2, replans=2, samples=4)
+    here, there = both(cluster, lambda: final(run_planning(slow, None, MODES, job)).reports[0])
+    assert here.failed == there.failed == ""
+    timeless = [[k for k, name in enumerate(table.columns) if "seconds" not in name] for table in here.tables]
+    for one, other, kept in zip(here.tables, there.tables, timeless, strict=True):
+        assert [[row[k] for k in kept] for row in one.rows] == pytest.approx([[row[k] for k in kept] for row in other.rows], nan_ok=True)
+
+
+def test_the_switch_is_on_every_command_of_the_studies_and_gives_the_same_table(scheduler, table, tmp_path):
+    words = ["experiment", "accuracy", "--ensemble", str(table.parent / "ensemble.nc"), "--leave-out", "1", "--pings", "2", "--seeds", "1"]
+    words += ["--methods", "nearest,ensemble_mean", "--json"]
+    assert invoke([*words, str(tmp_path / "here.json")]).exit_code == 0
+    done = invoke([*words, str(tmp_path / "there.json"), "--scheduler", scheduler])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "here.json").read_bytes() == (tmp_path / "there.json").read_bytes()
+    for command in ("experiment accuracy", "experiment missions", "experiment planning", "experiment dives", "experiment paper", "fit"):
+        assert {"--scheduler", "--workers"} <= set(invoke([*command.split(), "--help"]).stdout.split())
+
+
+def test_rows_of_arrays_arrive_as_they_were_sent(cluster):
+    given = [(np.arange(10_000.0).reshape(100, 100).T, k) for k in range(3)]
+    assert [value.tolist() for value in cluster.starmap(np.add, given)] == [(array + k).tolist() for array, k in given]

@@ -1,0 +1,94 @@
+"""Estimators that are kept: what is read is what was built, for each kind, and nothing of another version or damaged is used."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay_kit.config.run import load_config
+from replay_kit.core.errors import LogError
+from replay_kit.core.plan import Place
+from replay_kit.workflows.replay import basis_store
+from replay_kit.workflows.replay.basis_store import built
+from replay_kit.workflows.replay.build import build, read_forecasts
+from replay_kit.workflows.replay.inputs import ReplayJob
+from tests import synthetic
+
+SETTINGS = {"estimator": {"modes": 6}}
+KINDS = ["naive3d", "nearest", "ensemble_mean", "etkf", "letkf", "gp", "depth_average", "reduced_basis"]
+
+
+@pytest.fixture(scope="module")
+def ocean(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("ocean")
+    synthetic.write_ocean(folder, 6)
+    return folder
+
+
+def job_in(ocean, folder):
+    return ReplayJob((), (ocean / "ensemble.nc",), goal=Place(152.3, -39.8, 100.0), basis_store=folder)
+
+
+def forecasts_in(ocean, config):
+    return read_forecasts((ocean / "ensemble.nc",), config, None, None)
+
+
+def innovations(estimator, grid):
+    return [innovation.innovation for _, innovation in estimator.steps(estimator.initial(), synthetic.random_profiles(grid, 3))]
+
+
+@pytest.mark.parametrize("settings", [*({"estimator": {"name": name, "modes": 6}} for name in KINDS), {**SETTINGS, "time": {"scale": 3e5}}])
+def test_what_is_read_gives_what_was_built(ocean, tmp_path, settings):
+    config = load_config(None, settings)
+    forecasts = forecasts_in(ocean, config)
+    fresh, grid = build(forecasts, config, 100.0), forecasts.ensemble.grid
+    for _ in range(2):
+        kept = built(forecasts, config, job_in(ocean, tmp_path))
+        assert type(kept) is type(fresh)
+        np.testing.assert_array_equal(innovations(kept, grid), innovations(fresh, grid))
+    assert len(list(tmp_path.glob("*.basis"))) == 1
+
+
+def test_other_settings_parts_and_versions_have_estimators_of_their_own(ocean, tmp_path, monkeypatch):
+    config = load_config(None, SETTINGS)
+    job = job_in(ocean, tmp_path)
+    part = load_config(None, {**SETTINGS, "forecast": {"levels": [5.0, 60.0]}})
+    for count, given in enumerate((config, part, load_config(None, {"estimator": {"modes": 5}})), start=1):
+        built(forecasts_in(ocean, given), given, job)
+        assert len(list(tmp_path.glob("*.basis"))) == count
+    built(forecasts_in(ocean, config), config, replace(job, goal=None))
+    assert len(list(tmp_path.glob("*.basis"))) == 3
+    monkeypatch.setattr(basis_store, "package_versions", lambda: {"replay-kit": "another"})
+    built(forecasts_in(ocean, config), config, job)
+    assert len(list(tmp_path.glob("*.basis"))) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda data: b"replay-kit basis 0\n" + data[19:], "it is of another version"),
+        (lambda data: data[: len(data) // 2], "its index says at least"),
+        (lambda data: data[:19] + bytes(8) + data[27:], "cannot be used"),
+        (lambda data: data.replace(b"replay_kit.core.grid", b"replay_kit.core.gnid"), "gnid"),
+    ],
+)
+def test_a_damaged_file_is_named_and_not_used(ocean, tmp_path, change, said):
+    config = load_config(None, SETTINGS)
+    forecasts = forecasts_in(ocean, config)
+    built(forecasts, config, job_in(ocean, tmp_path))
+    (path,) = tmp_path.glob("*.basis")
+    # a file of its own: the arrays of the one that is there are still mapped
+    data = change(path.read_bytes())
+    path.unlink()
+    path.write_bytes(data)
+    with pytest.raises(LogError, match=f"{path}: the basis kept there cannot be used: .*{said}|{said}"):
+        built(forecasts, config, job_in(ocean, tmp_path))
+
+
+def test_nothing_is_left_of_a_file_that_cannot_be_written(ocean, tmp_path, monkeypatch):
+    config = load_config(None, SETTINGS)
+    monkeypatch.setattr(basis_store, "_pad", lambda file: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(Exception, match="is the disk full"):
+        built(forecasts_in(ocean, config), config, job_in(ocean, tmp_path))
+    assert not [path for path in tmp_path.iterdir() if path.suffix != ".lock"]

@@ -1,0 +1,195 @@
+"""The part of a large forecast that a log needs: found by itself, kept, and followed by windows where one is not enough."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.config.gating import GatingConfig
+from replay_kit.config.run import EVERYWHERE, EstimatorConfig, ForecastConfig, OutputConfig, RunConfig, load_config
+from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.message import Message
+from replay_kit.core.plan import Place
+from replay_kit.core.region import inside
+from replay_kit.results.result import ResultFile
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.checkpoint_head import head, recorded_region
+from replay_kit.workflows.replay.inputs import ReplayJob, forecasts_of
+from replay_kit.workflows.replay.region import from_record
+from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.smooth import smooth
+from replay_kit.workflows.verify import verify
+from tests.benchmarks.windows import Sea, Strip, sea
+from tests.workflows.replay.interrupted import Killed, run_until
+from tests.workflows.replay.test_inputs import NS, START, fix, written
+
+STRIP = Strip(14, 90, 20, 1.8, 420, 0)
+ESTIMATOR = EstimatorConfig(modes=60, sample_share=0.3)
+CONFIG = RunConfig(estimator=ESTIMATOR, gating=GatingConfig(gate="off"), output=OutputConfig(checkpoint_interval=600.0))
+SMALL_WINDOWS = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=STRIP.window)})
+
+
+def as_dataset(of: Sea, members: slice) -> xr.Dataset:
+    dims = ("member", "depth", "lat", "lon")
+    names = (("uo", "eastward_sea_water_velocity"), ("vo", "northward_sea_water_velocity"))
+    values = of.velocity[members]
+    return xr.Dataset(
+        {name: (dims, values[:, k], {"standard_name": standard, "units": "m s-1"}) for k, (name, standard) in enumerate(names)},
+        {
+            "depth": ("depth", np.array([5.0, 100.0, 300.0]), {"positive": "down", "units": "m", "standard_name": "depth"}),
+            "lat": ("lat", of.latitude, {"units": "degrees_north", "standard_name": "latitude"}),
+            "lon": ("lon", of.longitude, {"units": "degrees_east", "standard_name": "longitude"}),
+        },
+    )
+
+
+def log_along(path: Path, of: Sea, longitude: np.ndarray) -> Path:
+    """A vessel eastwards through the middle of the strip, a ping of the truth at the nearest grid point every ten minutes."""
+    row = STRIP.rows // 2
+    messages = []
+    for k, x in enumerate(longitude):
+        column = int(np.argmin(np.abs(of.longitude - x)))
+        u, v = of.velocity[-1, :, 0, row, column]
+        ping = {
+            "coordinate_system": "earth", "reference": "earth", "orientation": "down", "bin_mapped": True, "n_cells": 2, "cell_size": 10.0,
+            "bin0_distance": 10.0, "transducer_depth": 0.0, "velocity": [[float(u), float(v), 0.0, None]] * 2, "velocity_std": 0.05,
+            "heading": 0.0, "pitch": 0.0, "roll": 0.0, "declination_applied": True,
+        }  # fmt: skip
+        messages.append(fix(600 * k, float(of.longitude[column]), float(of.latitude[row])))
+        messages.append(Message(START + 600 * k * NS, "/adcp", "replay_kit.AdcpPing", ping, 0, 0))
+    return written(path, messages)
+
+
+@pytest.fixture(scope="module")
+def strip(tmp_path_factory) -> Path:
+    """A forecast of 14 x 90 points, a log of some cells of it, and one along all of it."""
+    folder, of = tmp_path_factory.mktemp("strip"), sea(STRIP)
+    as_dataset(of, slice(0, STRIP.members)).to_netcdf(folder / "ensemble.nc", engine="h5netcdf")
+    as_dataset(of, slice(STRIP.members, None)).to_netcdf(folder / "truth.nc", engine="h5netcdf")
+    log_along(folder / "short.mcap", of, np.repeat(of.longitude[30:38], 5))
+    log_along(folder / "long.mcap", of, of.longitude[8:70:2])
+    return folder
+
+
+def job(strip, log="short.mcap", out=None, **more):
+    return ReplayJob((strip / log,), strip / "ensemble.nc", out, overwrite=True, **more)
+
+
+def test_the_log_and_a_margin_are_read_and_told(strip):
+    forecasts = forecasts_of(job(strip), CONFIG)
+    grid = forecasts.ensemble.grid
+    longitude = sea(STRIP).longitude
+    assert grid.longitude.min() < longitude[30] - 3.0 / 12.0
+    assert grid.longitude.max() > longitude[37] + 3.0 / 12.0
+    assert grid.east.shape[1] < 40
+    assert f"{grid.east.shape[0]} x {grid.east.shape[1]} of 14 x 90 points" in forecasts.notes[0]
+    assert "--region all" in forecasts.notes[0]
+
+
+def test_the_goal_is_inside(strip):
+    goal = Place(float(sea(STRIP).longitude[52]), 40.5, 50.0)
+    found = forecasts_of(job(strip, goal=goal), CONFIG).region
+    assert found is not None
+    assert inside(found.region, goal.longitude, goal.latitude)
+    assert "the goal" in found.note
+
+
+@pytest.mark.parametrize("region", ["all", (-14.0, 40.0, -10.0, 41.0)])
+def test_a_stated_region_is_taken(strip, region):
+    config = CONFIG.model_copy(update={"forecast": ForecastConfig(region=region)})
+    forecasts = forecasts_of(job(strip), config)
+    assert forecasts.region is None
+    assert forecasts.ensemble.grid.east.shape == ((14, 90) if region == "all" else (13, 49))
+
+
+def test_all_is_recorded_as_the_earth():
+    assert load_config(None, {"forecast": {"region": ["all"]}}).forecast.region == EVERYWHERE
+
+
+def test_a_log_of_another_place_is_refused_before_anything_is_read(strip, tmp_path):
+    elsewhere = written(tmp_path / "elsewhere.mcap", [fix(k, 20.0 + k, -40.0) for k in range(3)])
+    with pytest.raises(ForecastError, match=r"no position of the log lies there: they lie in 20\.\.22 E, -40\.\.-40 N"):
+        forecasts_of(ReplayJob((elsewhere,), strip / "ensemble.nc"), CONFIG)
+
+
+def test_a_region_narrower_than_a_correlation_length_is_refused(strip):
+    config = CONFIG.model_copy(update={"forecast": ForecastConfig(region=(-12.0, 40.3, -11.9, 41.0))})
+    with pytest.raises(ForecastError, match=r"the region is .* km, and the forecast's correlation length .* km: widen --region"):
+        forecasts_of(job(strip), config)
+
+
+def test_windows_smaller_than_the_margins_are_refused(strip):
+    config = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=100)})
+    with pytest.raises(ForecastError, match=r"a window of 100 points reaches \d+ km, and \d+ km are needed"):
+        forecasts_of(job(strip, "long.mcap"), config)
+
+
+def test_the_region_is_kept_in_result_and_checkpoint(strip, tmp_path):
+    whole = tmp_path / "whole.mcap"
+    run_until(job(strip, out=whole), CONFIG, None)
+    found = forecasts_of(job(strip), CONFIG).region
+    assert found is not None
+    checkpoint = tmp_path / "run.ck"
+    with pytest.raises(Killed):
+        run_until(job(strip, out=tmp_path / "again.mcap", checkpoint=checkpoint), CONFIG, 60)
+    assert recorded_region(checkpoint) == found
+    run_until(job(strip, out=tmp_path / "again.mcap", checkpoint=checkpoint), CONFIG, None)
+    assert (tmp_path / "again.mcap").read_bytes() == whole.read_bytes()
+    assert verify(whole, [strip], planner_of).same
+
+
+def test_a_continued_run_takes_the_region_of_its_checkpoint(strip, tmp_path):
+    found = forecasts_of(job(strip), CONFIG).region
+    assert found is not None
+    other = replace(found, region=(-12.5, 40.0, -10.5, 41.0))
+    (tmp_path / "run.ck").write_bytes(head(other))
+    assert forecasts_of(job(strip, checkpoint=tmp_path / "run.ck"), CONFIG).region == other
+    (tmp_path / "run.ck").write_bytes(head(other)[:60])
+    assert recorded_region(tmp_path / "run.ck") is None
+    assert from_record(found.to_record()) == found
+
+
+@pytest.fixture(scope="module")
+def followed(strip, tmp_path_factory):
+    out = tmp_path_factory.mktemp("followed") / "long.mcap"
+    summary, flow = replay(job(strip, "long.mcap", out, truth=str(strip / "truth.nc")), SMALL_WINDOWS)
+    return out, summary, flow
+
+
+def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(strip, followed):
+    out, summary, flow = followed
+    result, of = ResultFile(out), sea(STRIP)
+    assert len(result.estimates) > 2
+    assert any(f"{len(result.estimates)} windows followed the vehicle" in note for note in summary.notes)
+    assert summary.truth is not None
+    assert np.array_equal(result.estimates[-1].latent, flow.latent)
+    columns = np.arange(8, 70, 2)
+    at = result.velocity_at(of.longitude[columns], of.latitude[STRIP.rows // 2], 5.0)
+    truth = of.velocity[-1, :, 0, STRIP.rows // 2, columns].T
+    mean = of.velocity[:-1].mean(axis=0)[:, 0, STRIP.rows // 2, columns]
+    assert np.isfinite(at.u).all()
+    error = np.array([at.u, at.v]) - truth
+    assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean((mean - truth) ** 2))
+    alone = flow.velocity_at(of.longitude[columns], of.latitude[STRIP.rows // 2], 5.0)
+    assert np.isnan(alone.u[0])
+
+
+@pytest.mark.full
+def test_a_run_with_windows_that_was_stopped_gives_the_same_bytes(strip, followed, tmp_path):
+    again, checkpoint = tmp_path / "long.mcap", tmp_path / "run.ck"
+    with pytest.raises(Killed):
+        run_until(job(strip, "long.mcap", again, checkpoint=checkpoint, truth=str(strip / "truth.nc")), SMALL_WINDOWS, 45)
+    run_until(job(strip, "long.mcap", again, checkpoint=checkpoint, truth=str(strip / "truth.nc")), SMALL_WINDOWS, None)
+    assert again.read_bytes() == followed[0].read_bytes()
+
+
+@pytest.mark.full
+def test_a_run_with_windows_is_verified(strip, followed):
+    assert verify(followed[0], [strip], planner_of).same
+
+
+def test_windows_are_not_smoothed(strip, tmp_path):
+    with pytest.raises(ConfigError, match="windows that follow the vehicle are not smoothed; state one region"):
+        smooth(job(strip, "long.mcap", tmp_path / "smooth.mcap"), SMALL_WINDOWS)
