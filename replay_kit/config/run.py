@@ -144,14 +144,13 @@ class ForecastConfig(_Section):
     region: Annotated[tuple[float, float, float, float] | None, Option("--region", "W,S,E,N|all")] = Field(
         default=None,
         description="West, south, east and north bound of the part used [degrees], or all. Default: all of a forecast of 1,200 points a "
-        "level or fewer; of a larger one the log's positions, the goal and four correlation lengths around them, if these are less than "
-        "two thirds of it. All where no log says where.",
+        "level or fewer, or without a log; of a larger one the log's positions, the goal and four correlation lengths around them.",
     )
     window_points: int = Field(
         default=3600,
         ge=100,
-        description="Grid points a level of one window at most, where the region is found from the log; where it has more, windows of this "
-        "size follow the vehicle, and each hands over what it learnt to the next. With a goal, one window holds all.",
+        description="Points a level of a region found from the log; of a larger one windows of this size follow the vehicle, each with "
+        "what the one before learnt. With a goal, and for estimates through time, one region holds all.",
     )
     levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
         default=None, description="Depth levels used [m]; the nearest are taken. Default: all."

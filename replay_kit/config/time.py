@@ -33,7 +33,7 @@ class TimeConfig(BaseModel):
     window: Literal["auto"] | Annotated[float, Field(ge=0.0)] = Field(
         default="auto",
         description="Time within which profiles that repeat each other are combined into one update [s], for logs of 1 to 10 Hz; 0 "
-        "updates with each alone; auto: while the current differs between them by less than a tenth of their error.",
+        "updates with each alone; auto: while the current differs between them by less than a quarter of their mean's error.",
     )
     oscillators: Annotated[tuple[Oscillation, ...], Option("--oscillators", "O1,O2,...")] = Field(
         default=(),

@@ -33,7 +33,6 @@ from replay_kit.workflows.replay.look_ahead import open_readers
 from replay_kit.workflows.replay.outputs import Weights, write
 from replay_kit.workflows.replay.provenance import run_metadata, run_settings_toml
 from replay_kit.workflows.replay.publishing import depth_slices
-from replay_kit.workflows.replay.region import REGION_RECORD
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -152,11 +151,8 @@ def _write(job: ReplayJob, config: RunConfig, forecasts: Forecasts, estimator: E
         states = [forward.state] * len(published)
     prior = estimator.flow(estimator.initial())
     assert job.out is not None
-    metadata = run_metadata(
-        job.logs, find_sources(job.ensemble).arguments, forecasts.ensemble, {"smoothed": "true", "modes": str(prior.n_modes)}
-    )
-    if forecasts.region is not None:
-        metadata[REGION_RECORD] = forecasts.region.to_record()
+    options, arguments = {"smoothed": "true", "modes": str(prior.n_modes)}, find_sources(job.ensemble).arguments
+    metadata = run_metadata(job.logs, arguments, forecasts.ensemble, options, found=forecasts.region)
     writer = ResultWriter(job.out, job.overwrite)
     try:
         writer.start(prior.grid.projection, min(times), metadata, run_settings_toml(config))

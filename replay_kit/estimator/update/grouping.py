@@ -10,10 +10,10 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, PathMean, Source, VehicleState
 
-#: Share of a bin's error that the current's difference within a group may have.
-SHARE = 0.1
+#: Share of the error of a bin's mean that the current's difference within a group may have.
+SHARE = 0.25
 #: Longest group where the window is chosen by itself [s]: the estimate is to follow the log.
-_LONGEST_S = 600.0
+_LONGEST_S = 120.0
 _NS, _METRES_A_DEGREE = 1e9, 111_200.0
 
 
@@ -65,25 +65,27 @@ class Grouping:
     """How far apart the profiles of a group may be.
 
     The difference of the current between the ends of a group, by its own change and by the vehicle's way, is at most ``SHARE`` of the
-    error of the first profile's bins. All bins keep their own depths, but the published mean of a bin needs them to be near one another:
-    they stay within a bin's size.
+    error that the mean of a bin over the profiles has: so much of them tells nothing of the current's gradient. All bins keep their own
+    depths, but the published mean of a bin needs them to be near one another: they stay within a bin's size.
 
     Attributes:
         gradient: RMS difference of the current from place to place [1/s].
         change: RMS rate at which its squared difference grows with time [m^2/s^3]; 0 where it does not change.
         seconds: Longest group [s].
+        of_mean: Whether the error is that of the mean, or, where the time is set by hand, of one profile.
     """
 
     gradient: float
     change: float = 0.0
     seconds: float = _LONGEST_S
+    of_mean: bool = True
 
     def by_hand(self, seconds: float) -> "Grouping":
-        """Return a grouping with the time stated, and the way limited as before."""
-        return replace(self, change=0.0, seconds=seconds)
+        """Return a grouping with the time stated; the vehicle's way is limited still, as a group has one place."""
+        return replace(self, change=0.0, seconds=seconds, of_mean=False)
 
-    def fits(self, first: Observation, profile: Observation) -> bool:
-        """Return whether a profile may join a group that begins with another."""
+    def fits(self, first: Observation, profile: Observation, number: int = 1) -> bool:
+        """Return whether a profile may join a group that begins with another and has some number of profiles."""
         elapsed = (profile.time_ns - first.time_ns) / _NS
         if not 0.0 <= elapsed <= self.seconds or not _are_alike(first, profile):
             return False
@@ -93,7 +95,7 @@ class Grouping:
         north = profile.latitude - first.latitude
         east = ((profile.longitude - first.longitude + 180.0) % 360.0 - 180.0) * cos(radians(first.latitude))
         way = _METRES_A_DEGREE * hypot(east, north)
-        return hypot(self.gradient * way, (self.change * elapsed) ** 0.5) <= SHARE * error
+        return hypot(self.gradient * way, (self.change * elapsed) ** 0.5) <= SHARE * error / (number**0.5 if self.of_mean else 1.0)
 
     def ends(self, first: Observation, event: VehicleState | PathMean) -> bool:
         """Return whether something else ends a group that begins with a profile: a mean current, or a position too late."""

@@ -146,7 +146,7 @@ def open_cluster(scheduler: str | None, workers: int | None) -> Iterator[Cluster
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with dask.config.set({"distributed.comm.timeouts.connect": TIMEOUT_S, "distributed.admin.large-graph-warning-threshold": "1GB"}):
         if scheduler is None:
-            with _local(workers or len(os.sched_getaffinity(0))) as address:
+            with _local(workers or _cores()) as address:
                 yield from _used(Cluster(address))
         else:
             yield from _used(Cluster(scheduler))
@@ -196,6 +196,11 @@ def _local(workers: int) -> Iterator[str]:
         yield cluster.scheduler_address
     finally:
         cluster.close(timeout=10)
+
+
+def _cores() -> int:
+    """Return the number of cores that this process may use; of the machine where the system does not say."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _connected(address: str) -> Any:

@@ -1,9 +1,9 @@
 """Growing logs replayed as they come: look, replay what is new, write result, status and report, give alarms, wait."""
 
+import json
 import os
 import shutil
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from replay_kit.config.run import RunConfig
@@ -19,12 +19,15 @@ from replay_kit.results.summary import ReplaySummary
 from replay_kit.workflows.follow import memory as remembered
 from replay_kit.workflows.follow.goals import read_goal, with_goal
 from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
+from replay_kit.workflows.follow.options import FollowOptions
 from replay_kit.workflows.follow.sources import GROWING
 from replay_kit.workflows.follow.watch import Clock, Watched, look_again
 from replay_kit.workflows.replay.build import Forecasts, read_forecasts
-from replay_kit.workflows.replay.inputs import Following, ReplayJob, look_ahead
+from replay_kit.workflows.replay.inputs import Following, ReplayJob
+from replay_kit.workflows.replay.look_ahead import look_ahead
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.provenance import named_hash
+from replay_kit.workflows.replay.region import FoundRegion, find_region, from_record
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import write_page
@@ -32,31 +35,6 @@ from replay_kit.workflows.status import write_page
 # A vehicle whose last message is younger is under way, and its surfacings can be overdue by the clock [ns].
 _UNDER_WAY_NS = 3 * 86_400 * 10**9
 _UNUSABLE = (LogError, MeasurementError, PlanError, ConfigError)
-
-
-@dataclass(frozen=True, slots=True)
-class FollowOptions:
-    """How logs are followed.
-
-    Attributes:
-        states: Folder of what is kept between replays; it must outlive them.
-        status: Page of the status.
-        interval_s: Between two looks [s].
-        until_idle_s: Ends after so many seconds without anything new; None never ends.
-        goal_file: File that holds the goal, and may be changed; None without.
-        command: Run with each alarm; empty for none.
-        report: Page of the report; None without.
-        tell: Called with what a person should read.
-    """
-
-    states: Path
-    status: Path
-    interval_s: float = 60.0
-    until_idle_s: float | None = None
-    goal_file: Path | None = None
-    command: str = ""
-    report: Path | None = None
-    tell: Callable[[str], None] = field(default=lambda text: None, repr=False)
 
 
 def follow(
@@ -238,7 +216,7 @@ class Follower:
         if self._forecast is not None and self._forecast[0] == stamps and self._forecast[2] == ahead:
             return self._forecast[1]
         try:
-            found = read_forecasts(job.ensemble, self._config, ahead[1], ahead[0])
+            found = read_forecasts(job.ensemble, self._config, ahead[1], ahead[0], self._region(job, ahead[1]))
         except ReplayKitError as error:
             if self._forecast is None or self._forecast[2] != ahead:
                 raise
@@ -250,6 +228,14 @@ class Follower:
         self._remember(forecast=name)
         self._forecast = stamps, found, ahead
         return found
+
+    def _region(self, job: ReplayJob, near_ns: int | None) -> FoundRegion | None:
+        """Return the part of the forecast that the first replay needed; None where it read all, or what the settings state."""
+        if not self._memory.region:
+            found = find_region(job.logs, job.ensemble, self._config, near_ns, job.goal)
+            self._remember(region=json.dumps(None if found is None else found.to_record()))
+        record = json.loads(self._memory.region)
+        return None if record is None else from_record(record)
 
     def _archive(self, name: str) -> None:
         """Keep the result with the forecast that was replaced."""

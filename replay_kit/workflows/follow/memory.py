@@ -26,6 +26,8 @@ class Memory:
         given: Alarms that were given.
         forecast: The forecast's files with their hashes; empty before the first replay.
         archives: Number of results that were kept when the forecast was replaced.
+        region: The part of the forecast that the first replay found, as JSON of its record or of null; empty before it. It stays: the
+            states belong to it.
     """
 
     sources: Mapping[Path, Source] = field(default_factory=dict)
@@ -34,6 +36,7 @@ class Memory:
     given: tuple[str, ...] = ()
     forecast: str = ""
     archives: int = 0
+    region: str = ""
 
     @property
     def used(self) -> tuple[Path, ...]:
@@ -51,7 +54,9 @@ def read_memory(folder: Path) -> Memory:
         ]
         goals = tuple((int(since), Place(*place)) for since, place in held["goals"])
         texts = tuple(map(str, held["said"])), tuple(map(str, held["given"]))
-        return Memory({source.path: source for source in sources}, goals, *texts, str(held["forecast"]), int(held["archives"]))
+        return Memory(
+            {source.path: source for source in sources}, goals, *texts, str(held["forecast"]), int(held["archives"]), str(held["region"])
+        )
     except (OSError, ValueError, KeyError, TypeError):
         return Memory()
 
@@ -70,6 +75,7 @@ def write_memory(folder: Path, memory: Memory) -> None:
         for source in memory.sources.values()
     ]
     goals = [[since, [place.longitude, place.latitude, place.depth]] for since, place in memory.goals]
-    held = {"sources": sources, "goals": goals, "said": list(memory.said[-_SAID:]), "given": list(memory.given)}
+    held: dict[str, Any] = {"sources": sources, "goals": goals, "said": list(memory.said[-_SAID:]), "given": list(memory.given)}
+    held |= {"forecast": memory.forecast, "archives": memory.archives, "region": memory.region}
     with atomic_file(folder / _NAME) as file:
-        file.write(json.dumps({**held, "forecast": memory.forecast, "archives": memory.archives}, indent=1).encode())
+        file.write(json.dumps(held, indent=1).encode())

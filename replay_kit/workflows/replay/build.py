@@ -11,9 +11,9 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble, Projection
+from replay_kit.core.grid import Ensemble, Grid, Projection
 from replay_kit.core.paths import Paths
-from replay_kit.core.region import Region
+from replay_kit.core.region import Region, around
 from replay_kit.estimator import Estimator, ReducedBasisEstimator, build_estimator
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.basis.slices import correlation_length
@@ -57,6 +57,12 @@ class Forecasts:
     def box(self) -> Region | None:
         """West, south, east, north [degrees] of the part that was found from the logs; None where none was."""
         return None if self.region is None else self.region.region
+
+    def in_last_window(self, grid: Grid) -> tuple["Forecasts", Region]:
+        """Return the forecast in the window of a grid, where windows follow the vehicle, and the window's box [degrees]."""
+        box = around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
+        assert self.read is not None
+        return replace(self, series=(self.read(box),)), box
 
     def nearest(self, time_ns: int | None) -> Ensemble:
         """Return the forecast nearest to a time [ns, UTC]; the first without one."""

@@ -121,17 +121,19 @@ def grouped(
     if grouping is None:
         return list(events), ()
     left = list(waiting)
+    number = sum(isinstance(event, Observation) for event in left)
     for event in events:
         first = left[0] if left else None
         if isinstance(first, Observation):
-            joins = grouping.fits(first, event) if isinstance(event, Observation) else not grouping.ends(first, event)
-            if joins:
+            profile = isinstance(event, Observation)
+            if grouping.fits(first, event, number) if isinstance(event, Observation) else not grouping.ends(first, event):
                 left.append(event)
+                number += profile
                 continue
             items += _closed(left)
-            left = []
+            left, number = [], 0
         if isinstance(event, Observation):
-            left = [event]
+            left, number = [event], 1
         else:
             items.append(event)
     return items, tuple(left)

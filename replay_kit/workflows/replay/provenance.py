@@ -14,6 +14,7 @@ from replay_kit.core.version import __version__
 from replay_kit.results.losses import iso_time
 from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.region import REGION_RECORD, FoundRegion
 
 _BLOCK = 1 << 20
 #: Key of the bathymetry among the inputs.
@@ -45,6 +46,7 @@ def run_metadata(
     ensemble: Ensemble,
     options: Mapping[str, str],
     bathymetry: Path | None = None,
+    found: FoundRegion | None = None,
 ) -> dict[str, Mapping[str, str]]:
     """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
 
@@ -54,6 +56,7 @@ def run_metadata(
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
         bathymetry: The file that is read; None without.
+        found: The part of the forecast that was found from the logs; None where it was not.
 
     Raises:
         ConfigError: Two logs hold the same bytes.
@@ -87,6 +90,7 @@ def run_metadata(
         "replay_kit.region": region,
         "replay_kit.members": members,
         "replay_kit.versions": package_versions(),
+        **({} if found is None else {REGION_RECORD: found.to_record()}),
     }
 
 

@@ -47,7 +47,6 @@ from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.prepared import Prepared
 from replay_kit.workflows.replay.provenance import FOLLOWED, forecast_times, lasting, run_metadata, run_options, run_settings_toml
-from replay_kit.workflows.replay.region import REGION_RECORD
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -142,9 +141,8 @@ def _prepare(
         problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth, goals)
     # without a goal nothing reads the bathymetry
     arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
-    metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, run_options(job, prior_flow), bathymetry)
-    if metadata and forecasts.region is not None:
-        metadata[REGION_RECORD] = forecasts.region.to_record()
+    options = run_options(job, prior_flow)
+    metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, options, bathymetry, forecasts.region)
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
     if metadata and (times := forecast_times(forecasts)):

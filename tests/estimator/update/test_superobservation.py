@@ -256,11 +256,14 @@ def test_blocks_change_no_bit(block):
 def test_groups_end_where_the_current_may_differ_and_hold_alike_profiles():
     first = quick_log(1)[0]
     grouping = Grouping(gradient=1e-5, change=0.0, seconds=100.0)
-    far = replace(first, time_ns=first.time_ns + SECOND, latitude=first.latitude + 600.0 / 111_200.0)
-    near = replace(far, latitude=first.latitude + 400.0 / 111_200.0)
-    # a tenth of 5 cm/s over 1e-5 1/s
+    far = replace(first, time_ns=first.time_ns + SECOND, latitude=first.latitude + 1300.0 / 111_200.0)
+    near = replace(far, latitude=first.latitude + 1200.0 / 111_200.0)
+    # a quarter of 5 cm/s over 1e-5 1/s, half of that for four profiles
     assert grouping.fits(first, near)
     assert not grouping.fits(first, far)
+    assert not grouping.fits(first, near, 4)
+    assert grouping.fits(first, replace(near, latitude=first.latitude + 600.0 / 111_200.0), 4)
+    assert grouping.by_hand(100.0).fits(first, near, 4)
     for change in (
         {"time_ns": first.time_ns + 101 * SECOND},
         {"time_ns": first.time_ns - SECOND},
@@ -272,7 +275,7 @@ def test_groups_end_where_the_current_may_differ_and_hold_alike_profiles():
         {"depth": first.depth[1:], "flags": first.flags[1:]},
     ):
         assert not grouping.fits(first, replace(near, **change)), change
-    forgetting = Grouping(gradient=0.0, change=0.005**2 / 50.0, seconds=100.0)
+    forgetting = Grouping(gradient=0.0, change=0.0125**2 / 50.0, seconds=100.0)
     assert forgetting.fits(first, replace(first, time_ns=first.time_ns + 49 * SECOND))
     assert not forgetting.fits(first, replace(first, time_ns=first.time_ns + 51 * SECOND))
     assert forgetting.by_hand(80.0).fits(first, replace(first, time_ns=first.time_ns + 79 * SECOND))
@@ -287,3 +290,9 @@ def test_sparse_pings_are_each_alone_to_the_bit():
         found.append(state.current.mean.tobytes())
         assert [step.assimilation.innovation.profiles for step in steps] == [1] * len(log)
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("wrong", [-1.0, "often", float("nan")])
+def test_a_window_is_a_time_or_auto(wrong):
+    with pytest.raises(ValueError, match="window"):
+        TimeConfig(window=wrong)

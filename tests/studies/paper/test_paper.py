@@ -463,5 +463,5 @@ def test_the_command_writes_a_folder_and_replaces_it_when_told(ocean, monkeypatc
 
 
 def test_the_command_line_does_not_load_what_takes_long():
-    code = "import sys, replay_kit.cli.app; sys.exit(bool({'matplotlib', 'scipy.stats'} & sys.modules.keys()))"
+    code = "import sys, replay_kit.cli.app; sys.exit(bool({'matplotlib', 'scipy.stats', 'dask', 'distributed'} & sys.modules.keys()))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

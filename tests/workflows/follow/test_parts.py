@@ -95,7 +95,9 @@ def test_the_goal_s_file_is_read_and_a_goal_holds_from_its_time_on(tmp_path):
 
 
 def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_path):
-    memory = Memory({Path("a"): source("a", mission="m")}, ((0, Place(1.0, 2.0, 3.0)),), ("said",), ("plan: unsafe",), "f sha256:0", 2)
+    memory = Memory(
+        {Path("a"): source("a", mission="m")}, ((0, Place(1.0, 2.0, 3.0)),), ("said",), ("plan: unsafe",), "f sha256:0", 2, "null"
+    )
     write_memory(tmp_path, memory)
     assert read_memory(tmp_path) == memory
     file = tmp_path / "follow.json"

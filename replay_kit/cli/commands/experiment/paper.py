@@ -18,13 +18,10 @@ class Outputs(Answer):
     out: Annotated[Path, folder("a page, tables, figures and report"), FOLDER]
 
 
-@takes_settings(*PART_OF_FORECAST, file=False)
-def paper(
-    *,
-    truths: Annotated[OneTruth, TO_INPUTS],
-    outputs: Annotated[Outputs, TO_OUTPUTS],
-    settings: Settings,
-    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sizes:
+    """How much is computed."""
+
     modes: Annotated[
         str | None,
         option(
@@ -32,23 +29,33 @@ def paper(
             "Most modes per level anywhere. Default: tables to the full rank, plans on 300; all: plans on it too.",
             metavar="N|all",
         ),
-    ] = None,
-    pairs: Annotated[int, option("--pairs", "Number of starts and targets of the glides.", least=1)] = 100,
-    seed: Annotated[int, option("--seed", "Seed of places, noise, starts and targets.", least=0)] = 0,
+    ] = None
+    pairs: Annotated[int, option("--pairs", "Number of starts and targets of the glides.", least=1)] = 100
+    seed: Annotated[int, option("--seed", "Seed of places, noise, starts and targets.", least=0)] = 0
+
+
+@takes_settings(*PART_OF_FORECAST, file=False)
+def paper(
+    *,
+    truths: Annotated[OneTruth, TO_INPUTS],
+    outputs: Annotated[Outputs, TO_OUTPUTS],
+    settings: Settings,
+    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
+    sizes: Annotated[Sizes, TO_OPTIONS] = Sizes(),
 ) -> int:
     """Return 0."""
     truths.check("paper")
     out = outputs.out
     check_folder(out)
     check_paths(truths.files, [outputs.json_file], outputs.overwrite)
-    config = settings.load(estimator={"modes": modes})
+    config = settings.load(estimator={"modes": sizes.modes})
 
     from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
     from replay_kit.workflows.fleet.cluster import calls_made_by
 
     check_paths(truths.files, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
-    most = None if modes is None else config.estimator.modes
-    job = PaperJob(leave_out=truths.leave_out, most_modes=most, plan_modes=config.estimator.modes, pairs=pairs, seed=seed)
+    most = None if sizes.modes is None else config.estimator.modes
+    job = PaperJob(leave_out=truths.leave_out, most_modes=most, plan_modes=config.estimator.modes, pairs=sizes.pairs, seed=sizes.seed)
     members, withheld = truths.read(config.forecast)
     # made before the work, so that a folder that cannot be made is reported at once
     out.mkdir(exist_ok=True)
