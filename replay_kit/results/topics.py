@@ -5,13 +5,32 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import get_chunk_data_stream
 
+from replay_kit.core.errors import LogError
+
 # opcode, length; channel, sequence, time of log, time of publication
 _HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+
+
+def topics_of(path: Path) -> tuple[str, ...]:
+    """Return the topics of a result.
+
+    Raises:
+        LogError: The file is missing, or is no complete MCAP file.
+    """
+    try:
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+    except OSError as error:
+        raise LogError(f"{path}: cannot read the result: {error.strerror}; check the path") from error
+    except (McapError, ValueError, struct.error) as error:
+        raise LogError(f"{path}: expected a complete result of replay-kit replay: {error!r}; the run may not have finished") from error
+    return () if summary is None else tuple(channel.topic for channel in summary.channels.values())
 
 
 def read_messages(path: Path, topic: str) -> Iterator[tuple[int, bytes]]:

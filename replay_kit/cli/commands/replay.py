@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from replay_kit.config.run import RunConfig
+    from replay_kit.core.plan import Place
     from replay_kit.results.summary import ReplaySummary
     from replay_kit.workflows.replay.build import Forecasts
     from replay_kit.workflows.replay.inputs import ReplayJob
@@ -84,35 +85,17 @@ def replay(
     # what takes long to load, after what is quickly refused
     from replay_kit.results.summary_json import failure_json
     from replay_kit.workflows.planning import planner_of
-    from replay_kit.workflows.replay import dry_run as dry
-    from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of
+    from replay_kit.workflows.replay.inputs import check_outputs, forecasts_of
     from replay_kit.workflows.replay.replay import replay as replay_logs
     from replay_kit.workflows.smooth import check_smoothable
 
-    job = ReplayJob(
-        logs=logs,
-        ensemble=inputs.ensemble,
-        out=outputs.out,
-        goal=goal,
-        netcdf=outputs.netcdf,
-        save_estimate=outputs.save_estimate,
-        truth=inputs.truth,
-        truth_radius_km=radius,
-        checkpoint=outputs.checkpoint,
-        overwrite=outputs.overwrite,
-        include_inputs=outputs.include_inputs,
-    )
+    job = _job(logs, inputs, outputs, goal)
     console = console_beside(outputs.json_file)
     if following.follow:
         return following.run(job, config, console, outputs.page, outputs.json_file)
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth])
     if dry_run:
-        with progress() as advance:
-            advance(0, 0, "reading the forecast and the logs")
-            result = dry.dry_run(job, config)
-        dry.print_dry_run(result, console)
-        write_json(outputs.json_file, dry.dry_run_json(result))
-        return 0
+        return _dry_run(job, config, outputs, console)
     try:
         with part_named(outputs.out), progress() as advance:
             advance(0, 0, "reading the forecast")
@@ -126,6 +109,36 @@ def replay(
     _smooth(outputs, job, config, forecasts)
     _answer(outputs, summary, console)
     return summary.exit_code
+
+
+def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place | None") -> "ReplayJob":
+    from replay_kit.workflows.replay.inputs import ReplayJob
+
+    return ReplayJob(
+        logs=logs,
+        ensemble=inputs.ensemble,
+        out=outputs.out,
+        goal=goal,
+        netcdf=outputs.netcdf,
+        save_estimate=outputs.save_estimate,
+        truth=inputs.truth,
+        truth_radius_km=inputs.truth_radius,
+        checkpoint=outputs.checkpoint,
+        overwrite=outputs.overwrite,
+        include_inputs=outputs.include_inputs,
+    )
+
+
+def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "Console") -> int:
+    """Report what would be used; return the exit code."""
+    from replay_kit.workflows.replay import dry_run as dry
+
+    with progress() as advance:
+        advance(0, 0, "reading the forecast and the logs")
+        result = dry.dry_run(job, config)
+    dry.print_dry_run(result, console)
+    write_json(outputs.json_file, dry.dry_run_json(result))
+    return 0
 
 
 def _smooth(outputs: Outputs, job: "ReplayJob", config: "RunConfig", forecasts: "Forecasts") -> None:
