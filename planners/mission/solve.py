@@ -1,9 +1,10 @@
 """One number of legs solved: by IPOPT from a guess, flown densely, and held to half-planes when its path violates a constraint."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.mission.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
 from planners.mission.check import check
@@ -15,6 +16,8 @@ from planners.route.graph import Route
 from planners.route.hazards import half_planes
 from planners.solver import HOUR, KM, MOST_ITERATIONS
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.lattice import StreamFunctionLattice
 
 # Hours that a kilometre of miss distance costs: more than any current takes to carry a glider over it.
 _PENALTY = 50.0
@@ -38,6 +41,8 @@ _SAME = 1.0
 _FAR_OFF = 2.0
 # A goal met this well is met [m].
 _MET = 5.0
+# Coefficients up to which the whole lattice is a parameter; beyond, the part within so many kernel lengths around the guess.
+_SMALL_LATTICE, _SURROUNDINGS = 3000, 6.0
 # Farther than any region is wide [m].
 _FAR = 1e6
 
@@ -161,8 +166,31 @@ def _solve(
         task.reference_path,
         *_reference_weights_and_limits(task, guess.angles, shape, problem.depths, reference_weight),
     )
-    model = MissionModel(task.flow, task.vehicle, shape, task.currents.times, task.spline)
+    flow, rows, within = _around(task, guess)
+    model = MissionModel(flow, task.vehicle, shape, task.currents.times, task.spline)
+    solution = solve_mission(
+        model, replace(data, latent=data.latent[rows]), guess, warm_start=warm_start, max_iterations=problem.max_iterations
+    )
+    if within(solution.guess.places):
+        return solution
+    model = replace(model, flow=task.flow)
     return solve_mission(model, data, guess, warm_start=warm_start, max_iterations=problem.max_iterations)
+
+
+def _around(task: MissionTask, guess: MissionGuess) -> tuple[FlowEstimate, NDArray[np.intp] | slice, Callable[[Array], bool]]:
+    """Return the flow around a guess, which of the latent values are its own, and whether all of some places, shape (n, 2), are there.
+
+    On a lattice the optimiser then takes the parameters of the mission's surroundings, not those of the whole region.
+    """
+    functions = task.flow.horizontal
+    if not isinstance(functions, StreamFunctionLattice) or functions.size <= _SMALL_LATTICE:
+        return task.flow, slice(None), lambda _: True
+    margin = _SURROUNDINGS * np.array([functions.kernel.length_east, functions.kernel.length_north])
+    known = np.concatenate([task.start[None, :2], task.goals[:, :2], guess.places])
+    low, high = known.min(axis=0) - margin, known.max(axis=0) + margin
+    part, rows = functions.cut(low, high)
+    flow = replace(task.flow.mean_flow(), horizontal=part, latent=task.flow.latent[rows], modes=np.empty((rows.size, 0)))
+    return flow, rows, lambda places: bool(np.all((places >= low) & (places <= high)))
 
 
 def _weights(task: MissionTask) -> tuple[float, float | None, float]:

@@ -71,7 +71,10 @@ def member(grid: Grid, number: int) -> np.ndarray:
 def ensemble(rows: int, columns: int, levels: int, members: int) -> Ensemble:
     """Return an ensemble in memory."""
     grid = region(rows, columns, levels)
-    return Ensemble(grid, np.stack([member(grid, number) for number in range(members)]), None, "benchmark of sizes")
+    velocity = np.empty((members, 2, *grid.wet.shape))
+    for number in range(members):
+        velocity[number] = member(grid, number)
+    return Ensemble(grid, velocity, None, "benchmark of sizes")
 
 
 def write_zarr(path: Path, rows: int, columns: int, levels: int, members: int) -> None:

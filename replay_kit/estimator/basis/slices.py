@@ -11,8 +11,8 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Ensemble, Grid
 
-# Values of all members in a block of rows, 64 MB.
-_BLOCK_VALUES = 8_000_000
+# Values of all members in a block of rows, 32 MB.
+_BLOCK_VALUES = 4_000_000
 
 
 def ensemble_slices(ensemble: Ensemble) -> Array:

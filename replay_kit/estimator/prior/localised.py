@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 from replay_kit.core.arrays import Array
 
 # Nodes in a tile at most, and tiles in one product.
-_TILE, _RUN = 64, 4
+_TILE, _RUN = 100, 3
 # Up to so many nodes double precision costs next to nothing.
 _FEW_NODES = 1000
 # Share of the variance that the factor of a covariance leaves out.

@@ -233,7 +233,7 @@ def test_odds_are_of_samples_and_of_a_truth_on_the_nodes_of_the_estimate(monkeyp
     assert criterion(report, "withheld truth").value == pytest.approx(np.mean(arrived))
     estimate, truth = small.truths[0].estimate(), small.truths[0].truth
     same, at = as_sample(estimate, truth), (np.array([-8e3, 5e3]), np.array([3e3, -4e3]), np.array([20.0, 90.0]))
-    assert estimate.kernel.speed != pytest.approx(truth.kernel.speed, rel=1e-6)
+    assert estimate.horizontal.kernel.speed != pytest.approx(truth.horizontal.kernel.speed, rel=1e-6)
     np.testing.assert_allclose(same.velocity(*at), truth.velocity(*at), rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("replay_kit.studies.planning.odds.ARRIVING", 1.1)
     none = odds(small)
