@@ -66,6 +66,8 @@ class Shore:
         """Start the process, which goes on from what is on the disk."""
         command = [sys.executable, "-m", "replay_kit", "replay", str(self.inbox), *self.arguments, "-o", str(self.out)]
         command += ["--follow", "--interval", "0.2", "--planner.samples", "10"]
+        # in the background a shell lets its children ignore Ctrl-C
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
         self.process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
