@@ -45,6 +45,14 @@ _COMMANDS = {
         "RESULT.mcap",
         "Write a result as one page for a browser: the answer in words, map, section along the track, trust, plan.",
     ),
+    "status": (
+        "RESULT.mcap",
+        "Tell on one screen where the vehicle is, what to steer, when it surfaces next, and what does not fit.",
+    ),
+    "layout": (
+        "RESULT.mcap -o LAYOUT.json",
+        "Write a layout for Foxglove and Lichtblick: map, 3D scene, plots, log and contradictions, set up for a result.",
+    ),
     "plot": (
         "RESULT.mcap map|section|series|dac|trust|plan -o F.png|svg|pdf",
         "Draw a figure of a result for a paper.",

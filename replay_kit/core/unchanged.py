@@ -15,11 +15,12 @@ def stamps_of(paths: Iterable[Path]) -> dict[Path, Stamp]:
     return {path: _stamp(path.stat()) for path in paths if path.is_file()}
 
 
-def check_unchanged(before: Mapping[Path, Stamp]) -> None:
+def check_unchanged(before: Mapping[Path, Stamp], may_grow: bool = False) -> None:
     """Raise LogError when a file is no longer what it was.
 
     Args:
         before: What ``stamps_of`` returned before the files were read.
+        may_grow: Whether a file may have become longer, as a log that is being recorded.
     """
     for path, stamp in before.items():
         if not path.is_file():
@@ -27,7 +28,7 @@ def check_unchanged(before: Mapping[Path, Stamp]) -> None:
                 f"{path}: expected to stay as it was while it is read, but it is gone; keep it until the run ends, and run again"
             )
         now = _stamp(path.stat())
-        if now == stamp:
+        if now == stamp or (may_grow and now[:2] == stamp[:2] and now[2] > stamp[2]):
             continue
         if now[:2] != stamp[:2]:
             what = "was replaced by another file"

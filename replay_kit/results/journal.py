@@ -49,6 +49,8 @@ class Journal:
             self._file.seek(length)
             if not length:
                 self._file.write(_MAGIC)
+            #: Bytes of all entries so far.
+            self.length = length or len(_MAGIC)
         except OSError as error:
             raise ConfigError(f"{path}: cannot be written: {error.strerror}; choose another place for the checkpoint") from error
 
@@ -56,7 +58,7 @@ class Journal:
         """Append an entry; it is safe on the disk after ``flushed``."""
         text = orjson.dumps(head)
         with stored(self.path):
-            self._file.write(_ENTRY.pack(len(text), len(data), zlib.crc32(data, zlib.crc32(text))) + text + data)
+            self.length += self._file.write(_ENTRY.pack(len(text), len(data), zlib.crc32(data, zlib.crc32(text))) + text + data)
 
     def flushed(self) -> int:
         """Force everything to the disk and return the file's length [bytes]."""

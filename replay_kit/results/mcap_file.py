@@ -70,6 +70,7 @@ class ResultFile:
         self.last_time_ns = 0
         self._digest = hashlib.sha256()
         self._journal = journal
+        self._recording = True
         self._open = True
 
     def __enter__(self) -> Self:
@@ -104,6 +105,11 @@ class ResultFile:
         self._digest.update(f"{topic}\0{time_ns}\0{len(data)}\0".encode() + data)
         self._counts[topic] += 1
         self.last_time_ns = max(self.last_time_ns, time_ns)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The result's own topics that have messages."""
+        return tuple(self._channels)
 
     def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment."""
@@ -208,8 +214,17 @@ class ResultFile:
             with suppress(OSError):
                 self._file.close()
 
+    @contextmanager
+    def unrecorded(self) -> Iterator[None]:
+        """Record nothing in the journal but schemas, which later messages need: for what is written anew each time."""
+        self._recording = False
+        try:
+            yield
+        finally:
+            self._recording = True
+
     def _record(self, head: dict[str, Any], data: bytes) -> None:
-        if self._journal is not None:
+        if self._journal is not None and (self._recording or head["kind"] == "schema"):
             self._journal.append(head, data)
 
     @contextmanager

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import foxglove
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.finding import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.lossless import save_bytes
 from replay_kit.core.grid import Projection
@@ -23,6 +24,7 @@ from replay_kit.core.version import __version__
 from replay_kit.results import messages
 from replay_kit.results.digest import DIGEST_NAME, Digest
 from replay_kit.results.journal import Journal
+from replay_kit.results.layout.layout import layout_of, layout_text
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message, seabed_message
@@ -32,6 +34,7 @@ ESTIMATE_NAME = "estimate.nc"
 WINDOW_NAME = "estimate_window_"
 CONFIG_NAME = "config.toml"
 SUMMARY_NAME = "summary.json"
+LAYOUT_NAME = "layout.json"
 
 _OWN_SCHEMA = ("protobuf", DESCRIPTOR_SET)
 
@@ -88,6 +91,18 @@ class ResultWriter(ResultFile):
     def fix(self, state: VehicleState) -> None:
         """Write a position to ``/vehicle/fix``."""
         self._log("/vehicle/fix", messages.location_fix(state), state.time_ns)
+
+    def vehicle(self, time_ns: int, place: Sequence[float], heading: float) -> None:
+        """Write the frame ``vehicle`` to ``/tf``; arguments as of ``messages.vehicle_transform``."""
+        self._log("/tf", messages.vehicle_transform(time_ns, place, heading), time_ns)
+
+    def at_vehicle(self, time_ns: int, place: Sequence[float], velocity: Sequence[float], error: Sequence[float]) -> None:
+        """Write the estimate at the vehicle to ``/flow/at_vehicle``; arguments as of ``messages.at_vehicle``."""
+        self._log_own("/flow/at_vehicle", "AtVehicle", messages.at_vehicle(time_ns, place, velocity, error), time_ns)
+
+    def consistency(self, time_ns: int, findings: Sequence[Finding]) -> None:
+        """Write all findings so far to ``/flow/consistency``."""
+        self._log_own("/flow/consistency", "Consistency", messages.consistency(time_ns, findings), time_ns)
 
     def innovation(self, value: Innovation) -> None:
         """Write the innovation of an observation to ``/flow/innovation``."""
@@ -197,6 +212,8 @@ class ResultWriter(ResultFile):
             ReplayKitError: As for ``close``.
         """
         time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
+        layout = layout_of(self.topics)
+        self.attach(time_ns, LAYOUT_NAME, "application/json", layout_text(layout).encode())
         self.attach(time_ns, ESTIMATE_NAME, "application/netcdf", save_bytes(flow))
         self.close()
 

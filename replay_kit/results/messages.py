@@ -5,7 +5,7 @@ Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ReplayKitError
+from replay_kit.core.finding import Finding, finding_json
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
@@ -35,6 +36,8 @@ _LEVELS = {
     "error": fox.LogLevel.Error,
 }
 _SECOND = 1_000_000_000
+# a finding's key in JSON, whose field has another name
+_FINDING = {"set": "advice"}
 # attributes that the messages have under the same names
 _OF_INNOVATION = "dive depth nis dof error_inflation decision gate_statistic signal_dof prior_inflation profiles"
 _OF_PLAN = "status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach track_time energy battery"
@@ -63,6 +66,43 @@ def frame_transform(time_ns: int) -> fox.FrameTransform:
         translation=fox.Vector3(),
         rotation=fox.Quaternion(w=1.0),
     )
+
+
+def vehicle_transform(time_ns: int, place: Sequence[float], heading: float) -> fox.FrameTransform:
+    """Return the transform that places the frame ``vehicle`` in ``map``.
+
+    Args:
+        time_ns: [ns, UTC].
+        place: Local east, local north and depth [m].
+        heading: Of its way, clockwise from local north [rad].
+    """
+    east, north, depth = place
+    return fox.FrameTransform(
+        timestamp=stamp(time_ns),
+        parent_frame_id=FRAME,
+        child_frame_id=VEHICLE_FRAME,
+        translation=fox.Vector3(x=east, y=north, z=-depth),
+        rotation=orientation(math.sin(heading), math.cos(heading), 0.0),
+    )
+
+
+def at_vehicle(time_ns: int, place: Sequence[float], velocity: Sequence[float], error: Sequence[float]) -> bytes:
+    """Return ``replay_kit.AtVehicle``.
+
+    Args:
+        time_ns: [ns, UTC].
+        place: Longitude, latitude [degrees] and depth [m].
+        velocity: Towards true east and true north [m/s].
+        error: Standard errors of both [m/s]; NaN where unknown.
+    """
+    names = ("longitude", "latitude", "depth", "east", "north", "east_standard_error", "north_standard_error")
+    return encode("AtVehicle", {"timestamp": _time(time_ns), **dict(zip(names, (*place, *velocity, *error), strict=True))})
+
+
+def consistency(time_ns: int, findings: Sequence[Finding]) -> bytes:
+    """Return ``replay_kit.Consistency``: all findings so far."""
+    found = [{_FINDING.get(key, key): value or "" for key, value in finding_json(finding).items()} for finding in findings]
+    return encode("Consistency", {"timestamp": _time(time_ns), "findings": found})
 
 
 def location_fix(state: VehicleState) -> fox.LocationFix:

@@ -23,10 +23,11 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.columns import ListValues, SingleValues, shared, single_columns
-from replay_kit.results.mcap_reader import read_estimate, read_messages, read_windows
+from replay_kit.results.mcap_reader import read_estimate, read_windows
 from replay_kit.results.mcap_writer import ESTIMATE_NAME
 from replay_kit.results.schemas import decode
 from replay_kit.results.summary import ReplaySummary
+from replay_kit.results.topics import read_messages
 
 if TYPE_CHECKING:
     import pandas as pd

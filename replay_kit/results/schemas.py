@@ -78,6 +78,12 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("string", "kind"),
         *_fields("double", "measured_east", "measured_north", "predicted_east", "predicted_north"),
     ),
+    "AtVehicle": (
+        *_fields(TIME, "timestamp"),
+        *_fields("double", "longitude", "latitude", "depth", "east", "north", "east_standard_error", "north_standard_error"),
+    ),
+    "Finding": _fields("string", "name", "since", "severity", "evidence", "likely_cause", "advice"),
+    "Consistency": (*_fields(TIME, "timestamp"), *_fields(".replay_kit.Finding[]", "findings")),
     "Place": _fields("double", "longitude", "latitude", "depth"),
     "Statistic": _fields("string", "name", "value"),
     "Odds": (

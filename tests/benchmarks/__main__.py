@@ -9,10 +9,11 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import estimator, faults, fleet, forecasts, logs, longlogs, planners, safety, scaling, size, start, windows
+from tests.benchmarks import atsea, estimator, faults, fleet, forecasts, logs, longlogs, planners, safety, scaling, size, start, windows
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
+    "atsea": atsea.rows,
     "estimator": estimator.rows,
     "faults": faults.rows,
     "fleet": fleet.rows,

@@ -52,11 +52,23 @@ def refusal(*arguments: object) -> str:
 
 def test_the_outputs_of_every_command_are_known() -> None:
     assert {words for words, option in OUTPUTS if option == "--out"} == {
-        *(("replay",), ("smooth",), ("report",), ("plot",), ("export",), ("convert",), ("plan",), ("twin",), ("fit",), ("fleet",)),
+        *(
+            ("replay",),
+            ("smooth",),
+            ("report",),
+            ("plot",),
+            ("export",),
+            ("convert",),
+            ("plan",),
+            ("twin",),
+            ("fit",),
+            ("fleet",),
+            ("layout",),
+        ),
         *(("experiment", name) for name in ("accuracy", "dives", "paper", "missions", "planning")),
     }
     without = set(COMMANDS) - {words for words, option in OUTPUTS if option == "--json"}
-    assert without == {("twin",), ("synthesize",), ("report",), ("plot",), ("export",)}
+    assert without == {("twin",), ("synthesize",), ("report",), ("plot",), ("export",), ("layout",)}
 
 
 @pytest.mark.parametrize(("words", "option"), [given for given in OUTPUTS if given not in FOLDERS])

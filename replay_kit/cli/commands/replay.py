@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
-from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
+from replay_kit.cli.options import MCAP, NETCDF, PLACE, TO_INPUTS, TO_OPTIONS, TO_OUTPUTS, Answer, Ensemble, Log, Truth, flag, option, place
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
 from replay_kit.core.paths import check_paths, truth_path
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from replay_kit.config.run import RunConfig
+    from replay_kit.core.plan import Place
     from replay_kit.results.summary import ReplaySummary
     from replay_kit.workflows.replay.build import Forecasts
     from replay_kit.workflows.replay.inputs import ReplayJob
@@ -65,47 +67,35 @@ def replay(
     inputs: Annotated[Inputs, TO_INPUTS],
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
+    following: Annotated[Following, TO_OPTIONS] = Following(),
     dry_run: Annotated[bool, flag("--dry-run", "Only report what would be used, and the memory and time expected.")] = False,
 ) -> int:
     """Return the exit code of a replay: that of its summary, 0 for a dry run."""
+    following.check({"--dry-run": dry_run, "--smooth": outputs.smooth, "--checkpoint": outputs.checkpoint, "--truth": inputs.truth})
     radius = inputs.truth_radius
     # no least value of the option, which lets 0 and nan pass
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
-    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page), outputs.overwrite)
+    replaced = outputs.overwrite or following.goes_on(outputs.out)
+    status = following.page(outputs.out) if following.follow else None
+    check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page, status), replaced)
     goal, config = None if inputs.goal is None else place(inputs.goal, "--goal"), settings.load()
 
     # what takes long to load, after what is quickly refused
     from replay_kit.results.summary_json import failure_json
     from replay_kit.workflows.planning import planner_of
-    from replay_kit.workflows.replay import dry_run as dry
-    from replay_kit.workflows.replay.inputs import ReplayJob, check_outputs, forecasts_of
+    from replay_kit.workflows.replay.inputs import check_outputs, forecasts_of
     from replay_kit.workflows.replay.replay import replay as replay_logs
     from replay_kit.workflows.smooth import check_smoothable
 
-    job = ReplayJob(
-        logs=logs,
-        ensemble=inputs.ensemble,
-        out=outputs.out,
-        goal=goal,
-        netcdf=outputs.netcdf,
-        save_estimate=outputs.save_estimate,
-        truth=inputs.truth,
-        truth_radius_km=radius,
-        checkpoint=outputs.checkpoint,
-        overwrite=outputs.overwrite,
-        include_inputs=outputs.include_inputs,
-    )
-    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth])
+    job = _job(logs, inputs, outputs, goal)
     console = console_beside(outputs.json_file)
+    if following.follow:
+        return following.run(job, config, console, outputs.page, outputs.json_file)
+    check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file, outputs.smooth])
     if dry_run:
-        with progress() as advance:
-            advance(0, 0, "reading the forecast and the logs")
-            result = dry.dry_run(job, config)
-        dry.print_dry_run(result, console)
-        write_json(outputs.json_file, dry.dry_run_json(result))
-        return 0
+        return _dry_run(job, config, outputs, console)
     try:
         with part_named(outputs.out), progress() as advance:
             advance(0, 0, "reading the forecast")
@@ -119,6 +109,36 @@ def replay(
     _smooth(outputs, job, config, forecasts)
     _answer(outputs, summary, console)
     return summary.exit_code
+
+
+def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place | None") -> "ReplayJob":
+    from replay_kit.workflows.replay.inputs import ReplayJob
+
+    return ReplayJob(
+        logs=logs,
+        ensemble=inputs.ensemble,
+        out=outputs.out,
+        goal=goal,
+        netcdf=outputs.netcdf,
+        save_estimate=outputs.save_estimate,
+        truth=inputs.truth,
+        truth_radius_km=inputs.truth_radius,
+        checkpoint=outputs.checkpoint,
+        overwrite=outputs.overwrite,
+        include_inputs=outputs.include_inputs,
+    )
+
+
+def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "Console") -> int:
+    """Report what would be used; return the exit code."""
+    from replay_kit.workflows.replay import dry_run as dry
+
+    with progress() as advance:
+        advance(0, 0, "reading the forecast and the logs")
+        result = dry.dry_run(job, config)
+    dry.print_dry_run(result, console)
+    write_json(outputs.json_file, dry.dry_run_json(result))
+    return 0
 
 
 def _smooth(outputs: Outputs, job: "ReplayJob", config: "RunConfig", forecasts: "Forecasts") -> None:

@@ -17,6 +17,18 @@ from replay_kit.results.views.track import thinned
 #: Tables that have places on a map.
 FEATURES = ("series", "track", "surfacings", "plans")
 _POINTS = 20_000
+# Simplestyle 1.1: colours that colour-blind people tell apart.
+_BLUE, _ORANGE, _GREY, _PURPLE = "#00618f", "#b8500f", "#5b6b78", "#8a2c6a"
+_STYLES: Mapping[str, Mapping[str, Any]] = {
+    "track": {"stroke": _BLUE, "stroke-width": 3, "stroke-opacity": 1.0},
+    "plans": {"stroke": _ORANGE, "stroke-width": 3, "stroke-opacity": 1.0},
+    "place": {"marker-color": _GREY, "marker-size": "small"},
+    "predicted": {"marker-color": _ORANGE, "marker-size": "small"},
+    "actual": {"marker-color": _BLUE, "marker-size": "small"},
+    "ellipse": {"stroke": _ORANGE, "stroke-width": 1, "stroke-opacity": 1.0, "fill": _ORANGE, "fill-opacity": 0.15},
+    "no_go": {"stroke": _PURPLE, "stroke-width": 2, "stroke-opacity": 1.0, "fill": _PURPLE, "fill-opacity": 0.25},
+}
+_STYLE_KEYS = frozenset(key for style in _STYLES.values() for key in style)
 _DIGITS = 7
 
 
@@ -39,24 +51,24 @@ def features_of(tables: Mapping[str, pd.DataFrame], projection: Projection, plan
             kept = rows.iloc[thinned(len(rows), _POINTS)]
             about: dict[str, Any] = {"name": label, "begin": _time(rows["time"].iloc[0]), "end": _time(rows["time"].iloc[-1])}
             about |= _outcome(plan) if name == "plans" and plan is not None else {}
-            features.append(_feature("LineString", _line(kept["longitude"], kept["latitude"], projection), about))
+            line = _feature("LineString", _line(kept["longitude"], kept["latitude"], projection), about, _STYLES[name])
+            features.append({**line, "when": [_time(time) for time in kept["time"]]})
     features += _around_plan(plan, projection) if plan is not None and "plans" in tables else []
     series = tables.get("series", pd.DataFrame())
     for number, rows in series.groupby("place") if len(series) else ():
         last = rows.iloc[-1]
         about = {"name": f"place {number}", "time": _time(last["time"]), "depth_m": float(last["depth"])}
         about |= {f"{key}_m_s": _number(last[key]) for key in ("u", "v", "u_standard_error", "v_standard_error")}
-        features.append(_feature("Point", _line([last["longitude"]], [last["latitude"]], projection)[0], about))
+        features.append(_feature("Point", _line([last["longitude"]], [last["latitude"]], projection)[0], about, _STYLES["place"]))
     surfacings = tables.get("surfacings", pd.DataFrame())
     for row in surfacings.itertuples() if len(surfacings) else ():
         for kind in ("predicted", "actual"):
             at = _line([getattr(row, f"{kind}_longitude")], [getattr(row, f"{kind}_latitude")], projection)[0]
-            features.append(
-                _feature("Point", at, {"name": f"surfacing, {kind}", "time": _time(row.time), "distance_m": _number(row.distance)})
-            )
+            about = {"name": f"surfacing, {kind}", "time": _time(row.time), "distance_m": _number(row.distance)}
+            features.append(_feature("Point", at, about, _STYLES[kind]))
     for outline in outlines_of(surfacings, projection):
         ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
-        features.append(_feature("Polygon", [ring], {"name": "90 % ellipse of a surfacing"}))
+        features.append(_feature("Polygon", [ring], {"name": "90 % ellipse of a surfacing"}, _STYLES["ellipse"]))
     return features
 
 
@@ -71,42 +83,70 @@ def _around_plan(plan: LastPlan, projection: Projection) -> list[dict[str, Any]]
     features = []
     for number, outline in enumerate(plan.ellipses, start=1):
         ring = _line(*to_geographic(projection, outline[:, 0], outline[:, 1]), projection)
-        features.append(_feature("Polygon", [ring], {"name": f"90 % ellipse of planned surfacing {number}"}))
+        features.append(_feature("Polygon", [ring], {"name": f"90 % ellipse of planned surfacing {number}"}, _STYLES["ellipse"]))
     for area in plan.areas:
         longitude, latitude = np.array([*area.corners, area.corners[0]]).T
         ring = _line(longitude, latitude, projection)
-        features.append(_feature("Polygon", [ring], {"name": f"no-go area {area.name}", "surface_only": area.surface_only}))
+        about = {"name": f"no-go area {area.name}", "surface_only": area.surface_only}
+        features.append(_feature("Polygon", [ring], about, _STYLES["no_go"]))
     return features
 
 
 def geojson_text(features: list[dict[str, Any]]) -> str:
-    """Return features as GeoJSON."""
-    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False) + "\n"
+    """Return features as GeoJSON, with colours and widths in the properties of Mapbox's simplestyle 1.1."""
+    plain = [{key: value for key, value in feature.items() if key != "when"} for feature in features]
+    return json.dumps({"type": "FeatureCollection", "features": plain}, indent=1, allow_nan=False) + "\n"
 
 
 def kml_text(features: list[dict[str, Any]]) -> str:
-    """Return features as KML 2.2."""
+    """Return features as KML 2.2 with times, for the slider of Google Earth; ways are tracks of its extension."""
     places = "".join(_placemark(feature) for feature in features)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n{places}</Document></kml>\n'
+    names = 'xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"'
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<kml {names}><Document>\n{places}</Document></kml>\n'
 
 
 def _placemark(feature: dict[str, Any]) -> str:
     kind, at = feature["geometry"]["type"], feature["geometry"]["coordinates"]
     about = feature["properties"]
     data = "".join(
-        f'<Data name="{escape(key)}"><value>{escape(str(value))}</value></Data>' for key, value in about.items() if key != "name"
+        f'<Data name="{escape(key)}"><value>{escape(str(value))}</value></Data>'
+        for key, value in about.items()
+        if key != "name" and key not in _STYLE_KEYS
     )
     points = [at] if kind == "Point" else at[0] if kind == "Polygon" else at
     # KML has no longitudes beyond 180
-    text = " ".join(f"{(longitude + 180.0) % 360.0 - 180.0:.7f},{latitude:.7f}" for longitude, latitude in points)
-    shape = f"<coordinates>{text}</coordinates>"
+    places = [((longitude + 180.0) % 360.0 - 180.0, latitude) for longitude, latitude in points]
+    head = f"<name>{escape(about['name'])}</name>{_time_kml(about)}{_style_kml(about)}<ExtendedData>{data}</ExtendedData>"
+    if "when" in feature:
+        track = "".join(f"<when>{time}</when>" for time in feature["when"])
+        track += "".join(f"<gx:coord>{longitude:.7f} {latitude:.7f} 0</gx:coord>" for longitude, latitude in places)
+        return f"<Placemark>{head}<gx:Track>{track}</gx:Track></Placemark>\n"
+    shape = f"<coordinates>{' '.join(f'{longitude:.7f},{latitude:.7f}' for longitude, latitude in places)}</coordinates>"
     shape = f"<outerBoundaryIs><LinearRing>{shape}</LinearRing></outerBoundaryIs>" if kind == "Polygon" else shape
-    head = f"<name>{escape(about['name'])}</name><ExtendedData>{data}</ExtendedData>"
     return f"<Placemark>{head}<{kind}>{shape}</{kind}></Placemark>\n"
 
 
-def _feature(kind: str, coordinates: Any, about: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": about}
+def _time_kml(about: Mapping[str, Any]) -> str:
+    """Return the time of a feature; a way has those of its points."""
+    return f"<TimeStamp><when>{about['time']}</when></TimeStamp>" if "time" in about else ""
+
+
+def _style_kml(about: Mapping[str, Any]) -> str:
+    """Return a style: KML's colours are opacity, blue, green, red."""
+
+    def color(name: str, opacity: float) -> str:
+        red, green, blue = (about[name][k : k + 2] for k in (1, 3, 5))
+        return f"<color>{round(255 * opacity):02x}{blue}{green}{red}</color>"
+
+    if "marker-color" in about:
+        return f"<Style><IconStyle>{color('marker-color', 1.0)}</IconStyle></Style>"
+    line = f"<LineStyle>{color('stroke', 1.0)}<width>{about['stroke-width']}</width></LineStyle>"
+    fill = f"<PolyStyle>{color('fill', about['fill-opacity'])}</PolyStyle>" if "fill" in about else ""
+    return f"<Style>{line}{fill}</Style>"
+
+
+def _feature(kind: str, coordinates: Any, about: dict[str, Any], style: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": {**about, **style}}
 
 
 def _line(longitude: Any, latitude: Any, projection: Projection) -> list[list[float]]:

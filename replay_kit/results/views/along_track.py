@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
-from replay_kit.results.mcap_reader import read_messages
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
+from replay_kit.results.topics import read_messages
 from replay_kit.results.views.track import Track, thinned
 
 

@@ -1,7 +1,7 @@
 """What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,21 @@ _LOOK = 64
 
 
 @dataclass(frozen=True, slots=True)
+class Following:
+    """What a replay of logs that may grow adds to one of finished logs.
+
+    Attributes:
+        states: Folder of its states, from which the next one goes on.
+        record: What is to be said of the inputs in the result, by key.
+        goals: From when on [ns, UTC] the goal is another one than the job's, in order.
+    """
+
+    states: Path
+    record: Mapping[str, str] = field(default_factory=dict)
+    goals: tuple[tuple[int, Place], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ReplayJob:
     """The files that a replay reads and writes, and the goal that it plans for.
 
@@ -48,6 +63,7 @@ class ReplayJob:
         checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
+        following: For logs that may grow, without a checkpoint; None for finished ones.
         region: The part of the forecast that an earlier run of the job found; None finds it, where the settings do not state it.
         basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
     """
@@ -63,6 +79,7 @@ class ReplayJob:
     checkpoint: Path | None = None
     overwrite: bool = False
     include_inputs: bool = False
+    following: Following | None = None
     region: FoundRegion | None = None
     basis_store: Path | None = None
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.finding import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
@@ -55,6 +56,46 @@ class PublishedPlan:
 
 
 @dataclass(frozen=True, slots=True)
+class VehiclePose:
+    """Where the vehicle is in the local frame.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        place: Local east, local north and depth [m].
+        heading: Of its way, clockwise from local north [rad].
+    """
+
+    time_ns: int
+    place: tuple[float, float, float]
+    heading: float
+
+
+@dataclass(frozen=True, slots=True)
+class AtVehicle:
+    """The estimate at the vehicle.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        place: Longitude, latitude [degrees] and depth [m].
+        velocity: Towards true east and true north [m/s].
+        error: Standard errors of both [m/s]; NaN where unknown.
+    """
+
+    time_ns: int
+    place: tuple[float, float, float]
+    velocity: tuple[float, float]
+    error: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """All contradictions so far, at a time [ns, UTC]."""
+
+    time_ns: int
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class LogWarning:
     """A warning for ``/log``.
 
@@ -67,8 +108,8 @@ class LogWarning:
     text: str
 
 
-#: A position, what a measurement changed, a plan, how a plan turned out, or a warning.
-Output = VehicleState | Innovation | Weights | DepthSlices | PublishedPlan | Outcome | LogWarning
+#: A position, what a measurement changed, a plan, how a plan turned out, contradictions, or a warning.
+Output = VehicleState | VehiclePose | Innovation | Weights | AtVehicle | DepthSlices | PublishedPlan | Outcome | Findings | LogWarning
 
 
 def write(writer: ResultWriter, output: Output) -> None:
@@ -76,6 +117,12 @@ def write(writer: ResultWriter, output: Output) -> None:
     match output:
         case VehicleState():
             writer.fix(output)
+        case VehiclePose(time_ns, place, heading):
+            writer.vehicle(time_ns, place, heading)
+        case AtVehicle(time_ns, place, velocity, error):
+            writer.at_vehicle(time_ns, place, velocity, error)
+        case Findings(time_ns, findings):
+            writer.consistency(time_ns, findings)
         case Innovation():
             writer.innovation(output)
         case Weights(time_ns, weights, levels):

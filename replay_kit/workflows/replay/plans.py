@@ -31,12 +31,18 @@ class PlanningProblem:
         goal: Where the vehicle should go.
         settings: When to plan.
         surface_depth: Shallower than this the vehicle is at the surface [m].
+        later_goals: From when on [ns, UTC] it should go elsewhere, in order.
     """
 
     planner: Planner
     goal: Place
     settings: PlannerConfig
     surface_depth: float
+    later_goals: tuple[tuple[int, Place], ...] = ()
+
+    def goal_at(self, time_ns: int) -> Place:
+        """Return the goal of a plan that begins at a time [ns, UTC]."""
+        return next((goal for since_ns, goal in reversed(self.later_goals) if time_ns >= since_ns), self.goal)
 
     @property
     def interval_ns(self) -> int:
@@ -155,7 +161,7 @@ def make_plan(
         return state, ()
     start = start or _place_of(state.position)
     try:
-        result = problem.planner.plan(flow, start, problem.goal, start_time_ns, state.result)
+        result = problem.planner.plan(flow, start, problem.goal_at(start_time_ns), start_time_ns, state.result)
     except PlanError as error:
         return replace(state, result=None, failure=str(error), expected=None), (LogWarning(start_time_ns, f"no plan: {error}"),)
     expected = None if result.surfacing is None else (result.plan.start_time_ns, result.surfacing)

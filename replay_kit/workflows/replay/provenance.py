@@ -11,12 +11,16 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.version import __version__
+from replay_kit.results.losses import iso_time
+from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.region import REGION_RECORD, FoundRegion
 
 _BLOCK = 1 << 20
 #: Key of the bathymetry among the inputs.
 BATHYMETRY = "bathymetry"
+#: Record of a result whose logs may grow: what happened to its inputs.
+FOLLOWED = "replay_kit.followed"
 _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pymavlink")
 
 
@@ -90,6 +94,15 @@ def run_metadata(
     }
 
 
+def forecast_times(forecasts: Forecasts) -> dict[str, str]:
+    """Return the first and the last time of the forecast that is used, and whether the estimate goes through time; empty without times."""
+    times = [ensemble.time_ns for ensemble in forecasts.series if ensemble.time_ns is not None]
+    if not times:
+        return {}
+    used = times if forecasts.evolves else [forecasts.ensemble.time_ns or times[0]]
+    return {"first": iso_time(min(used), "s"), "last": iso_time(max(used), "s"), "evolves": str(forecasts.evolves).lower()}
+
+
 def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
     """Return what a run was asked for beyond its configuration, and the basis it chose.
 
@@ -109,6 +122,14 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         "kernel_length_north_m": repr(flow.horizontal.kernel.length_north),
         "kernel_speed": repr(flow.horizontal.kernel.speed),
     }
+
+
+def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
+    """Return the records of a result without what may change while its logs grow: the logs, the goal, what was said of them."""
+    inputs = {key: value for key, value in metadata.get("replay_kit.inputs", {}).items() if not key.startswith("log")}
+    options = {key: value for key, value in metadata.get("replay_kit.options", {}).items() if key != "goal"}
+    kept = {key: value for key, value in metadata.items() if key not in ("replay_kit.reading", FOLLOWED)}
+    return {**kept, "replay_kit.inputs": inputs, "replay_kit.options": options}
 
 
 def plan_metadata(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, Mapping[str, str]]:

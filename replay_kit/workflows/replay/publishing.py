@@ -1,14 +1,23 @@
 """The publishing stage: what is published of each step, and when the depth slices are due."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
 from replay_kit.core.observation import VehicleState
 from replay_kit.workflows.replay.estimation import Step
-from replay_kit.workflows.replay.outputs import DepthSlices, Output, Weights
+from replay_kit.workflows.replay.outputs import AtVehicle, DepthSlices, Output, VehiclePose, Weights
+
+#: Log time between estimates at the vehicle, at least [ns]: each takes as long as an update.
+AT_VEHICLE_NS = 1800 * 10**9
+# A vehicle that moved less keeps its heading [m].
+_MOVED = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,9 +26,17 @@ class PublishingState:
 
     Attributes:
         next_slices_ns: When the next depth slices are due [ns, UTC]; None before the first measurement.
+        next_at_vehicle_ns: When the next estimate at the vehicle is due [ns, UTC].
+        projection: The local frame; None before the first position.
+        position: The last one.
+        turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
     """
 
     next_slices_ns: int | None = None
+    next_at_vehicle_ns: int = 0
+    projection: Projection | None = None
+    position: VehicleState | None = None
+    turned: tuple[float, float, float] | None = None
 
 
 def publish_step(
@@ -34,19 +51,52 @@ def publish_step(
         settings: Interval and depths of the slices.
         flow_at: Returns the estimate after the step for a time [ns, UTC].
     """
-    if isinstance(step.event, VehicleState) or step.assimilation is None:
-        return state, (step.event,) if isinstance(step.event, VehicleState) else ()
+    if isinstance(step.event, VehicleState):
+        return _moved(state, step.event, flow_at)
+    if step.assimilation is None:
+        return state, ()
     now_ns, (innovation, weights) = step.event.time_ns, (step.assimilation.innovation, step.assimilation.weights)
     outputs: list[Output] = [innovation]
     if innovation.accepted and weights is not None:
         outputs.append(Weights(now_ns, weights, levels))
+    if innovation.accepted and (position := state.position) is not None and now_ns >= state.next_at_vehicle_ns:
+        state = replace(state, next_at_vehicle_ns=now_ns + AT_VEHICLE_NS)
+        outputs.append(at_vehicle(now_ns, position, flow_at(now_ns)))
     if state.next_slices_ns is None or now_ns >= state.next_slices_ns:
-        state = PublishingState(now_ns + int(settings.interval * 1e9))
+        state = replace(state, next_slices_ns=now_ns + int(settings.interval * 1e9))
         outputs.append(depth_slices(now_ns, flow_at(now_ns), settings))
     return state, tuple(outputs)
+
+
+def _moved(
+    state: PublishingState, position: VehicleState, flow_at: Callable[[int], FlowEstimate]
+) -> tuple[PublishingState, tuple[Output, ...]]:
+    """Return the state after a position, with the position and the vehicle's frame, which looks along its way."""
+    projection = state.projection or flow_at(position.time_ns).grid.projection
+    east, north = (float(value) for value in to_local(projection, position.longitude, position.latitude))
+    turned = state.turned or (east, north, 0.0)
+    moved = east - turned[0], north - turned[1]
+    if np.hypot(*moved) > _MOVED:
+        turned = east, north, float(np.arctan2(*moved))
+    pose = VehiclePose(position.time_ns, (east, north, _depth(position)), turned[2])
+    return replace(state, projection=projection, position=position, turned=turned), (position, pose)
+
+
+def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> AtVehicle:
+    """Return an estimate at a vehicle's position, at the surface where its depth is unknown."""
+    east, north = to_local(flow.grid.projection, position.longitude, position.latitude)
+    depth = _depth(position)
+    velocity = flow.velocity(east, north, depth, true_axes=True)
+    error = flow.standard_error(east, north, depth, true_axes=True) if flow.n_modes else np.full(2, np.nan)
+    place = (position.longitude, position.latitude, depth)
+    return AtVehicle(time_ns, place, (float(velocity[0]), float(velocity[1])), (float(error[0]), float(error[1])))
 
 
 def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> DepthSlices:
     """Return a flow with the depths at which it is published: those of the settings, or the first, middle and last level."""
     levels = flow.levels
     return DepthSlices(time_ns, flow, settings.depths or tuple(float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1})))
+
+
+def _depth(position: VehicleState) -> float:
+    return max(float(position.depth), 0.0) if np.isfinite(position.depth) else 0.0

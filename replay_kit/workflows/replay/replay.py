@@ -4,8 +4,9 @@ The messages' own times drive the loop; nothing depends on the wall clock, and t
 go to the summary only.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -14,21 +15,22 @@ from threadpoolctl import threadpool_limits
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, LogError, MeasurementError, PlanError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.netcdf import write_grid
-from replay_kit.core.grid import Ensemble
-from replay_kit.core.message import LogReader
+from replay_kit.core.message import Message
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.unchanged import check_unchanged
-from replay_kit.forecast import ensemble_files, find_sources
+from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
+from replay_kit.logs.merge import Merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
-from replay_kit.results.summary import ReplaySummary, TruthScore
-from replay_kit.results.summary_json import failure_json, to_record
+from replay_kit.results.summary import ReplaySummary
+from replay_kit.results.summary_json import failure_json
 from replay_kit.workflows.replay.basis_store import built
 from replay_kit.workflows.replay.build import Forecasts
 from replay_kit.workflows.replay.checkpoint import Checkpoint, CheckpointFile, resuming, run_identity
-from replay_kit.workflows.replay.consistency import checked_speeds, conclusions
+from replay_kit.workflows.replay.conclude import conclude
+from replay_kit.workflows.replay.consistency import checked_speeds
+from replay_kit.workflows.replay.followed import FollowedStates
 from replay_kit.workflows.replay.inputs import (
     ReplayJob,
     check_goal,
@@ -43,8 +45,8 @@ from replay_kit.workflows.replay.inputs import (
 from replay_kit.workflows.replay.look_ahead import check_span, open_readers
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
-from replay_kit.workflows.replay.provenance import run_metadata, run_options, run_settings_toml
-from replay_kit.workflows.replay.scoring import score_against_truth
+from replay_kit.workflows.replay.prepared import Prepared
+from replay_kit.workflows.replay.provenance import FOLLOWED, forecast_times, lasting, run_metadata, run_options, run_settings_toml
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -79,27 +81,6 @@ def replay(
         return _replay(job, config, planner_of, progress, on_digest, forecasts)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Inputs:
-    """What a replay has read before its first message.
-
-    Attributes:
-        job: Inputs and outputs.
-        readers: The opened logs.
-        forecasts: The forecast that the estimator is built from.
-        prior_flow: The estimate before any observation.
-        truth: What the estimate is scored against; None without.
-        metadata: Records of the result: inputs, options, versions, region.
-    """
-
-    job: ReplayJob
-    readers: Sequence[LogReader]
-    forecasts: Forecasts
-    prior_flow: FlowEstimate
-    truth: Ensemble | None
-    metadata: Mapping[str, Mapping[str, str]]
-
-
 def _replay(
     job: ReplayJob,
     config: RunConfig,
@@ -110,17 +91,14 @@ def _replay(
 ) -> tuple[ReplaySummary, FlowEstimate]:
     read = input_stamps(job)
     session, inputs = _prepare(job, config, planner_of, progress, forecasts)
-    checkpoints = None
-    if job.checkpoint is not None:
-        identity = run_identity(inputs.metadata, run_settings_toml(session.config))
-        prior, interval = session.estimator.common_part, config.output.checkpoint_interval
-        checkpoints = CheckpointFile(job.checkpoint, identity, interval, prior, inputs.forecasts.region)
+    checkpoints = _checkpoints(session, inputs)
     try:
-        checkpoint = _open_result(session, inputs, checkpoints, on_digest)
-        _loop(session, inputs, checkpoints, checkpoint, reading(inputs.readers, progress, "replaying"))
-        check_unchanged(read)
+        stream = _stream(inputs, session.config, checkpoints)
+        _open_result(session, inputs, checkpoints, stream.checkpoint, on_digest)
+        _loop(session, inputs, checkpoints, stream, reading(inputs.readers, progress, "replaying"))
+        check_unchanged(read, may_grow=job.following is not None)
         progress(0, 1, "writing the results")
-        summary, flow = _conclude(session, inputs)
+        summary, flow = conclude(session, inputs)
     except BaseException as error:
         # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk
         unusable = isinstance(error, ConfigError | MeasurementError | LogError | PlanError)
@@ -140,7 +118,7 @@ def _replay(
 
 def _prepare(
     job: ReplayJob, config: RunConfig, planner_of: PlannerFactory | None, progress: Progress, forecasts: Forecasts | None
-) -> tuple[Session, _Inputs]:
+) -> tuple[Session, Prepared]:
     """Return a replay before its first message, and what was read for it."""
     progress(0, 0, "reading the forecast")
     clock = Stopwatch()
@@ -159,51 +137,91 @@ def _prepare(
     if job.goal is not None and planner_of is not None:
         planner = planner_of(config.planner, ensemble.grid)
         check_goal(planner, prior_flow, job, config)
-        problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth)
+        goals = () if job.following is None else job.following.goals
+        problem = PlanningProblem(planner, job.goal, config.planner, config.measurements.surface_depth, goals)
     # without a goal nothing reads the bathymetry
     arguments, bathymetry = find_sources(job.ensemble).arguments, None if problem is None else config.planner.bathymetry_path
     options = run_options(job, prior_flow)
     metadata = {} if job.out is None else run_metadata(job.logs, arguments, ensemble, options, bathymetry, forecasts.region)
     if metadata and (assumed := {Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes}):
         metadata["replay_kit.reading"] = assumed
+    if metadata and (times := forecast_times(forecasts)):
+        metadata["replay_kit.forecast"] = times
+    if metadata and job.following is not None:
+        metadata[FOLLOWED] = job.following.record
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
-    return session, _Inputs(job, readers, forecasts, prior_flow, truth, metadata)
+    return session, Prepared(job, readers, forecasts, prior_flow, truth, metadata)
+
+
+def _checkpoints(session: Session, inputs: Prepared) -> CheckpointFile | FollowedStates | None:
+    """Return where the states of a replay are kept; None where they are not."""
+    job, settings, prior = inputs.job, run_settings_toml(session.config), session.estimator.common_part
+    if job.following is not None:
+        return FollowedStates(job.following.states, run_identity(lasting(inputs.metadata), settings), prior)
+    if job.checkpoint is None:
+        return None
+    interval = session.config.output.checkpoint_interval
+    return CheckpointFile(job.checkpoint, run_identity(inputs.metadata, settings), interval, prior, inputs.forecasts.region)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stream:
+    """The messages of a replay.
+
+    Attributes:
+        merged: All of them.
+        messages: Those after the checkpoint.
+        checkpoint: Where the replay goes on; None when it begins.
+    """
+
+    merged: Merge[Message]
+    messages: Iterator[Message]
+    checkpoint: Checkpoint | None = None
+
+
+def _stream(inputs: Prepared, config: RunConfig, checkpoints: CheckpointFile | FollowedStates | None) -> _Stream:
+    merged = merge(inputs.readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
+    if checkpoints is None:
+        return _Stream(merged, iter(merged))
+    checkpoint, messages = checkpoints.resume(merged.__iter__)
+    return _Stream(merged, messages, checkpoint)
 
 
 def _open_result(
-    session: Session, inputs: _Inputs, checkpoints: CheckpointFile | None, on_digest: Callable[[Digest], None] | None
-) -> Checkpoint | None:
-    """Open the result, and return the checkpoint from which the session continues; None when it begins."""
+    session: Session,
+    inputs: Prepared,
+    checkpoints: CheckpointFile | FollowedStates | None,
+    checkpoint: Checkpoint | None,
+    on_digest: Callable[[Digest], None] | None,
+) -> None:
+    """Open the result, and let the session continue from the checkpoint if there is one."""
     if (job := inputs.job).out is None:
-        return None
-    checkpoint = journal = None
-    if checkpoints is not None:
-        checkpoint = checkpoints.read()
-        journal = checkpoints.open_journal(checkpoint)
+        return
+    journal = None if checkpoints is None else checkpoints.open_journal(checkpoint)
     session.writer = ResultWriter(job.out, job.overwrite, on_digest, journal)
     if checkpoints is not None and checkpoint is not None:
         session.restore(checkpoint.state)
-        checkpoints.restore_result(session.writer, checkpoint, partial(copy_inputs, session.writer, job, session.config.logs))
-    return checkpoint
+        copy = partial(copy_inputs, session.writer, job, session.config.logs)
+        checkpoints.restore_result(session.writer, checkpoint, copy, partial(_begin_result, session, inputs))
 
 
 def _loop(
-    session: Session, inputs: _Inputs, checkpoints: CheckpointFile | None, checkpoint: Checkpoint | None, on_message: Callable[[], None]
+    session: Session,
+    inputs: Prepared,
+    checkpoints: CheckpointFile | FollowedStates | None,
+    stream: _Stream,
+    on_message: Callable[[], None],
 ) -> None:
     """Pass the logs' messages, those after the checkpoint, through the session."""
-    logs, measurements = session.config.logs, session.config.measurements
-    merged = merge(inputs.readers, logs.reorder_window, logs.start_ns, logs.end_ns)
-    messages, count = iter(merged), 0
-    state, skip = (initial_state(logs.system), 0) if checkpoint is None else (checkpoint.measurement, checkpoint.messages)
+    measurements, checkpoint = session.config.measurements, stream.checkpoint
+    state, count = (initial_state(session.config.logs.system), 0) if checkpoint is None else (checkpoint.measurement, checkpoint.messages)
     while True:
         with session.clock.stage("read"):
-            message = next(messages, None)
+            message = next(stream.messages, None)
         if message is None:
             check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break
         count += 1
-        if count <= skip:
-            continue
         if count == 1:
             _begin_result(session, inputs, message.time_ns)
         session.last_ns = message.time_ns
@@ -213,94 +231,23 @@ def _loop(
         if checkpoints is not None:
             checkpoints.write_when_due(session, state, count)
         on_message()
+    if isinstance(checkpoints, FollowedStates):
+        checkpoints.write_last()
     session.take(finish(state, measurements))
     session.assimilate_buffer(last=True)
-    session.statistics = session.statistics.with_order(merged)
+    session.statistics = session.statistics.with_order(stream.merged)
 
 
-def _begin_result(session: Session, inputs: _Inputs, time_ns: int) -> None:
+def _begin_result(session: Session, inputs: Prepared, time_ns: int) -> None:
     """Write what precedes the messages of a result: metadata, notes on the forecast, and the inputs' messages if asked for."""
     if (writer := session.writer) is None:
         return
-    with session.clock.stage("write"):
+    # of growing logs what names them is written anew each time
+    recorded = nullcontext() if inputs.job.following is None else writer.unrecorded()
+    with session.clock.stage("write"), recorded:
         writer.start(inputs.prior_flow.grid.projection, time_ns, inputs.metadata, run_settings_toml(session.config))
         for note in inputs.forecasts.notes:
             writer.log(time_ns, "warning", note)
         if session.problem is not None and (seabed := session.problem.planner.seabed) is not None:
             writer.seabed(time_ns, seabed)
         copy_inputs(writer, inputs.job, session.config.logs)
-
-
-def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEstimate]:
-    """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
-    job, reports = inputs.job, [reader.report() for reader in inputs.readers]
-    if not session.monitoring.explains_no_profile:
-        session.statistics.require_usable(reports, inputs.forecasts.ensemble.grid)
-    flow = session.conclude()
-    notes = _notes(session, inputs, flow, session.statistics.notes(reports))
-    planning, (found, blind) = session.planning, conclusions(session.monitoring, session.statistics, session.config)
-    outside = tuple(note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note)
-    summary = replace(
-        session.statistics.summary(reports),
-        plan=None if planning.result is None else planning.result.plan,
-        plan_note=planning.failure,
-        outcomes=planning.outcomes,
-        notes=tuple(notes),
-        findings=found,
-        doubts=blind + outside,
-    )
-    with session.clock.stage("write"):
-        if session.writer is not None:
-            session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
-            if spread := session.estimator.spread_record(session.estimation.current):
-                session.writer.write_metadata("replay_kit.spread", spread)
-            for number, left in enumerate(session.estimator.left_flows(session.estimation.current), 1):
-                session.writer.window(number, left)
-            session.writer.finish(flow)
-        if job.netcdf is not None:
-            write_grid(flow, job.netcdf)
-        if job.save_estimate is not None:
-            flow.save(job.save_estimate)
-    score = None
-    if inputs.truth is not None:
-        with session.clock.stage("score"):
-            score, failures = _score(session, inputs, inputs.truth, flow)
-            notes += failures
-    return replace(summary, seconds=dict(session.clock.seconds), truth=score, notes=tuple(notes)), flow
-
-
-def _notes(session: Session, inputs: _Inputs, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
-    """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
-    kernel, estimator = flow.horizontal.kernel, session.estimator
-    lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
-    basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    no_goal = [] if inputs.job.goal is not None else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
-    biases = estimator.bias_notes(session.estimation.current)
-    return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
-
-
-def _score(session: Session, inputs: _Inputs, truth: Ensemble, flow: FlowEstimate) -> tuple[TruthScore | None, list[str]]:
-    """Return the score, or as much of it as there is, and why the rest is missing."""
-    job, forecasts, prior_flow, config = inputs.job, inputs.forecasts, inputs.prior_flow, session.config
-    if forecasts.evolves:
-        # the estimate is of the log's end, and so is what it is compared with
-        truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
-        prior_flow = prior_flow.at(session.last_ns)
-    if forecasts.read is not None:
-        forecasts, box = forecasts.in_last_window(flow.grid)
-        truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
-    positions, ensemble = session.statistics.profiles.positions, forecasts.nearest(flow.time_ns)
-    try:
-        score, truth_flow = score_against_truth(flow, ensemble, truth, positions, job.truth_radius_km, config.estimator)
-    except MeasurementError as error:
-        return None, [f"no score: {error}"]
-    problem, result = session.problem, session.planning.result
-    if problem is None or result is None or result.plan.status == "failed":
-        return score, []
-    plan = result.plan
-    mean_plan = problem.planner.plan(prior_flow, plan.start, plan.goal, plan.start_time_ns, None)
-    try:
-        closest = [problem.planner.closest_approach(truth_flow, planned) for planned in (result, mean_plan)]
-    except PlanError as error:
-        return score, [f"the plans cannot be flown in the truth: {error}"]
-    return replace(score, closest_approach_m=closest[0], ensemble_mean_closest_approach_m=closest[1]), []

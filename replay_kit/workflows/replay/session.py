@@ -23,7 +23,7 @@ from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.build import flow_at
 from replay_kit.workflows.replay.consistency import MonitoringState
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
-from replay_kit.workflows.replay.outputs import LogWarning, Output, write
+from replay_kit.workflows.replay.outputs import Findings, LogWarning, Output, write
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.publishing import PublishingState, depth_slices, publish_step
 from replay_kit.workflows.replay.statistics import RunStatistics
@@ -142,6 +142,7 @@ class Session:
             self.estimator, self.estimation, self.monitoring, self.statistics
         )
         self._write(LogWarning(finding.since_ns, str(finding)) for finding in found)
+        self._write((Findings(self.last_ns, self.monitoring.checks.findings),))
 
     def assimilate_buffer(self, last: bool = False) -> None:
         """Assimilate the observations that wait, then publish everything in the order of the log.

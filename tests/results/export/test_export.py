@@ -13,7 +13,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import open_result
 from replay_kit.results.export import export
-from replay_kit.results.export.features import features_of
+from replay_kit.results.export.features import features_of, kml_text
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.series import series_at
 from tests.results.cases import moved, write
@@ -21,6 +21,7 @@ from tests.results.test_cf import complaints
 from tests.synthetic_flow import synthetic_flow
 
 __all__ = ["complaints"]
+GX = "http://www.google.com/kml/ext/2.2"
 PLACES = [(5.0, 62.0, 10.0), (5.05, 62.01, 130.0)]
 
 
@@ -97,8 +98,29 @@ def test_geojson_and_kml_hold_track_places_and_plan(contents, tmp_path):
     root = ElementTree.parse(tmp_path / "x.kml").getroot()
     space = "{http://www.opengis.net/kml/2.2}"
     assert [name.text for name in root.iter(f"{space}name")] == ["track", "last plan", "place 0", "place 1"]
-    first = next(root.iter(f"{space}coordinates")).text
-    assert first == "5.0000000,62.0000000 5.0100000,62.0020000 5.0200000,62.0040000"
+    track = next(root.iter(f"{{{GX}}}Track"))
+    assert [place.text for place in track.iter(f"{{{GX}}}coord")] == [
+        "5.0000000 62.0000000 0",
+        "5.0100000 62.0020000 0",
+        "5.0200000 62.0040000 0",
+    ]
+    # a time for each place of the track; one for each place's current
+    assert [when.text for when in track.iter(f"{space}when")] == [
+        "2023-11-14T22:13:20.123456789Z",
+        "2023-11-14T23:13:20.123456789Z",
+        "2023-11-15T00:13:20.123456789Z",
+    ]
+    assert len(list(root.iter(f"{space}TimeStamp"))) == 2
+
+
+def test_features_are_styled_for_maps_and_kml_has_the_same_colours_in_its_own_order(contents, tmp_path):
+    export(contents, tmp_path / "x.geojson", PLACES)
+    export(contents, tmp_path / "x.kml", PLACES)
+    styles = [feature["properties"] for feature in json.loads((tmp_path / "x.geojson").read_text())["features"]]
+    assert [style.get("stroke", style.get("marker-color")) for style in styles] == ["#00618f", "#b8500f", "#5b6b78", "#5b6b78"]
+    assert "when" not in json.loads((tmp_path / "x.geojson").read_text())["features"][0]
+    colors = [color.text for color in ElementTree.parse(tmp_path / "x.kml").getroot().iter("{http://www.opengis.net/kml/2.2}color")]
+    assert colors == ["ff8f6100", "ff0f50b8", "ff786b5b", "ff786b5b"]
 
 
 def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_in_kml(tmp_path, innovation):
@@ -108,7 +130,8 @@ def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_
     export(contents, tmp_path / "x.kml", table="track")
     (track,) = json.loads((tmp_path / "x.geojson").read_text())["features"]
     assert [point[0] for point in track["geometry"]["coordinates"]] == [179.99, 180.0, 180.01]
-    assert "179.9900000,62.0000000 -180.0000000,62.0020000 -179.9900000,62.0040000" in (tmp_path / "x.kml").read_text()
+    places = [place.text for place in ElementTree.parse(tmp_path / "x.kml").getroot().iter(f"{{{GX}}}coord")]
+    assert places == ["179.9900000 62.0000000 0", "-180.0000000 62.0020000 0", "-179.9900000 62.0040000 0"]
 
 
 def test_surfacings_have_points_and_counter_clockwise_ellipses(contents):
@@ -123,7 +146,11 @@ def test_surfacings_have_points_and_counter_clockwise_ellipses(contents):
         "90 % ellipse of a surfacing",
     ]
     assert found[1]["geometry"]["coordinates"] == [5.01, 62.0]
-    assert found[1]["properties"] == {"name": "surfacing, actual", "time": "2024-01-01T00:00:00Z", "distance_m": 12.5}
+    about = {"name": "surfacing, actual", "time": "2024-01-01T00:00:00Z", "distance_m": 12.5}
+    assert found[1]["properties"].items() >= about.items()
+    kml = kml_text(found)
+    assert kml.count("<TimeStamp><when>2024-01-01T00:00:00Z</when></TimeStamp>") == 2
+    assert "<PolyStyle><color>260f50b8</color></PolyStyle>" in kml
     x, y = np.array(found[2]["geometry"]["coordinates"][0]).T
     assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0.0
 

@@ -7,7 +7,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
-from replay_kit.results.mcap_reader import read_messages
+from replay_kit.results.topics import read_messages
 
 TOPICS = ("/a", "/b", "/c")
 

@@ -1,0 +1,97 @@
+"""The options of ``replay`` with which it follows logs that grow."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from replay_kit.cli.console import write_json
+from replay_kit.cli.options import flag, option
+from replay_kit.core.errors import ConfigError, LogError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from replay_kit.config.run import RunConfig
+    from replay_kit.workflows.replay.inputs import ReplayJob
+
+# Seconds between two looks, at least: a look reads the names in a folder.
+_LEAST = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Following:
+    """How logs that grow are followed."""
+
+    follow: Annotated[
+        bool, flag("--follow", "Replay what is new in the logs as they grow, or in folders as they fill, until Ctrl-C; see the README.")
+    ] = False
+    interval: Annotated[float, option("--interval", "Between two looks at the files with --follow [s].", least=_LEAST)] = 60.0
+    until_idle: Annotated[
+        float | None,
+        option("--until-idle", "End --follow after so long without anything new [s]. Default: never.", metavar="SECONDS", least=0.0),
+    ] = None
+    goal_file: Annotated[
+        Path | None, option("--goal-file", "File with the goal, LON,LAT,DEPTH, that may be changed during --follow.", metavar="FILE")
+    ] = None
+    notify: Annotated[
+        str | None, option("--notify", "Command of the shell that gets each alarm of --follow as a JSON line.", metavar="COMMAND")
+    ] = None
+
+    def check(self, others: Mapping[str, object]) -> None:
+        """Raise ConfigError for options that do not go together.
+
+        Args:
+            others: Options that do not go with ``--follow``, by name.
+        """
+        if self.follow and (given := [name for name, value in others.items() if value]):
+            raise ConfigError(f"{given[0]}: does not go with --follow; leave one of them out")
+        alone = {"--until-idle": self.until_idle, "--goal-file": self.goal_file, "--notify": self.notify}
+        if not self.follow and (given := [name for name, value in alone.items() if value is not None]):
+            raise ConfigError(f"{given[0]}: goes with --follow only; add --follow, or leave it out")
+
+    def goes_on(self, out: Path) -> bool:
+        """Return whether a mission is followed that was followed before, whose outputs are written again."""
+        return self.follow and (self.states(out) / "follow.json").is_file()
+
+    @staticmethod
+    def page(out: Path) -> Path:
+        """Return the page of the status of a mission that is followed."""
+        return out.with_suffix(".status.html")
+
+    @staticmethod
+    def states(out: Path) -> Path:
+        """Return the folder of what is kept between the replays of a followed mission."""
+        return out.with_name(f"{out.name}.follow")
+
+    def run(self, job: "ReplayJob", config: "RunConfig", console: "Console", page: Path | None, json_file: Path | None) -> int:
+        """Follow the logs of a job, and return the exit code of the last summary."""
+        from replay_kit.results.summary import print_summary
+        from replay_kit.results.summary_json import to_json
+        from replay_kit.workflows.follow.follow import follow
+        from replay_kit.workflows.follow.options import FollowOptions
+        from replay_kit.workflows.planning import planner_of
+
+        assert job.out is not None
+        if job.goal is not None and self.goal_file is not None:
+            raise ConfigError("--goal-file: --goal is given too; leave one of them out")
+
+        def tell(text: str) -> None:
+            console.print(text, soft_wrap=True)
+
+        options = FollowOptions(
+            states=self.states(job.out),
+            status=self.page(job.out),
+            interval_s=self.interval,
+            until_idle_s=self.until_idle,
+            goal_file=self.goal_file,
+            command=self.notify or "",
+            report=page,
+            tell=tell,
+        )
+        summary = follow(job, config, planner_of, options)
+        if summary is None:
+            raise LogError("no log that can be replayed has come; check the folder, and what was said of the files in it")
+        print_summary(summary, console)
+        write_json(json_file, to_json(summary))
+        return summary.exit_code

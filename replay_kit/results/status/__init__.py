@@ -1,0 +1,1 @@
+"""A result on one screen: what a pilot asks at a surfacing."""

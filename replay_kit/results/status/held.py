@@ -1,0 +1,160 @@
+"""What the status of a result is made of, read from the file: only the messages that it needs are decoded."""
+
+import json
+import struct
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from replay_kit.core.errors import LogError
+from replay_kit.core.grid import Projection
+from replay_kit.results.schemas import decode
+from replay_kit.results.topics import read_messages
+
+_CONFIG, _SUMMARY = "config.toml", "summary.json"
+# Two plans tell what changed; their surfacings and the measurements between them tell why.
+_PLANS, _OUTCOMES = 2, 50
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A position of the vehicle.
+
+    Attributes:
+        time_ns: [ns, UTC].
+        longitude: [degrees east].
+        latitude: [degrees north].
+        reckoned: Whether it is dead reckoned, not measured.
+    """
+
+    time_ns: int
+    longitude: float
+    latitude: float
+    reckoned: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Held:
+    """What a result holds of its end.
+
+    Attributes:
+        name: Of the file.
+        first_ns: Time of its first message [ns, UTC].
+        last_ns: Of its last one that is no plan for later [ns, UTC].
+        metadata: Records by name.
+        settings: The configuration in effect.
+        summary: Of the run; empty for an unfinished one.
+        projection: The local frame.
+        fixes: Measured positions: the first, the last one older than a day before the last, and the last.
+        reckoned: The last position, if it is younger than the last measured one and dead reckoned.
+        plans: The last two, ``replay_kit.Plan``.
+        outcomes: The last surfacings beside their predictions, ``replay_kit.PlanOutcome``.
+        dive: Measurements of the last dive that has any, ``replay_kit.Innovation``.
+    """
+
+    name: str
+    first_ns: int
+    last_ns: int
+    metadata: Mapping[str, Mapping[str, str]]
+    settings: Mapping[str, Any]
+    summary: Mapping[str, Any]
+    projection: Projection
+    fixes: Sequence[Fix]
+    reckoned: Fix | None
+    plans: Sequence[Any]
+    outcomes: Sequence[Any]
+    dive: Sequence[Any]
+
+
+def read_held(path: Path) -> Held:
+    """Return what the status of a result needs of it.
+
+    Raises:
+        LogError: The file is missing, or is no complete result.
+    """
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata() if record.name != "replay_kit.digest"}
+            attached = {record.name: record.data for record in reader.iter_attachments() if record.name in (_CONFIG, _SUMMARY)}
+            summary = reader.get_summary()
+        if "frame map" not in metadata or "contract" not in metadata or summary is None or summary.statistics is None:
+            raise LogError(f"{path}: an MCAP file, but no result of replay-kit replay; give a result")
+        schemas = {channel.topic: summary.schemas.get(channel.schema_id) for channel in summary.channels.values()}
+        fixes, reckoned = _positions(path, schemas.get("/vehicle/fix"))
+        plans, outcomes = (_last(path, topic, name, most) for topic, name, most in _OF_PLANS)
+        dive = _last_dive(path)
+    except OSError as error:
+        raise LogError(f"{path}: cannot read the result: {error.strerror}; check the path") from error
+    except (McapError, ValueError, struct.error) as error:
+        raise LogError(f"{path}: expected a complete result of replay-kit replay: {error!r}; the run may not have finished") from error
+    frame = metadata["frame map"]
+    known = [*(fix.time_ns for fix in fixes), *(one.timestamp.ToNanoseconds() for one in (*outcomes, *dive))]
+    return Held(
+        name=path.name,
+        first_ns=summary.statistics.message_start_time,
+        last_ns=max([*known, *([reckoned.time_ns] if reckoned else [])], default=summary.statistics.message_end_time),
+        metadata=metadata,
+        settings=tomllib.loads(attached.get(_CONFIG, b"").decode()),
+        summary=json.loads(attached.get(_SUMMARY, b"{}")),
+        projection=Projection(float(frame["longitude"]), float(frame["latitude"])),
+        fixes=fixes,
+        reckoned=reckoned,
+        plans=plans,
+        outcomes=outcomes,
+        dive=dive,
+    )
+
+
+_OF_PLANS = (("/plan/controls", "Plan", _PLANS), ("/plan/outcome", "PlanOutcome", _OUTCOMES))
+_DAY_NS = 86_400 * 10**9
+
+
+def _last(path: Path, topic: str, name: str, most: int) -> list[Any]:
+    """Return the last messages of a topic."""
+    return [decode(name, data) for _, data in [*read_messages(path, topic)][-most:]]
+
+
+def _last_dive(path: Path) -> list[Any]:
+    """Return the measurements of the last dive; those since the last fix of a vehicle that does not dive."""
+    held = [data for _, data in read_messages(path, "/flow/innovation")]
+    dive: list[Any] = []
+    for data in reversed(held):
+        one = decode("Innovation", data)
+        if dive and one.dive != dive[-1].dive:
+            break
+        dive.append(one)
+        if not one.dive and len(dive) == _OUTCOMES:
+            break
+    return dive[::-1]
+
+
+def _positions(path: Path, schema: Any) -> tuple[list[Fix], Fix | None]:
+    """Return the measured positions that are needed, and the last one that is dead reckoned and younger; see ``Held``."""
+    if schema is None:
+        return [], None
+    decoder = DecoderFactory().decoder_for("protobuf", schema)
+    assert decoder is not None
+    read = [*read_messages(path, "/vehicle/fix")]
+
+    def measured(rows: Sequence[tuple[int, bytes]]) -> Iterator[Fix]:
+        return (fix for fix in (_fix(time_ns, decoder(data)) for time_ns, data in rows) if not fix.reckoned)
+
+    last = next(measured(read[::-1]), None)
+    if last is None:
+        return [], _fix(read[-1][0], decoder(read[-1][1])) if read else None
+    before = next(measured([row for row in read if row[0] <= last.time_ns - _DAY_NS][::-1]), None)
+    first = next(measured(read))
+    end = _fix(read[-1][0], decoder(read[-1][1]))
+    return [first, *([before] if before is not None else []), last], end if end.reckoned and end.time_ns > last.time_ns else None
+
+
+def _fix(time_ns: int, message: Any) -> Fix:
+    reckoned = any(pair.key == "dead_reckoned" and pair.value == "1" for pair in message.metadata)
+    return Fix(time_ns, message.longitude, message.latitude, reckoned)

@@ -1,0 +1,1 @@
+"""Logs that grow: replayed as they come."""

@@ -1,0 +1,282 @@
+"""Growing logs replayed as they come: look, replay what is new, write result, status and report, give alarms, wait."""
+
+import json
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.atomic import part_of
+from replay_kit.core.errors import ConfigError, LogError, MeasurementError, PlanError, ReplayKitError
+from replay_kit.core.plan import Place
+from replay_kit.core.text import count_text, place_text
+from replay_kit.core.unchanged import Stamp, stamps_of
+from replay_kit.forecast import ensemble_files
+from replay_kit.results.status.held import Held, read_held
+from replay_kit.results.status.status import Status, status_of
+from replay_kit.results.summary import ReplaySummary
+from replay_kit.workflows.follow import memory as remembered
+from replay_kit.workflows.follow.goals import read_goal, with_goal
+from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
+from replay_kit.workflows.follow.options import FollowOptions
+from replay_kit.workflows.follow.sources import GROWING
+from replay_kit.workflows.follow.watch import Clock, Watched, look_again
+from replay_kit.workflows.replay.build import Forecasts, read_forecasts
+from replay_kit.workflows.replay.inputs import Following, ReplayJob
+from replay_kit.workflows.replay.look_ahead import look_ahead
+from replay_kit.workflows.replay.planner import PlannerFactory
+from replay_kit.workflows.replay.provenance import named_hash
+from replay_kit.workflows.replay.region import FoundRegion, find_region, from_record
+from replay_kit.workflows.replay.replay import replay
+from replay_kit.workflows.report import report
+from replay_kit.workflows.status import write_page
+
+# A vehicle whose last message is younger is under way, and its surfacings can be overdue by the clock [ns].
+_UNDER_WAY_NS = 3 * 86_400 * 10**9
+_UNUSABLE = (LogError, MeasurementError, PlanError, ConfigError)
+
+
+def follow(
+    job: ReplayJob, config: RunConfig, planner_of: PlannerFactory, options: FollowOptions, clock: Clock | None = None
+) -> ReplaySummary | None:
+    """Follow logs until nothing new has come for a while, and return the last summary; None when there was nothing to replay.
+
+    The estimate is that of one replay of the files as they are in the end. After an interrupt, or when the process is killed, another
+    call goes on from what is on the disk.
+
+    Args:
+        job: Its logs are files and folders that grow.
+        config: The run's settings.
+        planner_of: Makes the planner.
+        options: How logs are followed.
+        clock: The present; None for the machine's.
+
+    Raises:
+        ForecastError: The forecast cannot be used for the first replay.
+        ConfigError: An output cannot be written, or the goal's file cannot be read at the beginning.
+    """
+    follower = Follower(job, _planned_at_surfacings(config), planner_of, options, clock or Clock())
+    try:
+        return follower.run()
+    except KeyboardInterrupt:
+        # the result of the replay before is whole
+        if job.out is not None:
+            part_of(job.out).unlink(missing_ok=True)
+        raise
+
+
+def _planned_at_surfacings(config: RunConfig) -> RunConfig:
+    """Return the settings with a plan at each surfacing, unless they say when."""
+    if "when" in config.planner.model_fields_set:
+        return config
+    return config.model_copy(update={"planner": config.planner.model_copy(update={"when": "surfacing"})})
+
+
+class Follower:
+    """A mission that is followed: mutable, as it goes from look to look."""
+
+    def __init__(self, job: ReplayJob, config: RunConfig, planner_of: PlannerFactory, options: FollowOptions, clock: Clock) -> None:
+        """Begin with what is remembered; arguments as of ``follow``."""
+        try:
+            options.states.mkdir(exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"{options.states}: expected a folder that can be made: {error.strerror}; choose another") from error
+        assert job.out is not None
+        self._job, self._config, self._planner_of, self._options, self._clock = job, config, planner_of, options, clock
+        self._out = job.out
+        self._memory = remembered.read_memory(options.states)
+        self._good = set(self._memory.used)
+        self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
+        self._held: Held | None = read_held(self._out) if self._good and self._out.is_file() else None
+        self._summary: ReplaySummary | None = None
+        self._shown: Status | None = None
+        self._due = False
+        self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
+
+    def run(self) -> ReplaySummary | None:
+        """Look and replay until nothing new has come for long enough."""
+        first, idle_since = True, self._clock.idle_s()
+        while True:
+            if self.poll(first):
+                idle_since = self._clock.idle_s()
+            first = False
+            limit = self._options.until_idle_s
+            if limit is not None and self._clock.idle_s() - idle_since >= limit:
+                return self._summary
+            self._clock.wait(self._options.interval_s if limit is None else min(self._options.interval_s, max(limit, 0.01)))
+
+    def poll(self, always: bool = False) -> bool:
+        """Look once, and return whether anything was new.
+
+        Args:
+            always: Replay also when nothing is new.
+        """
+        moved, changed = self._look_at_goal(), self._look_at_files()
+        if (moved or changed or always or self._due) and self._memory.used:
+            self._replay()
+        elif always:
+            self._options.tell("waiting for a log")
+        if self._held is not None:
+            self._answer(self._held)
+        return moved or changed
+
+    def _look_at_files(self) -> bool:
+        """Examine what changed, and return whether the files that are used are others than before."""
+        own = [self._out, self._options.states, self._options.status, *filter(None, [self._options.report, self._options.goal_file])]
+        own += [path for path in (self._job.netcdf, self._job.save_estimate) if path is not None]
+        own += [*ensemble_files(self._job.ensemble), *self._out.parent.glob(f"{self._out.stem}.forecast*.mcap")]
+        watched = Watched(self._job.logs, tuple(own), self._config.logs, self._clock, self._options.interval_s)
+        sources, said, changed = look_again(watched, self._memory.sources)
+        self._remember(sources=sources)
+        for text in said:
+            self._say(text)
+        return changed
+
+    def _look_at_goal(self) -> bool:
+        """Read the goal's file if there is one, and return whether the goal moved."""
+        if self._options.goal_file is None:
+            return False
+        try:
+            return self._set_goal(read_goal(self._options.goal_file))
+        except ConfigError as error:
+            self._say(f"{error}; the goal stays", once=True)
+            return False
+
+    def _set_goal(self, goal: Place | None) -> bool:
+        if goal is None:
+            return False
+        before = self._memory.goals
+        self._remember(goals=with_goal(before, goal, self._held.last_ns if self._held is not None else 0))
+        if before and before[-1][1] != goal:
+            self._say(f"the goal moved to {place_text(goal.longitude, goal.latitude)}, {goal.depth:g} m")
+            return True
+        return False
+
+    def _replay(self) -> None:
+        """Replay the files that are used; those that are new and make it fail are set aside."""
+        began, used, self._due = self._clock.idle_s(), self._memory.used, False
+        # those that grow may change, up to what is read of them
+        whole = [*(path for path in used if path.suffix.lower() not in GROWING), *ensemble_files(self._job.ensemble)]
+        stamps = stamps_of(whole)
+        try:
+            self._run(used)
+        except ReplayKitError as error:
+            if stamps_of(whole) != stamps:
+                self._due = True
+                self._options.tell(f"a file changed while it was read; it is read again: {error}")
+                return
+            if isinstance(error, _UNUSABLE):
+                self._without_new(used, error)
+                return
+            if self._held is None:
+                raise
+            self._say(f"not replayed, the result before stays: {error}", once=True)
+            return
+        assert self._summary is not None
+        took, dives = self._clock.idle_s() - began, count_text(len(self._summary.by_dive), "dive")
+        self._options.tell(f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}")
+
+    def _without_new(self, used: tuple[Path, ...], error: ReplayKitError) -> None:
+        """Replay without the new files with which a replay failed, one by one; the first files of a mission are waited for instead."""
+        fresh = [path for path in used if path not in self._good]
+        if not self._good or not fresh:
+            self._say(f"not replayed: {error}", once=True)
+            return
+        for path in fresh:
+            kept = tuple(other for other in used if other in self._good or other == path)
+            try:
+                self._run(kept)
+            except _UNUSABLE as reason:
+                source = self._memory.sources[path]
+                self._remember(sources={**self._memory.sources, path: replace(source, aside=f"makes the replay fail: {reason}")})
+                self._say(f"{path.name} not used: it makes the replay fail: {reason}")
+
+    def _run(self, used: tuple[Path, ...]) -> None:
+        """Replay some files, and read what the result holds."""
+        job = replace(self._job, logs=used, overwrite=True, goal=self._memory.goals[0][1] if self._memory.goals else None)
+        forecasts = self._forecasts(job)
+        record = {f"{number:03d}": self._without_folders(text) for number, text in enumerate(self._memory.said)}
+        job = replace(job, following=Following(self._options.states, record, self._memory.goals[1:]))
+        summary, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
+        self._summary, self._held = summary, read_held(self._out)
+        self._good |= set(used)
+        if self._options.report is not None:
+            report(self._out, self._options.report, overwrite=True, summary=summary)
+
+    def _without_folders(self, text: str) -> str:
+        """Return a text with files by their names: the folder that the inputs are in changes no byte of a result."""
+        for path in (*self._memory.sources, *ensemble_files(self._job.ensemble), *filter(None, [self._options.goal_file])):
+            text = text.replace(str(path), path.name)
+        return text
+
+    def _forecasts(self, job: ReplayJob) -> Forecasts:
+        """Return the forecast, read anew when its files or the beginning of the logs changed."""
+        stamps, ahead = stamps_of(ensemble_files(job.ensemble)), look_ahead(job.logs, self._config)
+        if self._forecast is not None and self._forecast[0] == stamps and self._forecast[2] == ahead:
+            return self._forecast[1]
+        try:
+            found = read_forecasts(job.ensemble, self._config, ahead[1], ahead[0], self._region(job, ahead[1]))
+        except ReplayKitError as error:
+            if self._forecast is None or self._forecast[2] != ahead:
+                raise
+            self._say(f"the newer forecast cannot be used, and the one before stays: {error}", once=True)
+            return self._forecast[1]
+        name = ", ".join(named_hash(path) for path in ensemble_files(job.ensemble))
+        if self._memory.forecast and self._memory.forecast != name:
+            self._archive(name)
+        self._remember(forecast=name)
+        self._forecast = stamps, found, ahead
+        return found
+
+    def _region(self, job: ReplayJob, near_ns: int | None) -> FoundRegion | None:
+        """Return the part of the forecast that the first replay needed; None where it read all, or what the settings state."""
+        if not self._memory.region:
+            found = find_region(job.logs, job.ensemble, self._config, near_ns, job.goal)
+            self._remember(region=json.dumps(None if found is None else found.to_record()))
+        record = json.loads(self._memory.region)
+        return None if record is None else from_record(record)
+
+    def _archive(self, name: str) -> None:
+        """Keep the result with the forecast that was replaced."""
+        kept = ""
+        if self._out.is_file():
+            number = self._memory.archives + 1
+            target = self._out.with_name(f"{self._out.stem}.forecast{number}.mcap")
+            target.unlink(missing_ok=True)
+            try:
+                os.link(self._out, target)
+            except OSError:
+                shutil.copyfile(self._out, target)
+            self._remember(archives=number)
+            kept = f"; the result with the one before is kept as {target.name}"
+        self._say(f"a newer forecast: {name}, before it {self._memory.forecast}; all measurements so far go into it too{kept}")
+
+    def _answer(self, held: Held) -> None:
+        """Write the status page, and give the alarms that are new."""
+        wall_ns = self._clock.now_ns()
+        under_way = 0 <= wall_ns - held.last_ns < _UNDER_WAY_NS
+        status = status_of(held, wall_ns if under_way else None)
+        if status != self._shown:
+            write_page(status, self._options.status, max(int(self._options.interval_s), 5))
+            self._shown = status
+        self._remember(given=standing(status, self._memory.given))
+        for alarm in new_alarms(status, self._memory.given):
+            self._options.tell(f"ALARM: {alarm.kind}: {alarm.text}")
+            if self._options.command and (failure := notify(self._options.command, alarm_line(alarm, status))):
+                self._options.tell(failure)
+                continue
+            self._remember(given=(*self._memory.given, key_of(alarm)))
+
+    def _say(self, text: str, once: bool = False) -> None:
+        """Tell a person, and keep it for the record; a second time only where it is not said ``once``."""
+        if not once or text not in self._memory.said[-20:]:
+            self._options.tell(text)
+            self._remember(said=(*self._memory.said, text))
+
+    def _remember(self, **changes: object) -> None:
+        """Change what is remembered, on the disk too."""
+        changed = replace(self._memory, **changes)  # type: ignore[arg-type]
+        if changed != self._memory:
+            self._memory = changed
+            remembered.write_memory(self._options.states, changed)

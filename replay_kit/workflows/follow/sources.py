@@ -1,0 +1,153 @@
+"""The files of a followed mission: what each is, which are used, and why others are set aside."""
+
+import hashlib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.text import time_text
+from replay_kit.core.unchanged import Stamp, stamps_of
+from replay_kit.logs import open_log
+
+#: Endings of files that are written to while they are read; others come whole.
+GROWING = (".mcap", ".tlog", ".bin", ".pd0", ".enx", ".ens", ".ad2cp", ".000")
+#: A first message this much older or younger than those of all other files is a clock's error [ns].
+_FAR_NS = 366 * 86_400 * 10**9
+# How much later than the present a clock may be [ns].
+_AHEAD_NS = 86_400 * 10**9
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A file as it was when it was looked at.
+
+    Attributes:
+        path: The file.
+        stamp: What tells it from a changed one.
+        sha256: Of its bytes.
+        mission: That it is of; empty when it does not state it.
+        first_ns: Time of its first message [ns, UTC]; None without one.
+        aside: Why it is not used; empty for one that is.
+    """
+
+    path: Path
+    stamp: Stamp
+    sha256: str
+    mission: str = ""
+    first_ns: int | None = None
+    aside: str = ""
+
+
+def look(paths: Iterable[Path], own: Iterable[Path]) -> dict[Path, Stamp]:
+    """Return the files that are there now, those in folders too, with what tells each from a changed one.
+
+    Args:
+        paths: Files and folders that are followed.
+        own: Files and folders that the run writes.
+    """
+    written = {path.resolve() for path in own}
+    found: list[Path] = []
+    for path in paths:
+        held = [part for part in path.iterdir() if not part.name.startswith(".") and part.suffix != ".part"] if path.is_dir() else [path]
+        found += sorted((part for part in held if part.resolve() not in written), key=order)
+    return stamps_of(dict.fromkeys(found))
+
+
+def order(path: Path) -> tuple[bool, list[int], str]:
+    """Return what orders the files of a folder, as in a replay of it: gliders' by the numbers in their names, then the others by name."""
+    glider = path.suffix.lower() in (".nc", ".nc4", ".cdf", ".gz") or ".gli" in path.name or ".pld1" in path.name
+    return not glider, [*map(int, re.findall(r"\d+", path.name))] if glider else [], path.name
+
+
+def settled(before: Mapping[Path, Stamp], now: Mapping[Path, Stamp]) -> dict[Path, Stamp]:
+    """Return the files of the second of two looks that are whole: unchanged between them, or of a kind that grows."""
+    return {path: stamp for path, stamp in now.items() if before.get(path) == stamp or path.suffix.lower() in GROWING}
+
+
+def examine(path: Path, stamp: Stamp, config: LogConfig) -> Source:
+    """Return what a file is; one that is no log, or cannot be read, is set aside with the reason.
+
+    Args:
+        path: The file.
+        stamp: Of it.
+        config: How logs are read.
+    """
+    digest = ""
+    try:
+        digest = _sha256(path, stamp[2])
+        with open_log(path, 0, config) as log:
+            first = next((message.time_ns for message in log.messages()), None)
+            return Source(path, stamp, digest, log.report().mission, first)
+    except (LogError, OSError) as error:
+        words = str(error).removeprefix(f"{path}: ")
+        return Source(path, stamp, digest, aside=f"is no log that can be read: {words}")
+
+
+def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
+    """Return a file that was looked at, set aside where it does not belong to the mission.
+
+    Args:
+        known: The other files.
+        found: The file.
+        now_ns: The present time [ns, UTC].
+    """
+    others = [source for path, source in known.items() if path != found.path and not source.aside]
+    if found.aside:
+        return found
+    if found.first_ns is None:
+        return replace(found, aside="has no message yet")
+    same = next((source for source in others if source.sha256 == found.sha256), None)
+    if same is not None:
+        return replace(found, aside=f"has the same bytes as {same.path.name}, and counts once")
+    missions = {source.mission for source in others if source.mission}
+    if found.mission and missions and found.mission not in missions:
+        return replace(found, aside=f"is of {found.mission}, not of {', '.join(sorted(missions))}; follow it with a command of its own")
+    times = [source.first_ns for source in others if source.first_ns is not None]
+    far = bool(times) and not min(times) - _FAR_NS <= found.first_ns <= max(times) + _FAR_NS
+    if found.first_ns > now_ns + _AHEAD_NS or far:
+        than = "the present" if found.first_ns > now_ns + _AHEAD_NS else f"the others, from {time_text(min(times))}"
+        return replace(found, aside=f"begins at {time_text(found.first_ns)}, far from {than}: its clock was wrong; correct it to use it")
+    return found
+
+
+def change_words(before: Source | None, now: Source, known: Mapping[Path, Source]) -> str:
+    """Return what happened to a file, as words to follow its name; empty for nothing that matters.
+
+    Args:
+        before: When it was looked at before; None for a new file.
+        now: As it is.
+        known: The other files.
+    """
+    if now.aside:
+        return "" if before is not None and before.aside == now.aside else f"not used: it {now.aside}"
+    if before is None or before.aside:
+        times = [source.first_ns for source in known.values() if source.first_ns is not None and not source.aside]
+        late = now.first_ns is not None and bool(times) and now.first_ns < max(times)
+        return f"new{', older than what was replayed: the replay goes back before it' if late else ''}"
+    if now.sha256 == before.sha256:
+        return ""
+    if now.stamp[2] > before.stamp[2] and _sha256_or_none(now.path, before.stamp[2]) == before.sha256:
+        return f"grew from {before.stamp[2]} to {now.stamp[2]} bytes"
+    how = "shrank" if now.stamp[2] < before.stamp[2] else "was replaced" if now.stamp[:2] != before.stamp[:2] else "was written anew"
+    return f"{how}: the replay goes back before what changed in it"
+
+
+def _sha256(path: Path, size: int) -> str:
+    """Return the SHA-256 of the first bytes of a file."""
+    digest, left = hashlib.sha256(), size
+    with path.open("rb") as file:
+        while left and (block := file.read(min(_BLOCK, left))):
+            digest.update(block)
+            left -= len(block)
+    return digest.hexdigest()
+
+
+def _sha256_or_none(path: Path, size: int) -> str | None:
+    try:
+        return _sha256(path, size)
+    except OSError:
+        return None

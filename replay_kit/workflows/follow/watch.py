@@ -1,0 +1,79 @@
+"""Looks at files that come, grow and change: what of it matters to a replay."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.text import some_text
+from replay_kit.workflows.follow.sources import Source, change_words, examine, judged, look, settled
+
+# Between the two looks that a file must not change between, at most [s].
+_SETTLING = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The present: replaced in tests.
+
+    Attributes:
+        now_ns: Returns the time [ns, UTC].
+        idle_s: Returns a time that only grows [s].
+        wait: Waits some seconds.
+    """
+
+    now_ns: Callable[[], int] = time.time_ns
+    idle_s: Callable[[], float] = time.monotonic
+    wait: Callable[[float], None] = time.sleep
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """Where files come.
+
+    Attributes:
+        paths: Files and folders.
+        own: Files and folders that the run itself reads or writes, which are none of the logs.
+        logs: How logs are read.
+        clock: The present.
+        interval_s: Between two looks [s].
+    """
+
+    paths: tuple[Path, ...]
+    own: tuple[Path, ...]
+    logs: LogConfig
+    clock: Clock
+    interval_s: float
+
+
+def look_again(watched: Watched, known: Mapping[Path, Source]) -> tuple[dict[Path, Source], list[str], bool]:
+    """Return the files as they are now, what is to be said of them, and whether the messages of a replay may be others than before.
+
+    A file that comes whole is taken when it is the same at two looks; until then it is what it was.
+
+    Args:
+        watched: Where files come.
+        known: The files at the look before.
+    """
+    now = look(watched.paths, watched.own)
+    there = now
+    if any(path not in known or known[path].stamp != stamp for path, stamp in now.items()):
+        watched.clock.wait(min(watched.interval_s, _SETTLING))
+        stamps = {path: source.stamp for path, source in known.items()} | settled(now, look(watched.paths, watched.own))
+        there = {path: stamps[path] for path in now if path in stamps}
+    gone = [source for path, source in known.items() if path not in now]
+    sources = {path: source for path, source in known.items() if path in now}
+    lost = [source.path.name for source in gone if not source.aside]
+    said = [f"{some_text(lost)}: no longer there, and left out: the replay goes back before what they held"] if lost else []
+    changed = bool(lost)
+    for path, stamp in there.items():
+        before = sources.get(path)
+        if before is not None and before.stamp == stamp:
+            continue
+        found = judged(sources, examine(path, stamp, watched.logs), watched.clock.now_ns())
+        words = change_words(before, found, {other: source for other, source in sources.items() if other != path})
+        said += [f"{path.name} {words}"] if words else []
+        changed |= bool(words) and (not found.aside or (before is not None and not before.aside))
+        sources[path] = found
+    return {path: sources[path] for path in there}, said, changed

@@ -1,0 +1,69 @@
+"""A folder that fills, in a time that passes only by waiting."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from mcap.reader import make_reader
+
+from replay_kit.config.planner import PlannerConfig
+from replay_kit.config.run import EstimatorConfig, RunConfig
+from replay_kit.core.plan import Place
+from replay_kit.workflows.follow.follow import follow
+from replay_kit.workflows.follow.options import FollowOptions
+from replay_kit.workflows.follow.watch import Clock
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+
+GOAL = Place(152.3, -39.8, 150.0)
+#: As little as shows everything: each replay of a dive builds the estimator anew.
+CONFIG = RunConfig(planner=PlannerConfig(kind="glide"), estimator=EstimatorConfig(modes=6, sample_share=0.5, shift_distance=0.0))
+#: Waits shorter than this are those between two looks at a file that must not change; nothing arrives in them.
+INTERVAL = 10.0
+
+
+class Sea:
+    """A vehicle's shore station: deliveries that happen one at each wait."""
+
+    def __init__(self, ocean: Path, folder: Path, goal: Place | None = GOAL, now_ns: Callable[[], int] = lambda: 1_600_000_000 * 10**9):
+        self.inbox, self.out = folder / "inbox", folder / "result.mcap"
+        self.inbox.mkdir(exist_ok=True)
+        self.job = ReplayJob((self.inbox,), ocean / "ensemble.nc", self.out, goal=goal)
+        self.told: list[str] = []
+        self.options = FollowOptions(folder / "states", folder / "status.html", INTERVAL, 2.5 * INTERVAL, tell=self.told.append)
+        self._now_ns = now_ns
+        self._passed = 0.0
+
+    def follow(self, deliveries: Sequence[Callable[[], object]] = (), config: RunConfig = CONFIG, **options: object):
+        """Follow the inbox while deliveries arrive, and return the last summary."""
+        waiting = list(deliveries)
+
+        def wait(seconds: float) -> None:
+            self._passed += seconds
+            if seconds >= INTERVAL and waiting:
+                waiting.pop(0)()
+
+        clock = Clock(self._now_ns, lambda: self._passed, wait)
+        return follow(self.job, config, planner_of, replace(self.options, **options), clock)
+
+    def put(self, name: str, data: bytes) -> Callable[[], object]:
+        """Return the delivery of a file, which appears whole."""
+        return lambda: (self.inbox / name).write_bytes(data)
+
+    def at_once(self, out: Path, config: RunConfig = CONFIG) -> Path:
+        """Replay what is in the inbox in the end, planned at the same times."""
+        when = config.planner.model_copy(update={"when": "surfacing"})
+        logs = tuple(sorted(path for path in self.inbox.iterdir() if path.suffix == ".mcap"))
+        replay(replace(self.job, logs=logs, out=out), config.model_copy(update={"planner": when}), planner_of)
+        return out
+
+
+def contents(path: Path) -> tuple[dict[str, bytes], list[tuple[str, int, bytes]]]:
+    """Return the attachments of a result by name, and its messages in their order."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        attached = {record.name: record.data for record in reader.iter_attachments()}
+        return attached, [
+            (channel.topic, message.log_time, message.data) for _, channel, message in reader.iter_messages(log_time_order=False)
+        ]

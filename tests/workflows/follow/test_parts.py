@@ -1,0 +1,164 @@
+"""What following is made of, each part alone."""
+
+import hashlib
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.message import Message
+from replay_kit.core.plan import Place
+from replay_kit.results.status.alarms import Alarm
+from replay_kit.results.status.status import Status
+from replay_kit.workflows.follow.goals import read_goal, with_goal
+from replay_kit.workflows.follow.memory import Memory, read_memory, write_memory
+from replay_kit.workflows.follow.notify import alarm_line, key_of, new_alarms, notify, standing
+from replay_kit.workflows.follow.sources import Source, change_words, judged, look, order, settled
+from replay_kit.workflows.replay.followed import FollowedStates, _Known, message_digest, thinned
+
+DAY_NS = 86_400 * 10**9
+NOW_NS = 1_700_000_000 * 10**9
+STAMP = (1, 2, 100, 4)
+
+
+def source(name: str, first_ns: int = NOW_NS - DAY_NS, **values: object) -> Source:
+    return replace(Source(Path(name), STAMP, f"sha of {name}", "", first_ns), **values)
+
+
+def judge(found: Source, *others: Source) -> str:
+    return judged({other.path: other for other in others}, found, NOW_NS).aside
+
+
+def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_set_aside():
+    own = source("a.nc", mission="sg171 mission 1")
+    assert judge(source("b.nc", mission="sg171 mission 1"), own) == ""
+    assert judge(source("b.nc"), own) == ""
+    assert "is of sg999 mission 2, not of sg171 mission 1" in judge(source("b.nc", mission="sg999 mission 2"), own)
+    assert "same bytes as a.nc" in judge(source("b.nc", sha256="sha of a.nc"), own)
+    assert "far from the present: its clock was wrong" in judge(source("b.nc", NOW_NS + 2 * DAY_NS), own)
+    assert "far from the others" in judge(source("b.nc", NOW_NS - 500 * DAY_NS), own)
+    assert judge(source("b.nc", NOW_NS - 300 * DAY_NS), own) == ""
+    assert judge(source("b.nc", None), own) == "has no message yet"
+    # a file that is not used itself judges no other
+    assert judge(source("b.nc", mission="sg999 mission 2"), replace(own, aside="is no log")) == ""
+
+
+def test_what_happened_to_a_file_is_told_in_words(tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"x" * 100)
+    before = Source(path, STAMP, hashlib.sha256(b"x" * 100).hexdigest(), "", NOW_NS)
+    assert change_words(None, before, {}) == "new"
+    assert "goes back before it" in change_words(None, before, {Path("b"): source("b", NOW_NS + 1)})
+    assert change_words(before, replace(before, stamp=(1, 2, 100, 5)), {}) == ""
+    path.write_bytes(b"x" * 150)
+    assert change_words(before, replace(before, stamp=(1, 2, 150, 5), sha256="other"), {}) == "grew from 100 to 150 bytes"
+    path.write_bytes(b"y" * 150)
+    assert "was written anew" in change_words(before, replace(before, stamp=(1, 2, 150, 5), sha256="other"), {})
+    assert "was replaced" in change_words(before, replace(before, stamp=(1, 3, 150, 5), sha256="other"), {})
+    assert "shrank" in change_words(before, replace(before, stamp=(1, 2, 50, 5), sha256="other"), {})
+    assert change_words(None, replace(before, aside="is no log"), {}) == "not used: it is no log"
+    assert change_words(replace(before, aside="is no log"), replace(before, aside="is no log"), {}) == ""
+
+
+def test_files_are_taken_when_they_are_whole_in_the_order_of_a_replay_of_the_folder(tmp_path):
+    for name in ("p10.nc", "p9.nc", "b.mcap", ".hidden", "c.mcap.part"):
+        (tmp_path / name).write_bytes(b"x")
+    (tmp_path / "own.mcap").write_bytes(b"x")
+    found = look([tmp_path, tmp_path / "missing.nc"], [tmp_path / "own.mcap"])
+    assert [path.name for path in found] == ["p9.nc", "p10.nc", "b.mcap"]
+    assert sorted([Path("b.mcap"), Path("sea1.2.pld1.sub.10.gz"), Path("sea1.2.pld1.sub.9.gz")], key=order)[0].name.endswith("9.gz")
+    later = {path: (stamp[0], stamp[1], stamp[2] + 1, stamp[3]) for path, stamp in found.items()}
+    assert [path.name for path in settled(found, later)] == ["b.mcap"]
+    assert settled(found, found) == found
+
+
+def test_the_goal_s_file_is_read_and_a_goal_holds_from_its_time_on(tmp_path):
+    path = tmp_path / "goal"
+    path.write_text("# where\n\n 152.5 , -40 , 300\n1,2,3\n")
+    goal = read_goal(path)
+    assert goal == Place(152.5, -40.0, 300.0)
+    for text in ("", "1,2", "a,b,c", "1,2,3,4", "0,91,0", "0,0,-5"):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match="LON,LAT,DEPTH"):
+            read_goal(path)
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_goal(tmp_path / "none")
+    first = with_goal((), goal, 99)
+    assert first == ((0, goal),)
+    other = Place(1.0, 2.0, 3.0)
+    assert with_goal(first, goal, 99) == first
+    assert with_goal(first, other, 99) == (*first, (99, other))
+    # moved twice before anything new came
+    assert with_goal((*first, (99, other)), Place(4.0, 5.0, 6.0), 99) == (*first, (99, Place(4.0, 5.0, 6.0)))
+
+
+def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_path):
+    memory = Memory(
+        {Path("a"): source("a", mission="m")}, ((0, Place(1.0, 2.0, 3.0)),), ("said",), ("plan: unsafe",), "f sha256:0", 2, "null"
+    )
+    write_memory(tmp_path, memory)
+    assert read_memory(tmp_path) == memory
+    file = tmp_path / "follow.json"
+    for text in (file.read_text()[:-20], "[]", '{"sources": [{}]}'):
+        file.write_text(text)
+        assert read_memory(tmp_path) == Memory()
+
+
+def test_an_alarm_is_given_once_for_what_it_is_about_and_again_when_it_comes_back():
+    alarm = Alarm("plan", "the plan is unsafe: it crosses land", NOW_NS, "unsafe")
+    status = Status("r.mcap", NOW_NS, (), (alarm,), {"result": "r.mcap", "position": {"latitude": 1.0}})
+    calm = replace(status, alarms=())
+    assert new_alarms(status, ()) == (alarm,)
+    assert new_alarms(status, (key_of(alarm),)) == ()
+    assert standing(status, (key_of(alarm),)) == (key_of(alarm),)
+    assert standing(calm, (key_of(alarm), "surfacing overdue: 1")) == ("surfacing overdue: 1",)
+    assert '"latitude": 1.0' in alarm_line(alarm, status)
+
+
+def test_a_command_gets_its_line_and_its_failure_is_told(tmp_path):
+    assert notify(f"cat > '{tmp_path / 'got'}'", "line\n") == ""
+    assert (tmp_path / "got").read_text() == "line\n"
+    assert notify("echo why >&2; exit 4", "line\n") == "--notify: the command ended with 4: why"
+
+
+def test_states_that_are_kept_are_the_latest_and_older_ones_ever_farther_apart():
+    states: list[_Known] = []
+    for count in range(1, 200):
+        states = thinned([*states, _Known(count, "", 0)])
+        assert [state.messages for state in states][-3:] == list(range(max(1, count - 2), count + 1))
+        assert len(states) <= 6
+    gaps = [b.messages - a.messages for a, b in pairwise(states)]
+    assert gaps == sorted(gaps, reverse=True)
+    assert states[0].messages < 150
+
+
+def test_a_message_s_digest_tells_every_part_of_it_whatever_it_holds():
+    base = Message(1, "/a", "s", {"x": [1.0, float("nan")], "b": b"\x00\x01"}, 0, 5)
+    changed = [
+        base._replace(time_ns=2),
+        base._replace(topic="/b"),
+        base._replace(input=1),
+        base._replace(position=6),
+        base._replace(payload={"x": [1.0, 2.0], "b": b"\x00\x01"}),
+        base._replace(payload={"x": [1.0, float("nan")], "b": b"\x00\x02"}),
+    ]
+    digests = {message_digest(message) for message in (base, *changed)}
+    assert len(digests) == 7
+    assert message_digest(base) == message_digest(Message(1, "/a", "s", {"x": [1.0, float("nan")], "b": b"\x00\x01"}, 0, 5))
+
+
+def test_states_of_another_run_or_with_a_damaged_index_are_not_used(tmp_path):
+    def stream():
+        return (Message(k, "/a", "s", {}, 0, k) for k in range(10))
+
+    states = FollowedStates(tmp_path / "states", "one", None)
+    checkpoint, messages = states.resume(stream)
+    assert checkpoint is None
+    assert len(list(messages)) == 10
+    (tmp_path / "states" / "states.json").write_text("{")
+    assert FollowedStates(tmp_path / "states", "one", None).resume(stream)[0] is None
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="expected a folder"):
+        FollowedStates(tmp_path / "file", "one", None)

@@ -1,0 +1,117 @@
+"""The layout of a result: every panel finds its topic, schema and field in the file."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.reader import make_reader
+
+from replay_kit.config.planner import PlannerConfig
+from replay_kit.config.run import EstimatorConfig, RunConfig
+from replay_kit.core.plan import Place
+from replay_kit.results.layout.layout import layout_of, named_paths
+from replay_kit.workflows.planning import planner_of
+from replay_kit.workflows.replay.inputs import ReplayJob
+from replay_kit.workflows.replay.replay import replay
+from tests.command import invoke
+from tests.workflows.replay.interrupted import make_ocean
+
+CONFIG = RunConfig(planner=PlannerConfig(kind="glide"), estimator=EstimatorConfig(modes=6, sample_share=0.5, shift_distance=0.0))
+#: Panels and the schemas that they show in Foxglove 2 and Lichtblick 1.
+SHOWN = {
+    "map": {"foxglove.LocationFix", "foxglove.GeoJSON"},
+    "3D": {"foxglove.Grid", "foxglove.SceneUpdate", "foxglove.PosesInFrame", "foxglove.FrameTransform"},
+    "RosOut": {"foxglove.Log"},
+    "Plot": {"replay_kit.Innovation", "replay_kit.AtVehicle"},
+    "Table": {"replay_kit.Consistency"},
+}
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory) -> Path:
+    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
+    out = folder / "out.mcap"
+    job = ReplayJob((folder / "glider.mcap",), folder / "ensemble.nc", out, goal=Place(152.3, -39.8, 150.0))
+    replay(replace(job, ensemble=(folder / "ensemble.nc",)), CONFIG, planner_of)
+    return out
+
+
+def held(result: Path):
+    """The schemas of a result's topics by name, with their files of descriptors; its layout; and its messages on ``/tf``."""
+    with result.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        schemas = {channel.topic: summary.schemas[channel.schema_id] for channel in summary.channels.values()}
+        (layout,) = (json.loads(record.data) for record in reader.iter_attachments() if record.name == "layout.json")
+        frames = [message.log_time for _, _, message in reader.iter_messages(topics="/tf")]
+    return schemas, layout, frames
+
+
+def fields_of(schema) -> set[str]:
+    """The names of the fields of a schema's message, read from its descriptors in the file."""
+    files = FileDescriptorSet.FromString(schema.data).file
+    messages = {f"{file.package}.{message.name}": message for file in files for message in file.message_type}
+    return {field.name for field in messages[schema.name].field}
+
+
+def leaves(tree) -> list[str]:
+    return [tree] if isinstance(tree, str) else [*leaves(tree["first"]), *leaves(tree["second"])]
+
+
+def test_every_panel_finds_its_topic_schema_and_field_in_the_result(result):
+    schemas, layout, _ = held(result)
+    assert sorted(leaves(layout["layout"])) == sorted(layout["configById"])
+    for name, config in layout["configById"].items():
+        kind, named = name.partition("!")[0], named_paths({"configById": {name: config}})
+        # no warning was logged and nothing is wrong: that topic alone may be missing
+        present = [(topic, field) for topic, field in named if topic != "/log"]
+        assert present or kind == "RosOut", name
+        for topic, field in present:
+            assert schemas[topic].name in SHOWN[kind], (name, topic)
+            fields = {"u", "v", "speed", "u_standard_error", "v_standard_error"} if kind == "3D" else fields_of(schemas[topic])
+            assert not field or field.partition("[")[0] in fields, (name, topic, field)
+    named = {topic for topic, _ in named_paths(layout)}
+    assert {"/vehicle/fix", "/plan/geojson", "/plan/path", "/flow/innovation", "/flow/at_vehicle", "/flow/consistency", "/log"} <= named
+    assert {path for _, path in named_paths(layout)} >= {"east", "north", "east_standard_error", "u_standard_error"}
+
+
+def test_the_tree_splits_the_screen_and_the_vehicle_s_frame_is_there_through_the_log(result):
+    _, layout, frames = held(result)
+
+    def check(tree) -> None:
+        if isinstance(tree, dict):
+            assert set(tree) == {"first", "second", "direction", "splitPercentage"}
+            assert tree["direction"] in ("row", "column")
+            assert 0 < tree["splitPercentage"] < 100
+            check(tree["first"])
+            check(tree["second"])
+
+    check(layout["layout"])
+    assert len(frames) > 30
+    assert frames[-1] - frames[0] > 3600 * 10**9
+
+
+def test_the_command_writes_the_attachment_s_layout_for_any_result(result, tmp_path):
+    out = tmp_path / "layout.json"
+    assert invoke(["layout", str(result), "-o", str(out)]).exit_code == 0
+    assert json.loads(out.read_text()) == held(result)[1]
+    refused = invoke(["layout", "sample_logs/glider.mcap", "-o", str(tmp_path / "no.json")])
+    assert refused.exit_code == 3
+    assert "give a result" in refused.stderr
+    # a result without a plan has a map and a scene without one
+    assert not any("/plan/" in topic for topic, _ in named_paths(layout_of({"/vehicle/fix", "/flow/grid/5m", "/flow/arrows/5m"})))
+
+
+def test_the_status_of_a_result_is_told_written_and_given_as_numbers(result, tmp_path):
+    page, figures = tmp_path / "status.html", tmp_path / "status.json"
+    done = invoke(["status", str(result), "--html", str(page), "--json", str(figures), "--now", "2018-11-17T00:00:00Z"])
+    assert done.exit_code == 0
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert "Steer" in done.stdout
+    assert 'http-equiv="refresh"' in page.read_text()
+    assert json.loads(figures.read_text())["now"] == "2018-11-17 00:00:00Z"
+    wrong = invoke(["status", str(result), "--now", "noon"])
+    assert wrong.exit_code == 2
+    assert "--now: 'noon' is no time" in wrong.stderr
