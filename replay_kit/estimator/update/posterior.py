@@ -46,6 +46,11 @@ class Posterior(ABC):
         """Number of levels Z."""
         return int(self.prior_bias_sensitivity.shape[1])
 
+    @property
+    def n_weights(self) -> int:
+        """Number of weights Z r."""
+        return int(self.prior.mean.size)
+
     @cached_property
     def mean(self) -> Array:
         """Mean of the weights, shape (Z r,), level after level."""
@@ -83,6 +88,15 @@ class Posterior(ABC):
 
         Args:
             design: shape (m, Z, r).
+        """
+
+    @abstractmethod
+    def rescaled(self, prior: Prior, factor: float) -> "Posterior":
+        """Return the same mean with the covariance multiplied by a factor.
+
+        Args:
+            prior: This posterior's, with its covariance multiplied by the factor.
+            factor: Above 0.
         """
 
     def prefetch(self, profiles: Sequence[ProfileRows]) -> "list[PriorCrossCovariance]":
