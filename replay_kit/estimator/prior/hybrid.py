@@ -166,7 +166,8 @@ class HybridPrior:
         in_modes = np.matmul(basis, self.horizontal).reshape(len(self.horizontal), basis.size)  # (g, c r)
         pairs = self._pairs(slice(None), chosen).reshape(-1, n_levels * n_chosen)
         in_functions = (pairs.T @ in_modes).reshape(n_levels, n_chosen, n_basis, n_modes)
-        return np.asarray(of_factor + in_functions.transpose(0, 2, 1, 3))
+        of_factor += in_functions.transpose(0, 2, 1, 3)
+        return np.asarray(of_factor)
 
     def mode_std(self) -> Array:
         """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""

@@ -59,8 +59,16 @@ class GrowingCholesky:
 
     def extended(self, n: int) -> "GrowingCholesky":
         """Return a factor that holds the first n profiles and room for one more: this one where possible, else a copy."""
-        if n == len(self.ends) - 1 < len(self.basis):
-            return self
+        return self if n == len(self.ends) - 1 < len(self.basis) else self._copy(n)
+
+    def rescaled(self, n: int, scale: float) -> "GrowingCholesky":
+        """Return a factor of the first n profiles with rows and data multiplied by a number; L is the same."""
+        new = self._copy(n)
+        new.depth[:n] *= scale
+        new.forward[: new.ends[n]] *= scale
+        return new
+
+    def _copy(self, n: int) -> "GrowingCholesky":
         _, n_levels, _ = self.depth.shape
         new = GrowingCholesky(n_levels, self.basis.shape[2], max(16, 2 * n), self.forward.shape[1])
         new.basis[:n], new.depth[:n] = self.basis[:n], self.depth[:n]
@@ -219,6 +227,10 @@ class ObservationSpacePosterior(Posterior):
         n_levels = self.n_levels
         by_level = basis[:, None, None] * np.eye(n_levels)[..., None]  # (2 n, Z, Z, s)
         return self._rows_of(by_level.reshape(len(basis), n_levels, n_levels * basis.shape[1]))
+
+    def rescaled(self, prior: Prior, factor: float) -> "ObservationSpacePosterior":
+        """Return the same mean with the covariance multiplied by a factor, that of ``prior``."""
+        return replace(self, prior=prior, factor=self.factor.rescaled(self.n, 1.0 / np.sqrt(factor)))
 
     def prefetch(self, profiles: Sequence[ProfileRows]) -> list[PriorCrossCovariance]:
         """Return the parts of coming predictions that do not depend on the order of assimilation: L is read once for all of them."""

@@ -24,6 +24,8 @@ from replay_kit.estimator.update.compression import ProfileRows
 _BLOCK = 512
 # Below this number of columns a product is tiled; a tile of this shape is small enough for OpenBLAS not to copy it.
 _FEW_COLUMNS, _TILE = 32, (64, 512)
+# Elements of products with the prior at once, 16 MB: fresh memory for larger ones takes longer than reading the prior again.
+_TOGETHER = 2_000_000
 
 
 # Not slotted: the mean is computed when it is first read.
@@ -45,6 +47,11 @@ class Posterior(ABC):
     def n_levels(self) -> int:
         """Number of levels Z."""
         return int(self.prior_bias_sensitivity.shape[1])
+
+    @property
+    def n_weights(self) -> int:
+        """Number of weights Z r."""
+        return int(self.prior.mean.size)
 
     @cached_property
     def mean(self) -> Array:
@@ -83,6 +90,15 @@ class Posterior(ABC):
 
         Args:
             design: shape (m, Z, r).
+        """
+
+    @abstractmethod
+    def rescaled(self, prior: Prior, factor: float) -> "Posterior":
+        """Return the same mean with the covariance multiplied by a factor.
+
+        Args:
+            prior: This posterior's, with its covariance multiplied by the factor.
+            factor: Above 0.
         """
 
     def prefetch(self, profiles: Sequence[ProfileRows]) -> "list[PriorCrossCovariance]":
@@ -216,11 +232,18 @@ def means(posteriors: Sequence[Posterior]) -> Array:
 
 
 def prior_cross_covariances(prior: Prior, profiles: Sequence[ProfileRows]) -> list[Array]:
-    """Return H P0 of each profile, shape (2 k, Z, r); the prior covariance is read once for all of them."""
-    at_levels = prior.matvec_modes(np.concatenate([rows.basis for rows in profiles]))  # (Z, 2 m, Z, r)
-    n_levels, n_modes = at_levels.shape[2:]
-    by_component = at_levels.swapaxes(0, 1).reshape(len(profiles), 2, n_levels, -1)
-    return [np.matmul(rows.r, of_profile).reshape(-1, n_levels, n_modes) for rows, of_profile in zip(profiles, by_component, strict=True)]
+    """Return H P0 of each profile, shape (2 k, Z, r); the prior covariance is read once for as many as ``_TOGETHER`` allows."""
+    if not profiles:
+        return []
+    n_modes = profiles[0].basis.shape[1]
+    n_levels = prior.mean.size // n_modes
+    together, out = max(1, _TOGETHER // (2 * n_levels * prior.mean.size)), []
+    for start in range(0, len(profiles), together):
+        part = profiles[start : start + together]
+        at_levels = prior.matvec_modes(np.concatenate([rows.basis for rows in part]))  # (Z, 2 m, Z, r)
+        by_component = at_levels.swapaxes(0, 1).reshape(len(part), 2, n_levels, -1)
+        out += [np.matmul(rows.r, of_profile).reshape(-1, n_levels, n_modes) for rows, of_profile in zip(part, by_component, strict=True)]
+    return out
 
 
 def prior_covariance(prior: Prior, profiles: Sequence[ProfileRows]) -> Array:

@@ -109,6 +109,11 @@ class ReducedSubspacePosterior(Posterior):
         inside = (cross / self.mode_std @ self.active_directions.T).reshape(m, -1)
         return np.asarray(design.reshape(m, -1) @ cross.reshape(m, -1).T - inside @ self._without_room() @ inside.T)
 
+    def rescaled(self, prior: Prior, factor: float) -> "ReducedSubspacePosterior":
+        """Return the same mean with the covariance multiplied by a factor, that of ``prior``: M and a are divided by it."""
+        flushed = self._flushed()
+        return replace(flushed, prior=prior, matrix=flushed.matrix / factor, amplitude=self.amplitude / factor)
+
     def predict(self, rows: ProfileRows, prefetched: PriorCrossCovariance) -> PredictedObservation[Posterior]:
         """Return the prediction of a profile's rows."""
         return self._with_directions_of(rows.basis)._predict(rows, prefetched.cross)

@@ -3,7 +3,8 @@
 Every form is exact. The observation-space form starts without any cost but works on all rows measured; the reduced-subspace form works on
 their directions, which along a track are fewer than the rows. When the rows outnumber the weights and span nearly all directions, the
 posterior becomes a full-covariance prior of an observation-space posterior without rows, again after every few profiles: memory and
-time for each profile are then bounded.
+time for each profile are then bounded. With thousands of weights the matrix itself is the larger burden, seconds to make and to change:
+there the posterior stays in factors, in all directions if need be.
 
     representation        what is kept                                           work for each ping     memory
     observation space     the K rows so far, their Cholesky factor L             L read twice, P0 G'    K^2 / 2
@@ -22,6 +23,8 @@ within a few hundred metres) and lies above what rounding leaves in G with all m
 direction of noise.
 """
 
+from replay_kit.estimator.prior.amplitude import ScaledPrior
+from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior, full_covariance_prior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.posterior import Posterior
@@ -38,22 +41,25 @@ _FIRST = 32
 _NEARLY_ALL = 0.75
 # Rows that an observation-space posterior with a full-covariance prior holds before they are merged into that prior.
 _MERGE_ROWS = 1024
+# Weights above which no matrix of all of them is made; 3,000 take 72 MB.
+_LARGE = 3000
 
 
 def select_representation(posterior: Posterior) -> Posterior:
     """Return the same posterior in the form that is cheaper from here on; a change costs as much as some dozens of updates."""
+    large = posterior.n_weights > _LARGE
     if isinstance(posterior, ReducedSubspacePosterior):
-        return to_full_covariance(posterior) if posterior.size > _NEARLY_ALL * posterior.mode_std.size else posterior
+        return to_full_covariance(posterior) if not large and posterior.size > _NEARLY_ALL * posterior.mode_std.size else posterior
     assert isinstance(posterior, ObservationSpacePosterior)
     if isinstance(posterior.prior, FullCovariancePrior):
         return to_full_covariance(posterior) if posterior.n_rows > _MERGE_ROWS else posterior
-    n, many = posterior.n, posterior.n_rows > _MANY * posterior.prior.mean.size
+    n, many = posterior.n, posterior.n_rows > _MANY * posterior.n_weights
     # powers of two, because counting costs about as much as an update
     if not many and (n < _FIRST or n & (n - 1)):
         return posterior
     mode_std = nonzero_mode_std(posterior.prior)
     found = directions(posterior.profile_basis * mode_std)
-    if len(found) <= min(_FEW * n, _NEARLY_ALL * mode_std.size):
+    if len(found) <= min(_FEW * n, _NEARLY_ALL * mode_std.size) or (many and large):
         return to_reduced_subspace(posterior, found, mode_std)
     return to_full_covariance(posterior) if many else posterior
 
@@ -72,7 +78,19 @@ def to_full_covariance(posterior: Posterior) -> ObservationSpacePosterior:
     return initial(full_covariance_of(posterior), posterior.bias_sensitivity())
 
 
-def inflated(posterior: Posterior, factor: float) -> ObservationSpacePosterior:
-    """Return a posterior whose covariance is multiplied by a factor."""
-    prior = full_covariance_of(posterior)
-    return initial(FullCovariancePrior(prior.mean, factor * prior.blocks), posterior.bias_sensitivity())
+def inflated(posterior: Posterior, factor: float) -> Posterior:
+    """Return a posterior whose covariance is multiplied by a factor, in the same form.
+
+    With a prior covariance f P0 and rows whose noise is f times as large, the mean is the same and the covariance f P. Rows in units of
+    their noise are divided by the root of f, so that the covariance of the rows, and its factors, stay as they are.
+    """
+    return posterior.rescaled(_scaled(posterior.prior, factor), factor)
+
+
+def _scaled(prior: Prior, factor: float) -> Prior:
+    """Return a prior with its covariance multiplied by a factor; one matrix stays one, which can be merged with rows."""
+    if isinstance(prior, FullCovariancePrior):
+        return FullCovariancePrior(prior.mean, factor * prior.blocks)
+    if isinstance(prior, ScaledPrior):
+        return ScaledPrior(prior.unscaled, factor * prior.amplitude)
+    return ScaledPrior(prior, factor)
