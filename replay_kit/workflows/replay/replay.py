@@ -4,9 +4,11 @@ The messages' own times drive the loop; nothing depends on the wall clock, and t
 go to the summary only.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,7 @@ from replay_kit.core.region import around
 from replay_kit.core.unchanged import check_unchanged
 from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs import merge
-from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.measurements import finish, initial_state, interpret_block
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import failure_json, to_record
@@ -50,6 +52,9 @@ from replay_kit.workflows.replay.region import REGION_RECORD
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
+
+# Messages that are decoded and tested together.
+_BLOCK = 128
 
 
 def replay(
@@ -197,26 +202,27 @@ def _loop(
     """Pass the logs' messages, those after the checkpoint, through the session."""
     logs, measurements = session.config.logs, session.config.measurements
     merged = merge(inputs.readers, logs.reorder_window, logs.start_ns, logs.end_ns)
-    messages, count = iter(merged), 0
-    state, skip = (initial_state(logs.system), 0) if checkpoint is None else (checkpoint.measurement, checkpoint.messages)
+    state, count = (initial_state(logs.system), 0) if checkpoint is None else (checkpoint.measurement, checkpoint.messages)
+    messages = iter(merged)
+    with session.clock.stage("read"):
+        deque(islice(messages, count), 0)
     while True:
         with session.clock.stage("read"):
-            message = next(messages, None)
-        if message is None:
+            block = list(islice(messages, _BLOCK))
+        if not block:
             check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break
-        count += 1
-        if count <= skip:
-            continue
-        if count == 1:
-            _begin_result(session, inputs, message.time_ns)
-        session.last_ns = message.time_ns
+        if not count:
+            _begin_result(session, inputs, block[0].time_ns)
         with session.clock.stage("measure"):
-            state, events = interpret(state, message, measurements)
-        session.take(events)
-        if checkpoints is not None:
-            checkpoints.write_when_due(session, state, count)
-        on_message()
+            steps = interpret_block(state, block, measurements)
+        for message, (state, events) in zip(block, steps, strict=True):
+            count += 1
+            session.last_ns = message.time_ns
+            session.take(events)
+            if checkpoints is not None:
+                checkpoints.write_when_due(session, state, count)
+            on_message()
     session.take(finish(state, measurements))
     session.assimilate_buffer(last=True)
     session.statistics = session.statistics.with_order(merged)
