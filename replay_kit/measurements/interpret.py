@@ -3,7 +3,7 @@
 A ping waits until a position at or after its own time is known, then takes the position interpolated between its neighbours.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, TypeGuard
@@ -26,7 +26,8 @@ from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.ping.attitude import Orientation
 from replay_kit.measurements.steps import pings, positions
 from replay_kit.measurements.steps.components import alone, take_component
-from replay_kit.measurements.steps.position_matching import place, split
+from replay_kit.measurements.steps.observed import observed
+from replay_kit.measurements.steps.position_matching import PlacedPing, place, split
 from replay_kit.measurements.steps.state import MeasurementState, Step
 
 # What a MAVLink reader needs to decode for this module.
@@ -81,12 +82,37 @@ def events_of(messages: Iterable[Message], config: MeasurementConfig, system: in
     yield finish(state, config)
 
 
-def interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
+def interpret(state: MeasurementState, message: Message, config: MeasurementConfig) -> tuple[MeasurementState, list[Event]]:
     """Return the state after a message and the events it completes.
 
     Each message gives exactly one ``Used`` or ``Skipped``, at once or, for a ping, when its position is known. A message that is
     not what its schema says is skipped and leaves no trace in the state.
     """
+    return interpret_block(state, [message], config)[0]
+
+
+def interpret_block(
+    state: MeasurementState, messages: Sequence[Message], config: MeasurementConfig
+) -> list[tuple[MeasurementState, list[Event]]]:
+    """Return the state after each message and the events that it completes, as ``interpret`` does one by one.
+
+    The profiles of a block are tested together, which takes a tenth of the time; what is found does not depend on how messages are cut
+    into blocks.
+
+    Args:
+        state: Before the first message.
+        messages: In order of time.
+        config: How messages become observations.
+    """
+    states, blocks = [], []
+    for message in messages:
+        state, events = _step(state, message, config)
+        states.append(state)
+        blocks.append(events)
+    return list(zip(states, observed(blocks, config), strict=True))
+
+
+def _step(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
     state, events = _expire(state, message.time_ns, config)
     try:
         after, more = _interpret(state, message, config)
@@ -94,13 +120,13 @@ def interpret(state: MeasurementState, message: Message, config: MeasurementConf
         after, more = state, [Skipped(message.topic, str(error))]
     except MALFORMED as error:
         after, more = state, [Skipped(message.topic, malformed(error))]
-    return after, [*events, *more]
+    return after, [*events, *more] if events else more
 
 
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
     waiting = [event for ping in state.waiting for event in place(ping, state.fix, None, state.track, config)]
-    return [*pings.incomplete(state.frames), *alone(state), *waiting]
+    return observed([[*pings.incomplete(state.frames), *alone(state), *waiting]], config)[0]
 
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> Step:
@@ -132,7 +158,7 @@ def _interpret(state: MeasurementState, message: Message, config: MeasurementCon
     if system is not None and state.system is None and type(stated) in _STATES_POSITION:
         state = replace(state, system=system)
     source = Source(message.input, message.topic, message.position, message.time_ns)
-    events: list[Event] = []
+    events: list[Event | PlacedPing] = []
     if isinstance(stated, StatedPing) and stated.position is not None:
         # it counts even where the profile does not; the message counts once, as the ping that it is
         state, (_, *events) = positions.record_position(state, stated.position, source, config)

@@ -1,9 +1,11 @@
-"""The quality tests of one ping: its fields and the limits of the configuration, put to the functions in ``tests.py``.
+"""The quality tests of pings: their fields and the limits of the configuration, put to the functions in ``tests.py``.
 
 A test whose input the ping does not have is not evaluated, and says why.
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,57 +14,100 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Flag, Reason
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
-from replay_kit.measurements.ping.profile import Profile
+from replay_kit.measurements.ping.profile import Profiles
 from replay_kit.measurements.quality import tests as quality
-from replay_kit.measurements.quality.tests import Check, Flags, Limits
+from replay_kit.measurements.quality.tests import Checks, Flags, Limits, Values
 
 _FAIL, _MALFORMED, _MISSING = np.int8(Flag.FAIL), np.int32(Reason.MALFORMED), np.int32(Reason.MISSING)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PingBlock:
+    """Pings that are tested together.
+
+    Attributes:
+        pings: As ``earth_referenced`` gave them, all of as many cells.
+        profiles: Their bins.
+        vehicle_depth: Of the vehicle when each came [m]; NaN when unknown.
+        dive: The dive each belongs to; 0 before the first and for a vehicle that does not dive.
+    """
+
+    pings: Sequence[AdcpPing]
+    profiles: Profiles
+    vehicle_depth: Sequence[float]
+    dive: Sequence[int]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of pings, and of their cells."""
+        n, cells = self.profiles.depth.shape
+        return n, cells
+
+
 @np.errstate(all="ignore")
-def checks(ping: AdcpPing, profile: Profile, vehicle_depth: float, dive: int, config: MeasurementConfig) -> tuple[Check, ...]:
-    """Return what each test says of a ping's bins.
+def checks(tested: PingBlock, config: MeasurementConfig) -> tuple[Checks, ...]:
+    """Return what each test says of the bins of some pings, all of them with beams of one maker's convention or none.
 
     Args:
-        ping: The ping, as ``earth_referenced`` gave it.
-        profile: Its bins.
-        vehicle_depth: Of the vehicle when the ping came [m]; NaN when unknown.
-        dive: The dive the ping belongs to; 0 before the first and for a vehicle that does not dive.
+        tested: The pings.
         config: The limits.
     """
-    limits, fields, n = config.quality.limits, ping.quality, profile.depth.size
-    nortek = "nortek_" if ping.attitude.convention == "nortek" else ""
-    # name, reason, a number a bin or a beam, limits, whether these are the least that is good
-    rows: tuple[tuple[str, Reason, Array | str, Limits, bool], ...] = (
-        ("above_surface", Reason.ABOVE_SURFACE, profile.depth, (None, 0.0), True),
-        ("max_speed", Reason.GROSS_RANGE, np.abs(profile.velocity).max(axis=1), (None, config.max_speed), False),
-        ("bottom", Reason.BELOW_BOTTOM, *_bottom(ping, profile, config), False),
-        (f"{nortek}correlation", Reason.LOW_CORRELATION, fields.correlation, limits(f"{nortek}correlation"), True),
-        ("amplitude", Reason.LOW_AMPLITUDE, fields.amplitude, limits("amplitude"), True),
-        ("snr", Reason.LOW_SNR, _snr(ping), limits("snr"), True),
-        ("percent_good", Reason.LOW_PERCENT_GOOD, _percent_good(ping), limits("percent_good"), True),
-        ("error_velocity", Reason.ERROR_VELOCITY, _error_velocity(ping), limits("error_velocity"), False),
-        ("speed", Reason.HIGH_SPEED, _speed(profile), limits("speed"), False),
-        ("tilt", Reason.TILT, _tilt(ping, n, dive), limits("tilt"), False),
-        ("sidelobe", Reason.SIDELOBE, *_surface(ping, profile, config), False),
-        ("at_surface", Reason.AT_SURFACE, *_at_surface(ping, profile, vehicle_depth, dive, config), True),
+    limits, pings, profiles, shape = config.quality.limits, tested.pings, tested.profiles, tested.shape
+    nortek = "nortek_" if is_nortek(pings[0]) else ""
+    # name, reason, numbers a bin or a beam, limits, whether these are the least that is good
+    rows: tuple[tuple[str, Reason, Values, Limits | Sequence[Limits], bool], ...] = (
+        ("above_surface", Reason.ABOVE_SURFACE, profiles.depth, (None, 0.0), True),
+        ("max_speed", Reason.GROSS_RANGE, np.abs(profiles.velocity).max(axis=2), (None, config.max_speed), False),
+        ("bottom", Reason.BELOW_BOTTOM, *_of_each([_bottom(ping, config) for ping in pings]), False),
+        (
+            f"{nortek}correlation",
+            Reason.LOW_CORRELATION,
+            [ping.quality.correlation for ping in pings],
+            limits(f"{nortek}correlation"),
+            True,
+        ),
+        ("amplitude", Reason.LOW_AMPLITUDE, [ping.quality.amplitude for ping in pings], limits("amplitude"), True),
+        ("snr", Reason.LOW_SNR, [_snr(ping) for ping in pings], limits("snr"), True),
+        ("percent_good", Reason.LOW_PERCENT_GOOD, [_percent_good(ping) for ping in pings], limits("percent_good"), True),
+        ("error_velocity", Reason.ERROR_VELOCITY, [_error_velocity(ping) for ping in pings], limits("error_velocity"), False),
+        ("speed", Reason.HIGH_SPEED, _speed(tested), limits("speed"), False),
+        ("tilt", Reason.TILT, _tilt(tested), limits("tilt"), False),
+        ("sidelobe", Reason.SIDELOBE, *_of_each(_surface(tested, config)), False),
+        ("at_surface", Reason.AT_SURFACE, *_at_surface(tested, config), True),
     )
-    found = [quality.check(n, *row) for row in rows]
+    found = [quality.check(shape, *row) for row in rows]
     # each bin against those around it that no other test failed
-    failed = (np.array([check.flags for check in found]) == _FAIL).any(axis=0) | ~np.isfinite(profile.depth)
-    velocity = np.where(failed[:, None], np.nan, profile.velocity)
-    floor = np.maximum(profile.error_std, config.quality.outlier_floor)
+    failed = np.any([check.flags == _FAIL for check in found if check.flags is not None], axis=0) | ~np.isfinite(profiles.depth)
+    velocity = np.where(failed[..., None], np.nan, profiles.velocity)
+    floor = np.maximum(profiles.error_std, config.quality.outlier_floor)
     ratio = quality.outlyingness(velocity, floor, config.quality.outlier_window)
-    outlier = ratio if np.isfinite(ratio).any() else "too few bins"
-    return (*found, quality.check(n, "outlier", Reason.OUTLIER, outlier, limits("outlier"), False))
+    known: list[bool] = np.asarray(np.isfinite(ratio).any(axis=1)).tolist()
+    outlier: Values = ratio if all(known) else [row if is_known else "too few bins" for row, is_known in zip(ratio, known, strict=True)]
+    return (*found, quality.check(shape, "outlier", Reason.OUTLIER, outlier, limits("outlier"), False))
 
 
-def flags_of(profile: Profile, found: tuple[Check, ...], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
-    """Return the flags and reasons of a profile's bins after all tests; a bin without a number is missing."""
-    missing = np.zeros(profile.depth.size, np.int32)
-    missing[~np.isfinite(profile.depth)] |= _MALFORMED
-    missing[~np.isfinite(profile.velocity).all(axis=1)] |= _MISSING
+def is_nortek(ping: AdcpPing) -> bool:
+    """Return whether a ping's correlations are on Nortek's scale."""
+    return ping.attitude.convention == "nortek"
+
+
+def flags_of(profiles: Profiles, found: Sequence[Checks], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
+    """Return the flags and reasons of profiles' bins after all tests, shapes (s, n); a bin without a number is missing."""
+    missing = np.where(np.isfinite(profiles.depth), np.int32(0), _MALFORMED)
+    missing |= np.where(np.isfinite(profiles.velocity).all(axis=2), np.int32(0), _MISSING)
     return quality.rolled_up(found, missing, use_suspect)
+
+
+def _of_each(found: Sequence[tuple[Array | str, Limits]]) -> tuple[list[Array | str], list[Limits]]:
+    """Return what is tested of each ping, and the limits."""
+    return [values for values, _ in found], [limits for _, limits in found]
+
+
+def _over_bins(values: Sequence[float | str], n: int) -> Values:
+    """Return numbers that all n bins of a ping share, or why there are none."""
+    if any(isinstance(value, str) for value in values):
+        return [value if isinstance(value, str) else np.full(n, value) for value in values]
+    return np.broadcast_to(np.array(values, np.float64)[:, None], (len(values), n))
 
 
 def _snr(ping: AdcpPing) -> Array | str:
@@ -99,10 +144,12 @@ def _error_velocity(ping: AdcpPing) -> Array | str:
     return np.abs(velocity[:, 3])
 
 
-def _speed(profile: Profile) -> Array | str:
-    if profile.reference == "platform":
-        return "velocity is relative to the platform"
-    return np.asarray(np.hypot(profile.velocity[:, 0], profile.velocity[:, 1]))
+def _speed(tested: PingBlock) -> Values:
+    speed = np.hypot(tested.profiles.velocity[..., 0], tested.profiles.velocity[..., 1])
+    relative = [ping.reference == "platform" for ping in tested.pings]
+    if not any(relative):
+        return np.asarray(speed)
+    return ["velocity is relative to the platform" if is_relative else row for row, is_relative in zip(speed, relative, strict=True)]
 
 
 def tilt(pitch_deg: float, roll_deg: float) -> float:
@@ -112,12 +159,15 @@ def tilt(pitch_deg: float, roll_deg: float) -> float:
     return math.degrees(math.acos(abs(math.cos(math.radians(pitch_deg)) * math.cos(math.radians(roll_deg)))))
 
 
-def _tilt(ping: AdcpPing, n: int, dive: int) -> Array | str:
-    angle = tilt(ping.attitude.pitch, ping.attitude.roll)
-    if not np.isfinite(angle):
-        return "the ping has no pitch and roll"
-    # how an instrument is mounted in a glider, level in the glide or not, no ping says
-    return "a vehicle that dives leans to glide" if dive > 0 else np.full(n, angle)
+def _tilt(tested: PingBlock) -> Values:
+    def of(ping: AdcpPing, dive: int) -> float | str:
+        angle = tilt(ping.attitude.pitch, ping.attitude.roll)
+        if not math.isfinite(angle):
+            return "the ping has no pitch and roll"
+        # how an instrument is mounted in a glider, level in the glide or not, no ping says
+        return "a vehicle that dives leans to glide" if dive > 0 else angle
+
+    return _over_bins([of(ping, dive) for ping, dive in zip(tested.pings, tested.dive, strict=True)], tested.shape[1])
 
 
 def _cosine(ping: AdcpPing, config: MeasurementConfig) -> float:
@@ -145,33 +195,40 @@ def sidelobe(distance: Array, cell_size: float, boundary: float, cosine: float) 
     return distance + (0.5 * cell_size if np.isfinite(cell_size) else 0.0), (None, boundary * cosine)
 
 
-def _sidelobe(ping: AdcpPing, profile: Profile, boundary: float, config: MeasurementConfig) -> tuple[Array, Limits]:
-    size, steps = ping.cell_size, np.abs(np.diff(profile.distance))
-    if not np.isfinite(size) and np.isfinite(steps).any():
+def _sidelobe(ping: AdcpPing, boundary: float, config: MeasurementConfig) -> tuple[Array, Limits]:
+    size = ping.cell_size
+    if not math.isfinite(size) and np.isfinite(steps := np.abs(np.diff(ping.distance))).any():
         size = float(np.nanmedian(steps))
-    return sidelobe(profile.distance, size, boundary, _cosine(ping, config))
+    return sidelobe(ping.distance, size, boundary, _cosine(ping, config))
 
 
-def _bottom(ping: AdcpPing, profile: Profile, config: MeasurementConfig) -> tuple[Array | str, Limits]:
+def _bottom(ping: AdcpPing, config: MeasurementConfig) -> tuple[Array | str, Limits]:
     """Return the reach and the limits of bins against the bottom, nearest of the distances that the beams' bottom tracks give."""
-    distances = np.empty(0) if ping.bottom_track is None else ping.bottom_track.distance
-    if not np.isfinite(distances).any():
+    if ping.bottom_track is None or not np.isfinite(distances := ping.bottom_track.distance).any():
         return "no bottom track", (None, np.nan)
-    return _sidelobe(ping, profile, float(np.nanmin(distances)), config)
+    return _sidelobe(ping, float(np.nanmin(distances)), config)
 
 
-def _surface(ping: AdcpPing, profile: Profile, config: MeasurementConfig) -> tuple[Array | str, Limits]:
-    """Return the reach and the limits of the bins of an instrument that looks up, against the surface."""
-    if not config.quality.sidelobe or ping.orientation == "down":
-        return "the instrument looks down" if config.quality.sidelobe else quality.OFF, (None, np.nan)
-    return _sidelobe(ping, profile, profile.transducer_depth, config)
+def _surface(tested: PingBlock, config: MeasurementConfig) -> list[tuple[Array | str, Limits]]:
+    """Return the reach and the limits of the bins of instruments that look up, against the surface."""
+    if not config.quality.sidelobe:
+        return [(quality.OFF, (None, np.nan))] * len(tested.pings)
+    return [
+        ("the instrument looks down", (None, np.nan)) if ping.orientation == "down" else _sidelobe(ping, top, config)
+        for ping, top in zip(tested.pings, tested.profiles.transducer_depth, strict=True)
+    ]
 
 
-def _at_surface(ping: AdcpPing, profile: Profile, vehicle_depth: float, dive: int, config: MeasurementConfig) -> tuple[Array | str, Limits]:
+def _at_surface(tested: PingBlock, config: MeasurementConfig) -> tuple[Values, Limits]:
     """Return the depth and the limits of a vehicle that dives: at the surface it rolls in the waves with its bubbles."""
     word = config.quality.at_surface
     limits = (config.surface_depth, None) if word == "suspect" else (None, config.surface_depth)
-    if word == "off" or dive == 0 or ping.derived:
-        return quality.OFF if word == "off" else "made of many pings" if ping.derived else "no dive yet", limits
-    # the depth of the vehicle may be an older one than the ping's own
-    return np.full(profile.depth.size, np.fmax(vehicle_depth, profile.transducer_depth)), limits
+
+    def of(ping: AdcpPing, top: float, vehicle_depth: float, dive: int) -> float | str:
+        if word == "off" or dive == 0 or ping.derived:
+            return quality.OFF if word == "off" else "made of many pings" if ping.derived else "no dive yet"
+        # the depth of the vehicle may be an older one than the ping's own
+        return float(np.fmax(vehicle_depth, top))
+
+    each = zip(tested.pings, tested.profiles.transducer_depth, tested.vehicle_depth, tested.dive, strict=True)
+    return _over_bins([of(*one) for one in each], tested.shape[1]), limits

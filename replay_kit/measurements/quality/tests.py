@@ -1,4 +1,6 @@
-"""Tests of an ADCP profile's bins: pure functions of arrays, one a test, each giving the QARTOD flag of each bin.
+"""Tests of ADCP profiles' bins: pure functions of arrays, one a test, each giving the QARTOD flag of each bin.
+
+Many profiles are tested at once, in arrays whose first axis is the profile; what is said of one does not depend on the others.
 
 A flag is good, suspect, fail, or not evaluated where the test's input is absent: a test never fails what it cannot judge. Limits
 are (suspect, fail); None is no limit. How the flags of all tests become one is ``rolled_up``.
@@ -49,11 +51,74 @@ class Check:
     why_not: str = ""
 
 
-def check(n: int, test: str, reason: Reason, values: Array | str, limits: Limits, least: bool) -> Check:
-    """Return the result of a test of the numbers of n bins, or why there are none; see ``graded``."""
-    if limits != (None, None) and not isinstance(values, str):
-        return Check(test, reason, graded(values, limits, least))
-    return _not_made(n, test, reason, OFF if limits == (None, None) else str(values))
+@dataclass(frozen=True, slots=True, eq=False)
+class Checks:
+    """The results of one test of s pings of n bins.
+
+    Attributes:
+        test: As in ``Check``.
+        reason: As in ``Check``.
+        n: Number of bins.
+        flags: shape (s, n); None where it could be made of no ping.
+        why_not: Why it could not be made, of each ping; empty where it was.
+    """
+
+    test: str
+    reason: Reason
+    n: int
+    flags: Flags | None
+    why_not: Sequence[str]
+
+    def of(self, i: int) -> Check:
+        """Return the result of one ping."""
+        if self.flags is None or self.why_not[i]:
+            return _not_made(self.n, self.test, self.reason, self.why_not[i])
+        return Check(self.test, self.reason, self.flags[i])
+
+
+#: The numbers of s pings, shape (s, n) or, of beams, (s, n, b); or of each ping its own, or why there are none.
+Values = Array | Sequence[Array | str]
+
+
+def check(shape: tuple[int, int], test: str, reason: Reason, values: Values, limits: Limits | Sequence[Limits], least: bool) -> Checks:
+    """Return the results of a test, s pings of n bins; see ``graded``.
+
+    Args:
+        shape: s and n.
+        test: Its name.
+        reason: What its bins are marked with.
+        values: The numbers.
+        limits: Of all pings, or of each its own.
+        least: As in ``graded``.
+    """
+    (s, n), all_alike = shape, isinstance(limits, tuple)
+    if all_alike and limits == (None, None):
+        return Checks(test, reason, n, None, (OFF,) * s)
+    if isinstance(values, np.ndarray) and isinstance(limits, tuple):
+        return Checks(test, reason, n, graded(_of_bins(values), limits, least), ("",) * s)
+    why_not = [value if isinstance(value, str) else "" for value in values]
+    if all(why_not):
+        return Checks(test, reason, n, None, why_not)
+    flags = np.full(shape, _NOT_EVALUATED)
+    rows: dict[tuple[int, ...], list[int]] = {}
+    for i, value in enumerate(values):
+        if not isinstance(value, str):
+            rows.setdefault(value.shape, []).append(i)
+    for alike in rows.values():
+        own = limits if isinstance(limits, tuple) else _column([limits[i] for i in alike])
+        flags[alike] = graded(_of_bins(np.stack([np.asarray(values[i]) for i in alike])), own, least)
+    return Checks(test, reason, n, flags, why_not)
+
+
+def _of_bins(values: Array) -> Array:
+    """Return one number a bin, shape (s, n), of numbers with or without beams."""
+    return values if values.ndim == 2 else worst_needed(values)
+
+
+def _column(limits: Sequence[Limits]) -> tuple[Array | None, Array | None]:
+    """Return limits that each ping has of its own, shapes (s, 1); a limit is None for all pings or for none."""
+    suspect, fail = (None if limits[0][k] is None else np.array([each[k] for each in limits], np.float64)[:, None] for k in range(2))
+    return suspect, fail
 
 
 @lru_cache(maxsize=1024)
@@ -61,16 +126,15 @@ def _not_made(n: int, test: str, reason: Reason, why_not: str) -> Check:
     return Check(test, reason, np.full(n, _NOT_EVALUATED, np.int8), why_not)
 
 
-def graded(values: Array, limits: Limits, least: bool) -> Flags:
-    """Return the flags of values against limits; not evaluated where a value is NaN, or without any limit.
+def graded(values: Array, limits: Limits | tuple[Array | None, Array | None], least: bool) -> Flags:
+    """Return the flags of values against limits, of the values' shape; not evaluated where a value is NaN, or without any limit.
 
     Args:
-        values: shape (n,), or (n, b) of beams, of which ``worst_needed`` counts.
-        limits: Suspect and fail.
+        values: Of any shape.
+        limits: Suspect and fail; numbers, or arrays that broadcast to the values.
         least: Whether the limits are the least that is good, else the most.
     """
-    values = values if values.ndim == 1 else worst_needed(values)
-    if limits == (None, None):
+    if all(limit is None for limit in limits):
         return np.full(values.shape, _NOT_EVALUATED, np.int8)
     flags = np.where(np.isfinite(values), _GOOD, _NOT_EVALUATED)
     for limit, flag in zip(limits, (_SUSPECT, _FAIL), strict=True):
@@ -80,44 +144,42 @@ def graded(values: Array, limits: Limits, least: bool) -> Flags:
 
 
 def worst_needed(beams: Array) -> Array:
-    """Return the number on which each cell's solution hangs, shape (n,): that of the third best beam, or of the worst of fewer.
+    """Return the number on which each cell's solution hangs, shape (..., n): that of the third best beam, or of the worst of fewer.
 
     A single bad beam of four is for the error velocity to find; NaN where fewer beams than are needed have a number.
 
     Args:
-        beams: shape (n, b), correlation, echo or the like of each beam.
+        beams: shape (..., n, b), correlation, echo or the like of each beam.
     """
-    needed = min(_BEAMS, beams.shape[1])
+    needed = min(_BEAMS, beams.shape[-1])
     # NaN sorts last, so beams without a number stand behind all others
-    return np.asarray(-np.sort(-beams, axis=1)[:, needed - 1])
+    return np.asarray(-np.sort(-beams, axis=-1)[..., needed - 1])
 
 
 def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
-    """Return how far each bin is from the median of those around it, in median deviations, shape (n,): Hampel's filter.
+    """Return how far each bin is from the median of those around it, in median deviations, shape (..., n): Hampel's filter.
 
     The deviations are scaled to standard deviations, and are those of the window or of the whole profile, whichever are larger; of
     both components the worse counts. At a profile's ends the window is moved inwards. A straight profile gives 1.4 at most, however
     strong its shear, and a step between two layers gives 0. NaN where the bin or all but three of its window are missing.
 
     Args:
-        velocity: shape (n, 2) [m/s]; NaN where missing or failed.
-        floor: shape (n,) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
+        velocity: shape (..., n, 2) [m/s]; NaN where missing or failed.
+        floor: shape (..., n) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
         window: Bins in a window, odd; of a shorter profile all.
     """
-    finite: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=1))
-    n_finite = np.count_nonzero(finite)
-    if n_finite < _FEWEST:
-        return np.full(len(velocity), np.nan)
-    at = _windows(len(velocity), window)
-    around = np.where(finite[:, None], velocity, np.nan)[at]
-    count = finite[at].sum(axis=1)
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=-1))
+    n_finite = np.count_nonzero(finite, axis=-1)
+    at = _windows(velocity.shape[-2], window)
+    around = np.where(finite[..., None], velocity, np.nan)[..., at, :]
+    count = np.count_nonzero(finite[..., at], axis=-1)
     middle = _median(around, count)
     apart = np.abs(velocity - middle)
     # the few bins of a window often lie close together by chance: what is usual in the profile counts too
-    usual = _median(np.where(finite[:, None], apart, np.nan)[None], np.array([n_finite]))
-    scale = _MAD * np.maximum(_median(np.abs(around - middle[:, None, :]), count), usual)
-    ratio = (apart / np.maximum(scale, floor[:, None])).max(axis=1)
-    return np.where(finite & (count >= _FEWEST), ratio, np.nan)
+    usual = _median(np.where(finite[..., None], apart, np.nan), n_finite)[..., None, :]
+    scale = _MAD * np.maximum(_median(np.abs(around - middle[..., None, :]), count), usual)
+    ratio = (apart / np.maximum(scale, floor[..., None])).max(axis=-1)
+    return np.where(finite & (count >= _FEWEST) & (n_finite >= _FEWEST)[..., None], ratio, np.nan)
 
 
 @lru_cache(maxsize=64)
@@ -129,33 +191,32 @@ def _windows(n: int, window: int) -> NDArray[np.intp]:
 
 
 def _median(values: Array, count: NDArray[np.intp]) -> Array:
-    """Return medians along the second axis, shape (n, 2), of the ``count`` numbers in it; numpy's own take several times as long."""
-    ordered = np.sort(values, axis=1)
-    width = values.shape[1]
-    if (count == width).all():
-        return np.asarray(0.5 * (ordered[:, (width - 1) // 2] + ordered[:, width // 2]))
-    rows = np.arange(len(values))
-    upper, lower = np.minimum(count // 2, width - 1), np.maximum(count - 1, 0) // 2
-    return np.asarray(0.5 * (ordered[rows, lower] + ordered[rows, upper]))
+    """Return medians along the last axis but one, shape (..., 2), of the ``count`` numbers in it; numpy's own take far longer."""
+    ordered = np.sort(values, axis=-2)
+    width = values.shape[-2]
+    if np.all(count == width):
+        return np.asarray(0.5 * (ordered[..., (width - 1) // 2, :] + ordered[..., width // 2, :]))
+    at = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, width - 1)], axis=-1)[..., None]
+    pair = np.take_along_axis(ordered, at, axis=-2)
+    return np.asarray(0.5 * (pair[..., 0, :] + pair[..., 1, :]))
 
 
-def rolled_up(tests: Sequence[Check], missing: NDArray[np.int32], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
+def rolled_up(tests: Sequence[Check] | Sequence[Checks], missing: NDArray[np.int32], use_suspect: bool) -> tuple[Flags, NDArray[np.int32]]:
     """Return each bin's flag, the worst that a test gave, and the reasons of all tests that found it suspect or failed it.
 
     Args:
         tests: The results.
-        missing: shape (n,), the reasons of bins that are missing, whatever the tests say; 0 for the others.
+        missing: shape (..., n), the reasons of bins that are missing, whatever the tests say; 0 for the others.
         use_suspect: Whether suspect bins stay suspect; else they fail.
     """
-    found = np.array([test.flags for test in tests])
     # in the order of their numbers: not evaluated, suspect, fail; a test that was not made says nothing
-    bad = found >= _SUSPECT
-    if bad.any():
-        bits = np.array([test.reason.value for test in tests], np.int32)
-        flags = np.where(bad, found, _GOOD).max(axis=0)
-        reasons = missing | np.bitwise_or.reduce(np.where(bad, bits[:, None], np.int32(0)), axis=0)
-    else:
-        flags, reasons = np.full(missing.shape, _GOOD), missing.copy()
+    made = [(test.reason.value, test.flags) for test in tests if test.flags is not None]
+    flags, reasons = np.full(missing.shape, _GOOD), missing.copy()
+    for reason, found in made:
+        bad = found >= _SUSPECT
+        if bad.any():
+            flags = np.where(bad, np.maximum(flags, found), flags)
+            reasons |= np.where(bad, np.int32(reason), np.int32(0))
     if not use_suspect:
         flags[flags == _SUSPECT] = _FAIL
     flags[missing != 0] = _MISSING

@@ -18,7 +18,7 @@ from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.ping.adcp_ping import AdcpPing, PlatformVelocity
 from replay_kit.measurements.ping.attitude import attitude_within, with_attitude
 from replay_kit.measurements.ping.earth import earth_referenced, with_bottom_track
-from replay_kit.measurements.steps.position_matching import RELATIVE, WaitingPing, add, is_unwanted, observe, refuse
+from replay_kit.measurements.steps.position_matching import RELATIVE, PlacedPing, WaitingPing, add, is_unwanted, observe, refuse
 from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
 from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 from replay_kit.measurements.vehicle.vessel_velocity import waits_until
@@ -62,14 +62,14 @@ def take_ping_frame(state: MeasurementState, frame: PingFrame, source: Source, c
     if is_complete(pings[frame.key]):
         frames = pings.pop(frame.key)
         return _take_payload(replace(state, frames=pings), assemble(frames), source, len(frames), config)
-    events: list[Event] = []
+    events: list[Event | PlacedPing] = []
     if len(pings) > _OPEN_PINGS:
         oldest = next(iter(pings))
         events = incomplete({oldest: pings.pop(oldest)})
     return replace(state, frames=pings), events
 
 
-def incomplete(frames: Mapping[Key, Mapping[str, PingFrame]]) -> list[Event]:
+def incomplete(frames: Mapping[Key, Mapping[str, PingFrame]]) -> list[Event | PlacedPing]:
     """Return the events of frames known pings have lost others."""
     return [Skipped(topic, _INCOMPLETE) for (topic, _, _), parts in frames.items() for _ in parts]
 

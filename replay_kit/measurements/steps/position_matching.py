@@ -14,12 +14,11 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import NO_RAW_VALUES, Observation, RawValues, Source, VehicleState
+from replay_kit.core.observation import NO_RAW_VALUES, RawValues, Source, VehicleState
 from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
-from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
-from replay_kit.measurements.ping.profile import profile_of
-from replay_kit.measurements.quality.ping import checks, flags_of
+from replay_kit.measurements.ping.earth import earth_referenced
+from replay_kit.measurements.ping.profile import transducer_depth
 from replay_kit.measurements.vehicle.vessel_velocity import Fixes, fixes_around, vessel_velocity
 
 # m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
@@ -59,6 +58,23 @@ class WaitingPing:
         return max(config.position_max_gap, config.position_max_age) if self.in_dive else config.position_max_age
 
 
+@dataclass(frozen=True, slots=True)
+class PlacedPing:
+    """A ping whose place is known, before its profile is tested.
+
+    Attributes:
+        waiting: The ping as it waited.
+        position: Longitude and latitude [degrees].
+        position_std: Standard error of its place [m]; 0 for a place that is near a known position.
+        transducer_depth: [m], positive down.
+    """
+
+    waiting: WaitingPing
+    position: tuple[float, float]
+    position_std: float
+    transducer_depth: float
+
+
 def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
     """Return the waiting pings with one more, in the order of their times."""
     at = bisect_right(waiting, ping.source.time_ns, key=_time)
@@ -85,7 +101,7 @@ def is_unwanted(ping: AdcpPing, config: MeasurementConfig) -> bool:
 
 def place(
     ping: WaitingPing, before: VehicleState | None, after: VehicleState | None, track: Fixes, config: MeasurementConfig
-) -> list[Event]:
+) -> list[Event | PlacedPing]:
     """Return the events of a ping that waits no longer.
 
     Args:
@@ -107,8 +123,13 @@ def place(
     return observe(replace(ping, ping=absolute), earlier or before, later or after, config)
 
 
-def observe(waiting: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig) -> list[Event]:
+def observe(
+    waiting: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig
+) -> list[Event | PlacedPing]:
     """Return the events of a ping whose neighbouring positions are known, one for each message that carried it.
+
+    The last is the ping with its place, of which ``observed`` makes two, that its message was used and the observation: many pings are
+    tested together in little more time than one.
 
     Args:
         waiting: The ping.
@@ -121,35 +142,15 @@ def observe(waiting: WaitingPing, before: VehicleState | None, after: VehicleSta
     if position is None:
         return refuse(waiting, f"no position within {config.position_max_age:g} s")
     # a log that never states a depth is a surface vessel's
-    as_it_is = np.isfinite(waiting.depth) or ping.needs_vehicle_depth
+    as_it_is = math.isfinite(waiting.depth) or ping.needs_vehicle_depth
     try:
-        profile = profile_of(ping, waiting.depth if as_it_is else 0.0, position[1], config)
+        top = transducer_depth(ping, waiting.depth if as_it_is else 0.0, position[1])
     except MeasurementError as error:
         return refuse(waiting, str(error))
-    found = checks(ping, profile, waiting.depth, waiting.dive, config)
-    flags, reasons = flags_of(profile, found, config.quality.use_suspect)
-    platform_velocity, common_std = added_velocity(ping, config)
-    observation = Observation(
-        source.time_ns,
-        *position,
-        profile.depth,
-        profile.velocity,
-        profile.error_std,
-        profile.reference,
-        flags,
-        reasons,
-        waiting.dive,
-        source,
-        common_std,
-        ping.correlation_depth if ping.correlation_depth >= 0.0 else config.correlation_depth,
-        platform_velocity,
-        raw=waiting.raw,
-        position_std=position_std,
-    )
-    return [*[Used(source.topic)] * (waiting.n_messages - 1), Used(source.topic, found), observation]
+    return [*[Used(source.topic)] * (waiting.n_messages - 1), PlacedPing(waiting, position, position_std, top)]
 
 
-def refuse(ping: WaitingPing, reason: str) -> list[Event]:
+def refuse(ping: WaitingPing, reason: str) -> list[Event | PlacedPing]:
     """Return the events of a ping that is not used, one for each message that carried it."""
     return [Skipped(ping.source.topic, reason)] * ping.n_messages
 

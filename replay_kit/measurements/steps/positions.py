@@ -14,7 +14,7 @@ from replay_kit.measurements.events import Event, Skipped, Used
 from replay_kit.measurements.messages.mavlink_vehicle import GpsStatus, NavigationPosition, is_dead_reckoned
 from replay_kit.measurements.messages.position import Depth, Pose, Position, Pressure, checked
 from replay_kit.measurements.ping.attitude import Orientation
-from replay_kit.measurements.steps.position_matching import place, ready
+from replay_kit.measurements.steps.position_matching import PlacedPing, place, ready
 from replay_kit.measurements.steps.state import MeasurementState, Step, at_depth
 from replay_kit.measurements.vehicle.pressure import depth_of_pressure
 from replay_kit.measurements.vehicle.vessel_velocity import append_fix
@@ -90,5 +90,5 @@ def record_mean_current(state: MeasurementState, stated: MeanCurrent, source: So
         return state, [Skipped(source.topic, _NO_DAC)]
     dive = state.dive if stated.dive is None else stated.dive
     dives, mean = currents.stated_mean(state.dives, stated, dive, source, config)
-    events: list[Event] = [Skipped(source.topic, mean)] if isinstance(mean, str) else [Used(source.topic), mean]
+    events: list[Event | PlacedPing] = [Skipped(source.topic, mean)] if isinstance(mean, str) else [Used(source.topic), mean]
     return replace(state, dives=dives), events

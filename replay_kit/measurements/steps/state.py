@@ -12,7 +12,7 @@ from replay_kit.measurements.messages.mavlink_ping import Key, PingFrame
 from replay_kit.measurements.messages.position import Pose
 from replay_kit.measurements.ping.adcp_ping import PlatformVelocity
 from replay_kit.measurements.ping.attitude import Orientation
-from replay_kit.measurements.steps.position_matching import WaitingPing
+from replay_kit.measurements.steps.position_matching import PlacedPing, WaitingPing
 from replay_kit.measurements.vehicle.dives import is_submerged
 from replay_kit.measurements.vehicle.vessel_velocity import Fixes
 
@@ -59,8 +59,8 @@ class MeasurementState:
         return None if self.fix is None else self.fix.latitude
 
 
-#: The state after a message, and the events that it completes.
-Step = tuple[MeasurementState, list[Event]]
+#: The state after a message, and the events that it completes, among them pings that are still to be tested.
+Step = tuple[MeasurementState, list[Event | PlacedPing]]
 
 
 def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -> MeasurementState:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -21,7 +22,7 @@ from replay_kit.core.unchanged import check_unchanged
 from replay_kit.forecast import find_sources
 from replay_kit.logs import merge
 from replay_kit.logs.merge import Merge
-from replay_kit.measurements import finish, initial_state, interpret
+from replay_kit.measurements import finish, initial_state, interpret_block
 from replay_kit.results import Digest, ResultWriter
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.summary_json import failure_json
@@ -49,6 +50,9 @@ from replay_kit.workflows.replay.prepared import Prepared
 from replay_kit.workflows.replay.provenance import FOLLOWED, forecast_times, lasting, run_metadata, run_options, run_settings_toml
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
+
+# Messages that are decoded and tested together.
+_BLOCK = 128
 
 
 def replay(
@@ -217,20 +221,21 @@ def _loop(
     state, count = (initial_state(session.config.logs.system), 0) if checkpoint is None else (checkpoint.measurement, checkpoint.messages)
     while True:
         with session.clock.stage("read"):
-            message = next(stream.messages, None)
-        if message is None:
+            block = list(islice(stream.messages, _BLOCK))
+        if not block:
             check_span(inputs.job.logs, session.config, session.last_ns if count else None)
             break
-        count += 1
-        if count == 1:
-            _begin_result(session, inputs, message.time_ns)
-        session.last_ns = message.time_ns
+        if not count:
+            _begin_result(session, inputs, block[0].time_ns)
         with session.clock.stage("measure"):
-            state, events = interpret(state, message, measurements)
-        session.take(events)
-        if checkpoints is not None:
-            checkpoints.write_when_due(session, state, count)
-        on_message()
+            steps = interpret_block(state, block, measurements)
+        for message, (state, events) in zip(block, steps, strict=True):
+            count += 1
+            session.last_ns = message.time_ns
+            session.take(events)
+            if checkpoints is not None:
+                checkpoints.write_when_due(session, state, count)
+            on_message()
     if isinstance(checkpoints, FollowedStates):
         checkpoints.write_last()
     session.take(finish(state, measurements))

@@ -13,7 +13,7 @@ from replay_kit.measurements import Skipped, Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import added_velocity, earth_referenced
-from replay_kit.measurements.ping.profile import profile_of
+from replay_kit.measurements.ping.profile import profiles_of
 from tests.measurements.samples import CONFIG, fix, only, ping, run
 from tests.reference import frames as slow
 
@@ -49,7 +49,7 @@ def _absolute(payload: dict[str, Any], config: MeasurementConfig = CONFIG) -> Ad
 
 
 def _error_std(ping: AdcpPing, config: MeasurementConfig) -> Any:
-    return profile_of(ping, 0.0, 0.0, config).error_std
+    return profiles_of([ping], [0.0], config).error_std[0]
 
 
 def _horizontal(ping: AdcpPing) -> Any:

@@ -9,8 +9,8 @@ from replay_kit.core.observation import Flag, Observation, Reason
 from replay_kit.measurements import Used
 from replay_kit.measurements.messages.adcp_ping import parse_ping
 from replay_kit.measurements.ping import frames
-from replay_kit.measurements.ping.profile import profile_of
-from replay_kit.measurements.quality.ping import checks
+from replay_kit.measurements.ping.profile import profiles_of
+from replay_kit.measurements.quality.ping import PingBlock, checks
 from tests.measurements.samples import fix, only, ping, run
 from tests.reference import frames as slow
 
@@ -113,8 +113,8 @@ def test_pings_at_the_surface_are_suspect_of_vehicles_that_dive_only():
 def test_the_speed_of_a_relative_profile_says_nothing():
     relative = parse_ping(ping(0, **SOUND, reference="platform").payload | {"velocity": [[4.0, 0.0, 0.0]] * 6})
     config = MeasurementConfig()
-    found = {check.test: check for check in checks(relative, profile_of(relative, 0.0, 0.0, config), 0.0, 0, config)}
-    assert found["speed"].why_not == "velocity is relative to the platform"
+    found = {check.test: check for check in checks(PingBlock([relative], profiles_of([relative], [0.0], config), [0.0], [0]), config)}
+    assert found["speed"].of(0).why_not == "velocity is relative to the platform"
 
 
 def test_suspect_bins_fail_where_they_are_not_wanted():
