@@ -214,8 +214,10 @@ def letkf_row(work: Work) -> Row:
     """The estimate at the nodes after each ping; both errors against the truth."""
     ensemble, truth = work.world
     estimator, grid = work.estimators["hybrid"], ensemble.grid
-    at_nodes = velocity_kernel(estimator.basis.horizontal.kernel, grid.nodes, grid.nodes)
-    show, offset = at_nodes @ estimator.basis.modes, at_nodes @ estimator.basis.offset
+    basis = estimator.basis
+    show, offset = (
+        basis.horizontal.velocity(grid.nodes, latent).reshape(2 * len(grid.nodes), -1) for latent in (basis.modes, basis.offset)
+    )
     state, ours_s = estimator.initial(), 0.0
     for start in range(0, len(work.track), ReducedBasisEstimator.block_size):
 
