@@ -9,6 +9,7 @@ from filterpy.kalman import KalmanFilter
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.horizontal import velocity_kernel
 from replay_kit.core.geodesy import to_local
+from tests.reference import lattice
 
 with warnings.catch_warnings():
     # DAPPER leaves its configuration file to the garbage collector
@@ -70,7 +71,7 @@ def dense_embedding(ensemble_slices, kernel, nodes, depth_kernel):
 
 def grid_std(flow, nodes):
     """Velocity and standard error at every node and level through H, (Z 2N, n): diag(H P H')."""
-    at_nodes = velocity_kernel(flow.horizontal.kernel, nodes, nodes)
+    at_nodes = lattice.matrix(flow.horizontal, nodes)
     design = np.kron(np.eye(flow.levels.size), at_nodes @ flow.modes)
     return at_nodes @ flow.latent, np.sqrt(np.einsum("ij,ij->i", design @ flow.weight_cov, design)).reshape(flow.levels.size, -1)
 
