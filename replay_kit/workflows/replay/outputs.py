@@ -54,6 +54,19 @@ class PublishedPlan:
     projection: Projection
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftWindow:
+    """The last estimate of a window that the vehicle has left.
+
+    Attributes:
+        number: Of the window, from 1.
+        flow: The estimate.
+    """
+
+    number: int
+    flow: FlowEstimate
+
+
 @dataclass(frozen=True, slots=True)
 class LogWarning:
     """A warning for ``/log``.
@@ -67,8 +80,8 @@ class LogWarning:
     text: str
 
 
-#: A position, what a measurement changed, a plan, how a plan turned out, or a warning.
-Output = VehicleState | Innovation | Weights | DepthSlices | PublishedPlan | Outcome | LogWarning
+#: A position, what a measurement changed, a plan, how a plan turned out, a window's last estimate, or a warning.
+Output = VehicleState | Innovation | Weights | DepthSlices | PublishedPlan | Outcome | LeftWindow | LogWarning
 
 
 def write(writer: ResultWriter, output: Output) -> None:
@@ -87,5 +100,7 @@ def write(writer: ResultWriter, output: Output) -> None:
             writer.plan(plan, projection)
         case Outcome():
             writer.outcome(output)
+        case LeftWindow(number, flow):
+            writer.window(number, flow)
         case LogWarning(time_ns, text):
             writer.log(time_ns, "warning", text)

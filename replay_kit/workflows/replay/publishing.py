@@ -1,14 +1,14 @@
 """The publishing stage: what is published of each step, and when the depth slices are due."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import VehicleState
 from replay_kit.workflows.replay.estimation import Step
-from replay_kit.workflows.replay.outputs import DepthSlices, Output, Weights
+from replay_kit.workflows.replay.outputs import DepthSlices, LeftWindow, Output, Weights
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,9 +17,13 @@ class PublishingState:
 
     Attributes:
         next_slices_ns: When the next depth slices are due [ns, UTC]; None before the first measurement.
+        windows: Number of windows left by the vehicle whose last estimates were published.
+        withdrawn: How many of these, the first ones, belong to an estimate that was rebuilt.
     """
 
     next_slices_ns: int | None = None
+    windows: int = 0
+    withdrawn: int = 0
 
 
 def publish_step(
@@ -41,9 +45,20 @@ def publish_step(
     if innovation.accepted and weights is not None:
         outputs.append(Weights(now_ns, weights, levels))
     if state.next_slices_ns is None or now_ns >= state.next_slices_ns:
-        state = PublishingState(now_ns + int(settings.interval * 1e9))
+        state = replace(state, next_slices_ns=now_ns + int(settings.interval * 1e9))
         outputs.append(depth_slices(now_ns, flow_at(now_ns), settings))
     return state, tuple(outputs)
+
+
+def publish_windows(state: PublishingState, flows: Iterator[FlowEstimate]) -> tuple[PublishingState, tuple[LeftWindow, ...]]:
+    """Return the state after the last estimates of windows that the vehicle has left since, and these with their numbers."""
+    left = tuple(LeftWindow(number, flow) for number, flow in enumerate(flows, state.windows + 1))
+    return replace(state, windows=state.windows + len(left)), left
+
+
+def withdraw_windows(state: PublishingState) -> PublishingState:
+    """Return the state after the estimate was rebuilt: the windows published before it do not count."""
+    return replace(state, withdrawn=state.windows)
 
 
 def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> DepthSlices:

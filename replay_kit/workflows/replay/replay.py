@@ -23,6 +23,7 @@ from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs import merge
 from replay_kit.measurements import finish, initial_state, interpret
 from replay_kit.results import Digest, ResultWriter
+from replay_kit.results.mcap_writer import WINDOWS_RECORD
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import failure_json, to_record
 from replay_kit.workflows.replay.basis_store import built
@@ -254,8 +255,8 @@ def _conclude(session: Session, inputs: _Inputs) -> tuple[ReplaySummary, FlowEst
             session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
-            for number, left in enumerate(session.estimator.left_flows(session.estimation.current), 1):
-                session.writer.window(number, left)
+            if withdrawn := session.publishing.withdrawn:
+                session.writer.write_metadata(WINDOWS_RECORD, {"withdrawn": str(withdrawn)})
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)
