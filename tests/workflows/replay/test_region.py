@@ -12,7 +12,8 @@ from replay_kit.config.run import EVERYWHERE, EstimatorConfig, ForecastConfig, O
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
-from replay_kit.core.region import inside
+from replay_kit.core.region import DEGREE, inside
+from replay_kit.forecast.extent import open_extent
 from replay_kit.results.mcap_writer import WINDOWS_RECORD, ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.workflows.planning import planner_of
@@ -20,7 +21,7 @@ from replay_kit.workflows.replay.checkpoint_head import head, recorded_region
 from replay_kit.workflows.replay.inputs import ReplayJob, forecasts_of
 from replay_kit.workflows.replay.outputs import write
 from replay_kit.workflows.replay.publishing import PublishingState, publish_windows, withdraw_windows
-from replay_kit.workflows.replay.region import from_record
+from replay_kit.workflows.replay.region import from_record, window_points
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from replay_kit.workflows.verify import verify
@@ -127,6 +128,15 @@ def test_windows_smaller_than_the_margins_are_refused(strip):
     config = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=100)})
     with pytest.raises(ForecastError, match=r"a window of 100 points reaches \d+ km, and \d+ km are needed"):
         forecasts_of(job(strip, "long.mcap"), config)
+
+
+@pytest.mark.parametrize(("cells", "points"), [(1.0, 1600), (2.0, 1600), (10.0, 140**2)])
+def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(strip, cells, points):
+    with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
+        assert extent is not None
+        east, north = extent.step
+        length = cells * DEGREE * np.sqrt(east * np.cos(np.deg2rad(40.5)) * north)
+        assert window_points(extent, length, 40.5) == pytest.approx(points, rel=0.01)
 
 
 def test_the_region_is_kept_in_result_and_checkpoint(strip, tmp_path):
