@@ -146,11 +146,12 @@ class ForecastConfig(_Section):
         description="West, south, east and north bound of the part used [degrees], or all. Default: all of a forecast of 1,200 points a "
         "level or fewer, or without a log; of a larger one the log's positions, the goal and four correlation lengths around them.",
     )
-    window_points: int = Field(
-        default=3600,
+    window_points: int | None = Field(
+        default=None,
         ge=100,
         description="Points a level of a region found from the log; of a larger one windows of this size follow the vehicle, each with "
-        "what the one before learnt. With a goal, and for estimates through time, one region holds all.",
+        "what the one before learnt. With a goal, and for estimates through time, one region holds all. Default: a square of 14 "
+        "correlation lengths, at least 1,600.",
     )
     levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
         default=None, description="Depth levels used [m]; the nearest are taken. Default: all."

@@ -98,6 +98,10 @@ class Estimator(Protocol[State]):
         """Yield the last estimates of windows that the vehicle has left, in order; none where one window holds all."""
         return iter(())
 
+    def without_left(self, state: State) -> State:
+        """Return a state without the windows that the vehicle has left, once their estimates were taken."""
+        return state
+
     def weights(self, states: Sequence[State]) -> Sequence[Array | None]:
         """Return the mean weights of states, each of shape (Z r,), level after level; None where the basis is not the run's own."""
         return [None] * len(states)

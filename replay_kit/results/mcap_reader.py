@@ -9,7 +9,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.load import load_bytes
 from replay_kit.core.paths import as_path
-from replay_kit.results.mcap_writer import ESTIMATE_NAME, WINDOW_NAME
+from replay_kit.results.mcap_writer import ESTIMATE_NAME, WINDOW_NAME, WINDOWS_RECORD
 
 
 def read_windows(path: str | Path) -> tuple[FlowEstimate, ...]:
@@ -20,9 +20,15 @@ def read_windows(path: str | Path) -> tuple[FlowEstimate, ...]:
     """
     last, path = read_estimate(path), as_path(path, "result")
     with path.open("rb") as file:
-        left = [record for record in make_reader(file).iter_attachments() if record.name.startswith(WINDOW_NAME)]
-    left.sort(key=lambda record: int(record.name.removeprefix(WINDOW_NAME).removesuffix(".nc")))
-    return (*(load_bytes(record.data, f"{path}#{record.name}") for record in left), last)
+        reader = make_reader(file)
+        records = [record.metadata for record in reader.iter_metadata() if record.name == WINDOWS_RECORD]
+        left = {
+            int(record.name.removeprefix(WINDOW_NAME).removesuffix(".nc")): record
+            for record in reader.iter_attachments()
+            if record.name.startswith(WINDOW_NAME)
+        }
+    withdrawn = int(records[0]["withdrawn"]) if records else 0
+    return (*(load_bytes(left[number].data, f"{path}#{left[number].name}") for number in sorted(left) if number > withdrawn), last)
 
 
 def read_estimate(path: str | Path) -> FlowEstimate:

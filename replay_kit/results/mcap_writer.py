@@ -32,6 +32,8 @@ from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, 
 ESTIMATE_NAME = "estimate.nc"
 #: Beginning of the names of the estimates of windows that the vehicle left; their number and ``.nc`` follow.
 WINDOW_NAME = "estimate_window_"
+#: Name of the metadata record that holds how many of them, the first ones, belong to an estimate that was rebuilt.
+WINDOWS_RECORD = "replay_kit.windows"
 CONFIG_NAME = "config.toml"
 SUMMARY_NAME = "summary.json"
 LAYOUT_NAME = "layout.json"

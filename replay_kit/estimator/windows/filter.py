@@ -36,27 +36,29 @@ class Window:
     Attributes:
         region: West, south, east, north [degrees].
         state: Of its estimator.
-        loss: Root mean square of what the window before had learnt of this one and did not hand over [m/s]; 0 of the first.
     """
 
     region: Region
     state: FilterState
-    loss: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowedState:
-    """The estimate in the window that holds the vehicle, and the last ones of those it left.
+    """The estimate in the window that holds the vehicle, and the last ones of those it left, until they are forgotten.
 
     Attributes:
         current: The window that holds the vehicle.
-        left: Windows that were left, in order.
+        left: Windows that were left, in order; those forgotten are not among them.
+        number: Of windows so far, the current one included.
+        loss: Root mean square of what a window had learnt of the next one and did not hand over, the largest so far [m/s].
         strays: Number of measurements in a row that lay outside the window.
         unusable: Windows that could not be made, each with the reason.
     """
 
     current: Window
     left: tuple[Window, ...] = ()
+    number: int = 1
+    loss: float = 0.0
     strays: int = 0
     unusable: tuple[tuple[Region, str], ...] = ()
 
@@ -149,7 +151,8 @@ class WindowedEstimator(Estimator[WindowedState]):
             begun, loss = hand_over(self._of(region), state.current.state, self._of(following))
         except ForecastError as error:
             return replace(state, strays=0, unusable=(*state.unusable, (following, str(error))))
-        return WindowedState(Window(following, begun, loss), (*state.left, state.current), 0, state.unusable)
+        left, most = (*state.left, state.current), max(state.loss, loss)
+        return WindowedState(Window(following, begun), left, state.number + 1, most, 0, state.unusable)
 
     def usable(self, observation: Measurement) -> bool:
         """Return whether an observation has a bin that ``step`` would use, if it lies in water: windows are made when they are needed."""
@@ -174,9 +177,13 @@ class WindowedEstimator(Estimator[WindowedState]):
         return self._of(state.current.region).flow(state.current.state)
 
     def left_flows(self, state: WindowedState) -> Iterator[FlowEstimate]:
-        """Yield the last estimate of each window that was left; one at a time, because each is made from the forecast again."""
+        """Yield the last estimate of each window that was left; before the latest two each is made from the forecast again."""
         for window in state.left:
             yield self._of(window.region).flow(window.state)
+
+    def without_left(self, state: WindowedState) -> WindowedState:
+        """Return a state that holds the current window alone, so that its size does not grow with the way."""
+        return replace(state, left=()) if state.left else state
 
     def notes(self) -> list[str]:
         """Return the settings of the first window's prior."""
@@ -185,12 +192,9 @@ class WindowedEstimator(Estimator[WindowedState]):
     def bias_notes(self, state: WindowedState) -> list[str]:
         """Return what is said of the log in the last window, and of the windows."""
         notes = self._of(state.current.region).bias_notes(state.current.state)
-        windows = [*state.left, state.current]
-        if len(windows) > 1:
-            lost = 100.0 * max(window.loss for window in windows)
-            notes.append(
-                f"{len(windows)} windows followed the vehicle; up to {lost:.1f} cm/s RMS of what one had learnt was not handed over"
-            )
+        if state.number > 1:
+            lost = f"{100.0 * state.loss:.1f} cm/s RMS"
+            notes.append(f"{state.number} windows followed the vehicle; up to {lost} of what one had learnt was not handed over")
         return [*notes, *(f"no window could be made at {refused}: {reason}" for refused, reason in state.unusable)]
 
     def spread_record(self, state: WindowedState) -> dict[str, str]:

@@ -88,7 +88,9 @@ def learnt(prior: Prior, posterior: Posterior, modes: Array, offset: Array, next
     directions, share = _learnt_directions(before, after)
     if not share.size:
         return None
-    error = np.repeat(vertical**2 @ (representation_std**2 + np.mean(lost**2, axis=0)), across.shape[1])
+    # what is lost is as smooth as the combinations, not white from point to point: all of it lies in as many unknowns as there are of them
+    missed = np.sum(lost**2, axis=0) / across.shape[1]
+    error = np.repeat(vertical**2 @ (representation_std**2 + missed), across.shape[1])
     lower = np.linalg.cholesky(np.diag((1.0 - share) / share) + (directions * error) @ directions.T)
     shifts = np.column_stack([posterior.mean - prior.mean, posterior.bias_sensitivity().reshape(-1, flat.shape[1]).T])
     measured = np.column_stack([directions, directions @ (flat @ shifts) / share[:, None]])

@@ -8,6 +8,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import ensemble_files
+from replay_kit.results.mcap_writer import WINDOWS_RECORD
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import to_record
 from replay_kit.workflows.replay.consistency import conclusions
@@ -41,8 +42,8 @@ def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEst
             session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
-            for number, left in enumerate(session.estimator.left_flows(session.estimation.current), 1):
-                session.writer.window(number, left)
+            if withdrawn := session.publishing.withdrawn:
+                session.writer.write_metadata(WINDOWS_RECORD, {"withdrawn": str(withdrawn)})
             session.writer.finish(flow)
         if job.netcdf is not None:
             write_grid(flow, job.netcdf)

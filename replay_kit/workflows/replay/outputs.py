@@ -55,6 +55,19 @@ class PublishedPlan:
     projection: Projection
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftWindow:
+    """The last estimate of a window that the vehicle has left.
+
+    Attributes:
+        number: Of the window, from 1.
+        flow: The estimate.
+    """
+
+    number: int
+    flow: FlowEstimate
+
+
 @dataclass(frozen=True, slots=True)
 class VehiclePose:
     """Where the vehicle is in the local frame.
@@ -108,8 +121,20 @@ class LogWarning:
     text: str
 
 
-#: A position, what a measurement changed, a plan, how a plan turned out, contradictions, or a warning.
-Output = VehicleState | VehiclePose | Innovation | Weights | AtVehicle | DepthSlices | PublishedPlan | Outcome | Findings | LogWarning
+#: A position, what a measurement changed, a plan, how a plan turned out, a window's last estimate, contradictions, or a warning.
+Output = (
+    VehicleState
+    | VehiclePose
+    | Innovation
+    | Weights
+    | AtVehicle
+    | DepthSlices
+    | PublishedPlan
+    | Outcome
+    | LeftWindow
+    | Findings
+    | LogWarning
+)
 
 
 def write(writer: ResultWriter, output: Output) -> None:
@@ -134,5 +159,7 @@ def write(writer: ResultWriter, output: Output) -> None:
             writer.plan(plan, projection)
         case Outcome():
             writer.outcome(output)
+        case LeftWindow(number, flow):
+            writer.window(number, flow)
         case LogWarning(time_ns, text):
             writer.log(time_ns, "warning", text)

@@ -1,6 +1,6 @@
 """The publishing stage: what is published of each step, and when the depth slices are due."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import VehicleState
 from replay_kit.workflows.replay.estimation import Step
-from replay_kit.workflows.replay.outputs import AtVehicle, DepthSlices, Output, VehiclePose, Weights
+from replay_kit.workflows.replay.outputs import AtVehicle, DepthSlices, LeftWindow, Output, VehiclePose, Weights
 
 #: Log time between estimates at the vehicle, at least [ns]: each takes as long as an update.
 AT_VEHICLE_NS = 1800 * 10**9
@@ -30,6 +30,8 @@ class PublishingState:
         projection: The local frame; None before the first position.
         position: The last one.
         turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
+        windows: Number of windows left by the vehicle whose last estimates were published.
+        withdrawn: How many of these, the first ones, belong to an estimate that was rebuilt.
     """
 
     next_slices_ns: int | None = None
@@ -37,6 +39,8 @@ class PublishingState:
     projection: Projection | None = None
     position: VehicleState | None = None
     turned: tuple[float, float, float] | None = None
+    windows: int = 0
+    withdrawn: int = 0
 
 
 def publish_step(
@@ -90,6 +94,17 @@ def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> AtVe
     error = flow.standard_error(east, north, depth, true_axes=True) if flow.n_modes else np.full(2, np.nan)
     place = (position.longitude, position.latitude, depth)
     return AtVehicle(time_ns, place, (float(velocity[0]), float(velocity[1])), (float(error[0]), float(error[1])))
+
+
+def publish_windows(state: PublishingState, flows: Iterator[FlowEstimate]) -> tuple[PublishingState, tuple[LeftWindow, ...]]:
+    """Return the state after the last estimates of windows that the vehicle has left since, and these with their numbers."""
+    left = tuple(LeftWindow(number, flow) for number, flow in enumerate(flows, state.windows + 1))
+    return replace(state, windows=state.windows + len(left)), left
+
+
+def withdraw_windows(state: PublishingState) -> PublishingState:
+    """Return the state after the estimate was rebuilt: the windows published before it do not count."""
+    return replace(state, withdrawn=state.windows)
 
 
 def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> DepthSlices:

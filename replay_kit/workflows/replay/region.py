@@ -1,5 +1,6 @@
 """The part of a forecast that a log needs: found before its currents are read."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,8 @@ REGION_RECORD = "replay_kit.found_region"
 MARGIN_LENGTHS = 4.0
 # Points a level of a forecast that is taken whole, and the share of a larger one from which on it is.
 _SMALL, _MOST = 1200, 2.0 / 3.0
+# Side of a window in correlation lengths, and its points at least, where the settings state none.
+_SIDE_LENGTHS, _LEAST_WINDOW = 14.0, 1600
 # Cells on each side of the place where the correlation length is measured.
 _PATCH = 12
 
@@ -105,8 +108,9 @@ def find_region(
         margin = MARGIN_LENGTHS * length
         region = around(places if goal is None else [*places, (goal.longitude, goal.latitude)], margin)
         points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
-        if points > settings.window_points and goal is None and may_follow and _is_static(extent, config):
-            return _first_window(extent, places[0], margin, length, settings.window_points)
+        most = settings.window_points or window_points(extent, length, float(places[0, 1]))
+        if points > most and goal is None and may_follow and _is_static(extent, config):
+            return _first_window(extent, places[0], margin, length, most)
         if points > _MOST * whole:
             return None
         what = "the log's positions and" if goal is None else "the log's positions, the goal and"
@@ -146,6 +150,12 @@ def _length_near(extent: Extent, places: Array) -> float:
             if last == 0:
                 raise
     raise AssertionError("unreachable")
+
+
+def window_points(extent: Extent, length: float, latitude: float) -> int:
+    """Return how many points a level a window has: larger ones have too few modes for their size, smaller ones more handovers."""
+    cells = np.array(extent.step) * (degree_of_longitude(latitude), DEGREE)
+    return max(_LEAST_WINDOW, math.ceil(np.prod(_SIDE_LENGTHS * length / cells)))
 
 
 def _first_window(extent: Extent, place: Array, margin: float, length: float, most: int) -> FoundRegion:

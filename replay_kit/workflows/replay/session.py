@@ -25,7 +25,7 @@ from replay_kit.workflows.replay.consistency import MonitoringState
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from replay_kit.workflows.replay.outputs import Findings, LogWarning, Output, write
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
-from replay_kit.workflows.replay.publishing import PublishingState, depth_slices, publish_step
+from replay_kit.workflows.replay.publishing import PublishingState, depth_slices, publish_step, publish_windows, withdraw_windows
 from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -136,6 +136,7 @@ class Session:
             prior, kept = self.estimator.initial(), list(means) if self.estimator.supports_path_means else []
             with self.clock.stage("estimate"):
                 self.estimation, steps = assimilate(self.estimator, EstimationState(prior, prior), kept)
+            self.publishing = withdraw_windows(self.publishing)
             self.statistics = consistency.rebuilt(self.statistics, steps)
             self.monitoring = replace(self.monitoring, gated=())
         self.estimation, self.monitoring, self.statistics = consistency.readmitted(
@@ -162,6 +163,16 @@ class Session:
                 self.publishing, outputs = publish_step(self.publishing, step, self._levels, self.config.output, after)
                 self._write(outputs)
             self._plan(plans.after_step, step, after)
+        self._publish_windows()
+
+    def _publish_windows(self) -> None:
+        """Publish the last estimates of the windows that the vehicle has left, and forget them."""
+        if self.writer is not None:
+            flows = self.estimator.left_flows(self.estimation.current)
+            self.publishing, windows = publish_windows(self.publishing, flows)
+            self._write(windows)
+        forget = self.estimator.without_left
+        self.estimation = replace(self.estimation, current=forget(self.estimation.current), dive_start=forget(self.estimation.dive_start))
 
     def conclude(self) -> FlowEstimate:
         """Finish a surfacing, plan from the last position and publish the last depth slices; return the last estimate."""

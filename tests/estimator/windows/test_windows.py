@@ -7,7 +7,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import centre, inside, width
 from replay_kit.estimator.windows import WindowedEstimator
 from replay_kit.estimator.windows.geometry import next_window, room_in
-from tests.benchmarks.windows import TINY, mission, sea, windowed
+from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
 
 BOUNDS = (-20.0, 30.0, 20.0, 50.0)
 WINDOW = (-2.0, 38.0, 2.0, 42.0)
@@ -53,7 +53,7 @@ def scene():
 
 def test_steps_in_blocks_are_single_steps(scene):
     of, pings = scene
-    estimator = windowed(of, TINY, pings[0], 25_000.0)
+    estimator = windowed(of, TINY, pings[0], 25_000.0, QUICK)
     state = estimator.initial()
     for ping in pings:
         state, _ = estimator.step(state, ping)
@@ -63,9 +63,27 @@ def test_steps_in_blocks_are_single_steps(scene):
     assert np.allclose(blocks.current.state.mean, state.current.state.mean, atol=1e-8)
 
 
+def test_windows_that_were_left_can_be_forgotten(scene):
+    of, pings = scene
+    estimator = windowed(of, TINY, pings[0], 25_000.0, QUICK)
+    kept = brief = estimator.initial()
+    flows = []
+    for ping in pings:
+        kept, _ = estimator.step(kept, ping)
+        brief, _ = estimator.step(brief, ping)
+        flows += estimator.left_flows(brief)
+        brief = estimator.without_left(brief)
+        assert brief.left == ()
+    assert len(flows) == len(kept.left) == brief.number - 1 > 1
+    assert estimator.bias_notes(brief) == estimator.bias_notes(kept)
+    assert np.array_equal(brief.current.state.mean, kept.current.state.mean)
+    for one, other in zip(flows, estimator.left_flows(kept), strict=True):
+        assert np.array_equal(one.latent, other.latent)
+
+
 def test_one_measurement_far_away_does_not_move_the_window_but_three_do(scene):
     of, pings = scene
-    estimator = windowed(of, TINY, pings[0], 25_000.0)
+    estimator = windowed(of, TINY, pings[0], 25_000.0, QUICK)
     first, far = pings[:3], pings[-5:]
     *_, (state, innovation) = estimator.steps(estimator.initial(), [*first, far[0], *first])
     assert state.current.region == estimator.first
@@ -78,7 +96,7 @@ def test_one_measurement_far_away_does_not_move_the_window_but_three_do(scene):
 
 def test_a_window_that_cannot_be_made_leaves_the_vehicle_in_its_own_and_is_told(scene):
     of, pings = scene
-    whole = windowed(of, TINY, pings[0], 25_000.0)
+    whole = windowed(of, TINY, pings[0], 25_000.0, QUICK)
 
     def only_first(region):
         if region != whole.first:

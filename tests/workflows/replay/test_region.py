@@ -12,16 +12,20 @@ from replay_kit.config.run import EVERYWHERE, EstimatorConfig, ForecastConfig, O
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
-from replay_kit.core.region import inside
+from replay_kit.core.region import DEGREE, inside
+from replay_kit.forecast.extent import open_extent
+from replay_kit.results.mcap_writer import WINDOWS_RECORD, ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.workflows.planning import planner_of
 from replay_kit.workflows.replay.checkpoint_head import head, recorded_region
 from replay_kit.workflows.replay.inputs import ReplayJob, forecasts_of
-from replay_kit.workflows.replay.region import from_record
+from replay_kit.workflows.replay.outputs import write
+from replay_kit.workflows.replay.publishing import PublishingState, publish_windows, withdraw_windows
+from replay_kit.workflows.replay.region import from_record, window_points
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from replay_kit.workflows.verify import verify
-from tests.benchmarks.windows import Sea, Strip, sea
+from tests.benchmarks.windows import LEVELS, Sea, Strip, sea
 from tests.workflows.replay.interrupted import Killed, run_until
 from tests.workflows.replay.test_inputs import NS, START, fix, written
 
@@ -38,7 +42,7 @@ def as_dataset(of: Sea, members: slice) -> xr.Dataset:
     return xr.Dataset(
         {name: (dims, values[:, k], {"standard_name": standard, "units": "m s-1"}) for k, (name, standard) in enumerate(names)},
         {
-            "depth": ("depth", np.array([5.0, 100.0, 300.0]), {"positive": "down", "units": "m", "standard_name": "depth"}),
+            "depth": ("depth", LEVELS, {"positive": "down", "units": "m", "standard_name": "depth"}),
             "lat": ("lat", of.latitude, {"units": "degrees_north", "standard_name": "latitude"}),
             "lon": ("lon", of.longitude, {"units": "degrees_east", "standard_name": "longitude"}),
         },
@@ -126,6 +130,15 @@ def test_windows_smaller_than_the_margins_are_refused(strip):
         forecasts_of(job(strip, "long.mcap"), config)
 
 
+@pytest.mark.parametrize(("cells", "points"), [(1.0, 1600), (2.0, 1600), (10.0, 140**2)])
+def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(strip, cells, points):
+    with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
+        assert extent is not None
+        east, north = extent.step
+        length = cells * DEGREE * np.sqrt(east * np.cos(np.deg2rad(40.5)) * north)
+        assert window_points(extent, length, 40.5) == pytest.approx(points, rel=0.01)
+
+
 def test_the_region_is_kept_in_result_and_checkpoint(strip, tmp_path):
     whole = tmp_path / "whole.mcap"
     run_until(job(strip, out=whole), CONFIG, None)
@@ -174,6 +187,21 @@ def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(strip, f
     assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean((mean - truth) ** 2))
     alone = flow.velocity_at(of.longitude[columns], of.latitude[STRIP.rows // 2], 5.0)
     assert np.isnan(alone.u[0])
+
+
+def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path):
+    flows = ResultFile(followed[0]).estimates
+    state, first = publish_windows(PublishingState(), iter(flows[:2]))
+    state, second = publish_windows(withdraw_windows(state), iter(flows[1:2]))
+    assert [window.number for window in (*first, *second)] == [1, 2, 3]
+    writer = ResultWriter(tmp_path / "rebuilt.mcap")
+    for window in (*first, *second):
+        write(writer, window)
+    writer.write_metadata(WINDOWS_RECORD, {"withdrawn": str(state.withdrawn)})
+    writer.finish(flows[-1])
+    found = ResultFile(tmp_path / "rebuilt.mcap").estimates
+    assert len(found) == 2
+    assert np.array_equal(found[0].latent, flows[1].latent)
 
 
 @pytest.mark.full

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from replay_kit.estimator import Estimator
 from replay_kit.estimator.update.screening import unused_innovation
 from replay_kit.workflows.replay.session import Session
 from tests import synthetic
+from tests.benchmarks.windows import LEVELS, QUICK, TINY, mission, sea, windowed
 
 GRID = synthetic.ensemble(n_members=2).grid
 PROFILE = synthetic.random_profiles(GRID, 1)[0]
@@ -75,6 +77,21 @@ def test_grids_and_digests_come_with_the_first_profile_and_then_at_the_interval_
         session.take([replace(PROFILE, time_ns=seconds * 10**9)])
     session.assimilate_buffer()
     assert published.grids_ns == published.digests_ns == [seconds * 10**9 for seconds in (0, 75, 150, 225)]
+
+
+def test_windows_that_were_left_are_published_once_and_forgotten():
+    of = sea(TINY)
+    pings = mission(of, TINY, of.part(None, slice(TINY.members, None)), 25_000.0)
+    session = Session(windowed(of, TINY, pings[0], 25_000.0, QUICK), LEVELS, RunConfig())
+    session.writer = MagicMock()
+    for ping in pings:
+        session.take([ping])
+        if session.state is not None:
+            assert session.state.estimation.current.left == session.state.estimation.dive_start.left == ()
+    session.assimilate_buffer(last=True)
+    numbers = [call.args[0] for call in session.writer.window.call_args_list]
+    assert numbers == list(range(1, session.estimation.current.number))
+    assert len(numbers) > 1
 
 
 def test_an_estimator_that_supports_path_means_is_given_them_in_order():
