@@ -21,7 +21,10 @@ _WORDS = {"zero": "all zero", "constant": "equal in all cells", "stale": "equal 
 
 def raw_values(velocity: Array) -> RawValues:
     """Return what is remembered of a ping's velocities, shape (n, k), NaN where missing."""
-    known = velocity[np.isfinite(velocity[:, :2]).all(axis=1), :2]
+    known = velocity[:, :2]
+    finite = np.isfinite(known)
+    if not finite.all():
+        known = known[finite.all(axis=1)]
     zero = len(known) >= _LEAST_ZEROS and not known.any()
     if len(known) < _LEAST_CELLS and not zero:
         return NO_RAW_VALUES
