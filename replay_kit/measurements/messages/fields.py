@@ -106,7 +106,7 @@ def velocity_cells(payload: Mapping[str, Any], earth: bool) -> Array:
     if len(raw) != n_cells:
         raise MeasurementError(f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells")
     # most pings list as many components for each cell
-    alike = all(type(cell) is list and len(cell) >= 2 for cell in raw)
+    alike = set(map(type, raw)) == {list} and min(map(len, raw)) >= 2
     found = rows(raw if alike else [_components(cell, earth) for cell in raw])
     if found.shape[1] >= _FEWEST_COMPONENTS:
         return found
