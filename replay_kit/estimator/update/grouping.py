@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import cos, hypot, radians
+from functools import lru_cache
+from math import cos, hypot, isfinite, radians
 
 import numpy as np
 
@@ -89,9 +90,7 @@ class Grouping:
         elapsed = (profile.time_ns - first.time_ns) / _NS
         if not 0.0 <= elapsed <= self.seconds or not _are_alike(first, profile):
             return False
-        error = float(np.median(first.error_std))
-        if np.isfinite(first.common_std):
-            error = hypot(error, first.common_std)
+        error = _error_of(first)
         north = profile.latitude - first.latitude
         east = ((profile.longitude - first.longitude + 180.0) % 360.0 - 180.0) * cos(radians(first.latitude))
         way = _METRES_A_DEGREE * hypot(east, north)
@@ -100,6 +99,13 @@ class Grouping:
     def ends(self, first: Observation, event: VehicleState | PathMean) -> bool:
         """Return whether something else ends a group that begins with a profile: a mean current, or a position too late."""
         return isinstance(event, PathMean) or not 0.0 <= (event.time_ns - first.time_ns) / _NS <= self.seconds
+
+
+@lru_cache(maxsize=4)
+def _error_of(first: Observation) -> float:
+    """Return the error of a bin of a profile [m/s], which every other of its group is held against."""
+    error = float(np.median(first.error_std))
+    return hypot(error, first.common_std) if isfinite(first.common_std) else error
 
 
 def _are_alike(first: Observation, profile: Observation) -> bool:

@@ -3,16 +3,12 @@
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from replay_kit.core.observation import Observation, Reason, VehicleState
+from replay_kit.core.observation import VehicleState
 
 # Share of the pings above the surface, and the number of them, from which depths are wrong.
 _MOST_ABOVE, _LEAST_PINGS = 0.1, 5
 # s, m and positions for which an unchanged position is that of a dead receiver
 _FROZEN_TIME, _FROZEN_DEPTH, _FROZEN_FIXES = 600.0, 20.0, 4
-
-_AT_SURFACE = np.int32(Reason.AT_SURFACE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +25,9 @@ class DepthCounts:
     pings: int = 0
     above: int = 0
 
-    def after(self, observation: Observation) -> "DepthCounts":
-        """Return the counts after a ping."""
-        measured = np.isfinite(observation.velocity[:, 0]) & ((observation.reasons & _AT_SURFACE) == 0)
-        depth = observation.depth[measured]
-        if not depth.size:
-            return self
-        return DepthCounts(self.pings + 1, self.above + (2 * int(np.count_nonzero(depth < 0.0)) > depth.size))
+    def after(self, is_above: bool | None) -> "DepthCounts":
+        """Return the counts after a ping, by whether most of its bins are above the surface; None for one that does not tell."""
+        return self if is_above is None else DepthCounts(self.pings + 1, self.above + is_above)
 
     @property
     def is_wrong(self) -> bool:

@@ -16,8 +16,9 @@ from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.geometry import DepthCounts, PositionRun
 from replay_kit.measurements.consistency.pairs import Explanation
 from replay_kit.measurements.consistency.raw import RawHistory
-from replay_kit.measurements.consistency.sources import SourceStatistics, near_mean
+from replay_kit.measurements.consistency.sources import SourceStatistics
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, SpeedCounts
+from replay_kit.measurements.consistency.summary import PingSummary, summaries
 
 # Pairs before which nothing is said: of mean currents, of dives relative to the vehicle, of the platform's motion, of gross units.
 _LEAST_MEANS, _LEAST_DIVES, _LEAST_MOTIONS, _LEAST_UNITS = 3, 2, 4, 1
@@ -92,7 +93,11 @@ def _tell_directions(sources: SourceStatistics) -> bool:
 
 
 def check(
-    state: ConsistencyState, event: Checked, ensemble: EnsembleSpeeds | None = None, through_water: bool = False
+    state: ConsistencyState,
+    event: Checked,
+    ensemble: EnsembleSpeeds | None = None,
+    through_water: bool = False,
+    summary: PingSummary | None = None,
 ) -> tuple[ConsistencyState, Checked]:
     """Return the state after an event, and the event as it may be used: bins that must not be are flagged.
 
@@ -101,6 +106,7 @@ def check(
         event: A position or a measurement.
         ensemble: Speeds of the ensemble's currents; None compares none.
         through_water: Whether positions under water are dead-reckoned without a current.
+        summary: What ``summaries`` gives of a ping, with others in less time; None makes it.
     """
     if isinstance(event, VehicleState):
         return _after_position(state, event), event
@@ -109,7 +115,7 @@ def check(
             after, found = _after_mean(instrument, event, topic)
             state = _with(state, topic, after, found)
         return state, event
-    return _after_ping(state, event, ensemble, through_water)
+    return _after_ping(state, event, summary or summaries([event], ensemble)[0], through_water)
 
 
 def _with(state: ConsistencyState, topic: str, instrument: Instrument, found: tuple[Finding, ...]) -> ConsistencyState:
@@ -126,7 +132,7 @@ def _after_position(state: ConsistencyState, vehicle: VehicleState) -> Consisten
 
 
 def _after_ping(
-    state: ConsistencyState, ping: Observation, ensemble: EnsembleSpeeds | None, through_water: bool
+    state: ConsistencyState, ping: Observation, summary: PingSummary, through_water: bool
 ) -> tuple[ConsistencyState, Observation]:
     topic = ping.source.topic
     instrument = state.instruments.get(topic) or Instrument(sources=SourceStatistics(through_water=through_water))
@@ -137,7 +143,7 @@ def _after_ping(
     if wrong:
         instrument = replace(instrument, raw=raw)
     else:
-        instrument = _measured(instrument, raw, ping, ensemble)
+        instrument = _measured(instrument, raw, summary)
         found += _of_ping(instrument, ping)
     if found:
         named = frozenset(finding.name for finding in found)
@@ -157,14 +163,11 @@ def _after_ping(
     return state, unused(ping, reason) if reason else ping
 
 
-def _measured(instrument: Instrument, raw: RawHistory, ping: Observation, ensemble: EnsembleSpeeds | None) -> Instrument:
+def _measured(instrument: Instrument, raw: RawHistory, ping: PingSummary) -> Instrument:
     """Return an instrument after a ping that is neither dead nor stale, and the history of its raw values."""
-    near = near_mean(ping)
-    sources = instrument.sources if near is None else instrument.sources.after_ping(near)
-    speeds = instrument.speeds
-    if ensemble is not None and math.isfinite(ping.common_std):
-        speeds = speeds.after(ping, ensemble)
-    return Instrument(raw, instrument.depths.after(ping), sources, speeds, instrument.is_believed, instrument.named)
+    sources = instrument.sources if ping.near is None else instrument.sources.after_ping(ping.near)
+    depths, speeds = instrument.depths.after(ping.is_above), instrument.speeds.after(ping.speed)
+    return Instrument(raw, depths, sources, speeds, instrument.is_believed, instrument.named)
 
 
 def _of_ping(instrument: Instrument, ping: Observation) -> list[Finding]:

@@ -21,12 +21,22 @@ _WORDS = {"zero": "all zero", "constant": "equal in all cells", "stale": "equal 
 
 def raw_values(velocity: Array) -> RawValues:
     """Return what is remembered of a ping's velocities, shape (n, k), NaN where missing."""
-    known = velocity[np.isfinite(velocity[:, :2]).all(axis=1), :2]
+    known = velocity[:, :2]
+    finite = np.isfinite(known)
+    if not finite.all():
+        known = known[finite.all(axis=1)]
+    elif len(known) >= _LEAST_CELLS and known[0, 0] != known[1, 0]:
+        # as of all pings of a living instrument but a few
+        return RawValues("varied", _digest(velocity))
     zero = len(known) >= _LEAST_ZEROS and not known.any()
     if len(known) < _LEAST_CELLS and not zero:
         return NO_RAW_VALUES
     kind: Literal["varied", "constant", "zero"] = "constant" if (known == known[0]).all() else "varied"
-    return RawValues("zero" if zero else kind, hashlib.blake2b(np.ascontiguousarray(velocity).tobytes(), digest_size=8).digest())
+    return RawValues("zero" if zero else kind, _digest(velocity))
+
+
+def _digest(velocity: Array) -> bytes:
+    return hashlib.blake2b(velocity.tobytes(), digest_size=8).digest()
 
 
 @dataclass(frozen=True, slots=True)

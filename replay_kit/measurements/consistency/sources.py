@@ -18,11 +18,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from replay_kit.core.observation import Observation, PathMean, Reason
+from replay_kit.core.observation import PathMean
 from replay_kit.measurements.consistency.pairs import Pair, PairStatistics
 
-# m from the first bin; what is farther is less like the water at the vehicle
-_NEAR = 100.0
 # s; the blocks of pairs relative to the vehicle, the pings about a drift, the longest time over which positions give a velocity
 _BLOCK, _ABOUT_DRIFT, _LONGEST = 1800.0, 1800.0, 3600.0
 # s; positions closer in time than this have too few digits for a velocity
@@ -36,10 +34,6 @@ Vector = tuple[float, float]
 # Pings remembered for the mean currents to come.
 _MOST_PINGS = 1024
 _SEMI_MAJOR, _ECCENTRICITY_SQUARED = 6378137.0, 0.00669437999014
-# Bins bad only in a way that a wrong unit or axis could have made them.
-REPAIRABLE = Reason.GROSS_RANGE | Reason.HIGH_SPEED | Reason.OUTLIER
-#: All others, as a number of the arrays that hold reasons.
-NOT_REPAIRABLE = ~np.int32(REPAIRABLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,21 +57,6 @@ class NearMean:
     velocity: tuple[float, float]
     platform: tuple[float, float] | None
     relative: bool
-
-
-def near_mean(observation: Observation) -> NearMean | None:
-    """Return a ping reduced to its bins near the instrument; None without a bin there."""
-    good = ((observation.reasons & NOT_REPAIRABLE) == 0) & np.isfinite(observation.velocity[:, 0] + observation.velocity[:, 1])
-    depth = observation.depth[good]
-    if not depth.size:
-        return None
-    near = np.abs(depth - depth[0]) <= _NEAR
-    velocity = observation.velocity[good][near]
-    # the sum over the number, as NumPy's mean does in several times as long
-    east, north = (np.add.reduce(velocity, axis=0) / len(velocity)).tolist()
-    relative = not math.isfinite(observation.common_std)
-    place = observation.longitude, observation.latitude, float(depth[0])
-    return NearMean(observation.time_ns, *place, (east, north), observation.platform_velocity, relative)
 
 
 def _pairs(floor_std: float) -> PairStatistics:

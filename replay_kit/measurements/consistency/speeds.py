@@ -2,12 +2,11 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from replay_kit.core.arrays import IN_MEMORY, Array, release
-from replay_kit.core.observation import Observation
-from replay_kit.measurements.consistency.sources import NOT_REPAIRABLE
 
 # m/s; no region's currents have an RMS speed outside, and no model resolves much faster ones
 _LEAST_RMS, _MOST_RMS, _MOST_SPEED, _PERCENTILE = 0.004, 1.5, 4.0, 99.9
@@ -57,6 +56,20 @@ def ensemble_speeds(levels: Array, velocity: Array) -> EnsembleSpeeds:
     return EnsembleSpeeds(levels, np.where(count > 0, mean, mean[0]))
 
 
+class PingSpeed(NamedTuple):
+    """How fast a ping is.
+
+    Attributes:
+        measured: The upper median of its bins' squared speeds [m^2/s^2].
+        typical: Mean squared speed of the ensemble at their depths [m^2/s^2].
+        error_std: Mean error of a component of its bins [m/s].
+    """
+
+    measured: float
+    typical: float
+    error_std: float
+
+
 @dataclass(frozen=True, slots=True)
 class SpeedCounts:
     """Absolute pings so far, by their speed. Each counts by the median of its bins, so that a few outliers change nothing.
@@ -75,19 +88,11 @@ class SpeedCounts:
     impossible: int = 0
     log_ratio: float = 0.0
 
-    def after(self, observation: Observation, ensemble: EnsembleSpeeds) -> "SpeedCounts":
-        """Return the counts after an absolute ping."""
-        squared = np.square(observation.velocity).sum(axis=1)
-        good = ((observation.reasons & NOT_REPAIRABLE) == 0) & np.isfinite(squared + observation.error_std)
-        if not good.any():
+    def after(self, ping: PingSpeed | None) -> "SpeedCounts":
+        """Return the counts after a ping; one whose speed is not compared changes nothing."""
+        if ping is None or not (ping.measured > 0.0 and ping.typical > 0.0):
             return self
-        expected = np.interp(observation.depth[good], ensemble.levels, ensemble.mean_square)
-        # the upper median, without the cost of NumPy's own
-        middle = expected.size // 2
-        measured, typical = float(np.partition(squared[good], middle)[middle]), float(expected.mean())
-        error = 2.0 * float(observation.error_std[good].mean()) ** 2
-        if not (measured > 0.0 and typical > 0.0):
-            return self
+        measured, typical, error = ping.measured, ping.typical, 2.0 * ping.error_std**2
         fast, slow = measured - error > _ODD**2 * typical, measured < typical / _ODD**2
         return SpeedCounts(
             self.pings + 1,

@@ -67,7 +67,7 @@ def extend(path: Path, position: VehicleState) -> Path:
 
 def at_depth(path: Path, depth: float) -> Path:
     """Return a path on which a depth was met; positions come less often than depths."""
-    return path if depth <= path.deepest else replace(path, deepest=depth)
+    return path if depth <= path.deepest else Path(path.start, path.last, path.stretches, depth, path.reckoned)
 
 
 def path_mean(

@@ -98,7 +98,10 @@ def stated_mean(dives: Dives, mean: MeanCurrent, dive: int, source: Source, conf
 
 def record_depth(dives: Dives, depth: float) -> Dives:
     """Return what is remembered after a depth."""
-    return dives if dives.path is None else replace(dives, path=at_depth(dives.path, depth))
+    path = dives.path
+    if path is None or (deeper := at_depth(path, depth)) is path:
+        return dives
+    return _on(dives, deeper)
 
 
 def record_position(
@@ -131,6 +134,11 @@ def record_position(
     return replace(after, done=None, computed_ns=position.time_ns), [mean] if _is_path(mean) else []
 
 
+def _on(dives: Dives, path: Path) -> Dives:
+    """Return what is remembered, with another path; each position gives one."""
+    return Dives(path, dives.done, dives.anchor, dives.stated, dives.computed_ns)
+
+
 def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConfig) -> tuple[Dives, list[PathMean]]:
     """Return what is remembered after a fix at the surface that ends no dive, and the drift to it."""
     anchor = dives.anchor
@@ -139,7 +147,7 @@ def _drifted(dives: Dives, fix: VehicleState, dive: int, config: MeasurementConf
     if anchor is None or too_long or not config.use_drift:
         return replace(dives, path=path, anchor=fix), []
     if fix.time_ns - anchor.time_ns < _LEAST_DRIFT_NS:
-        return replace(dives, path=path), []
+        return _on(dives, path), []
     velocity = drift_velocity(begin(anchor), fix)
     if not _believed(velocity, config):
         return replace(dives, path=path, anchor=fix), []

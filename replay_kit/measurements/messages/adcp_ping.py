@@ -4,7 +4,9 @@ The field names and units are in ``ADCP_PING.md`` beside this file. A field that
 only some pings need (beam vectors, the attitude's convention) is refused where it is needed.
 """
 
+import math
 from collections.abc import Mapping
+from functools import lru_cache
 from reprlib import repr as shorten
 from typing import Any, cast
 
@@ -111,10 +113,18 @@ def _distance(payload: Mapping[str, Any], stated: Mapping[str, float], n: int) -
             raise MeasurementError(f"ping: expected cell_distances to be {n} numbers [m], got {shorten(listed)}")
         return numbers(listed)
     first, size = stated["bin0_distance"], stated["cell_size"]
-    if not (size > 0.0 and np.isfinite(first)):
+    if not (size > 0.0 and math.isfinite(first)):
         raise MeasurementError(
             "ping: expected cell_size > 0 and a finite bin0_distance [m], "
             f"got {shorten(payload.get('cell_size'))} and {shorten(payload.get('bin0_distance'))}"
         )
+    return _evenly_spaced(first, size, n)
+
+
+@lru_cache(maxsize=64)
+def _evenly_spaced(first: float, size: float, n: int) -> Array:
+    """Return the distances of n cells [m], for all pings of a configuration the same array."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(first + size * np.arange(n), np.float64)
+        distance = np.asarray(first + size * np.arange(n), np.float64)
+    distance.setflags(write=False)
+    return distance

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from reprlib import repr as shorten
 from typing import Any
 
@@ -105,8 +106,10 @@ def velocity_cells(payload: Mapping[str, Any], earth: bool) -> Array:
     if len(raw) != n_cells:
         raise MeasurementError(f"ping: expected {n_cells} cells of east, north[, up], got {len(raw)} cells")
     # most pings list as many components for each cell
-    alike = all(type(cell) is list and len(cell) >= 2 for cell in raw)
+    alike = set(map(type, raw)) == {list} and min(map(len, raw)) >= 2
     found = rows(raw if alike else [_components(cell, earth) for cell in raw])
+    if found.shape[1] >= _FEWEST_COMPONENTS:
+        return found
     velocity = np.full((n_cells, max(found.shape[1], _FEWEST_COMPONENTS)), np.nan)
     velocity[:, : found.shape[1]] = found
     return velocity
@@ -143,11 +146,21 @@ def believed_std(value: Any, n: int) -> Array:
     Raises:
         MeasurementError: The numbers are neither one nor n.
     """
+    if not isinstance(value, list | tuple):
+        return _one_std(number(value), n)
     values = number_or_numbers(value)
     if values.size not in (1, n):
         raise MeasurementError(f"ping: expected velocity_std to be a number or {n} numbers, got {values.size}")
     believed = np.where((values >= STD_BELIEVED[0]) & (values <= STD_BELIEVED[1]), values, np.nan)
     return np.full(n, believed[0]) if values.size == 1 else believed
+
+
+@lru_cache(maxsize=64)
+def _one_std(value: float, n: int) -> Array:
+    """Return the error that n cells share, for all pings the same array."""
+    shared = np.full(n, value if STD_BELIEVED[0] <= value <= STD_BELIEVED[1] else np.nan)
+    shared.setflags(write=False)
+    return shared
 
 
 def unit_vectors(value: Any) -> Array | None:

@@ -8,9 +8,11 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import MeasurementError
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
-from replay_kit.measurements.vehicle.pressure import depth_of_pressure
+from replay_kit.measurements.vehicle.pressure import depths_of_pressures
+
+_NO_DEPTH = "ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth"
+_NO_DEPTH_OF_PRESSURE = "ping: no depth has the pressure it states [dbar]"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +39,7 @@ def profiles_of(pings: Sequence[AdcpPing], transducer_depths: Sequence[float], c
 
     Args:
         pings: The pings, of as many cells each.
-        transducer_depths: As ``transducer_depth`` gives them [m].
+        transducer_depths: As ``transducer_depths`` gives them [m].
         config: The error of bins whose ping states none.
     """
     distance = np.array([ping.distance for ping in pings])
@@ -50,21 +52,23 @@ def profiles_of(pings: Sequence[AdcpPing], transducer_depths: Sequence[float], c
     return Profiles(depth, distance, transducer_depths, velocity, np.where(np.isfinite(stated), stated, config.velocity_std))
 
 
-def transducer_depth(ping: AdcpPing, vehicle_depth: float, latitude: float) -> float:
-    """Return the depth of the transducer [m]: of the ping's pressure, or the vehicle's where it has none, plus ``transducer_depth``.
+def transducer_depths(pings: Sequence[AdcpPing], vehicle_depth: Sequence[float], latitude: Sequence[float]) -> list[float | str]:
+    """Return the depths of transducers [m], or why one is not known.
+
+    A transducer is at the depth of the ping's pressure, or at the vehicle's where it has none, plus ``transducer_depth``.
 
     Args:
-        ping: The ping.
-        vehicle_depth: [m], from other messages; used when the ping has no pressure. NaN when unknown.
-        latitude: [degrees north], for pressure to depth.
-
-    Raises:
-        MeasurementError: It is not known.
+        pings: The pings.
+        vehicle_depth: Of each [m], from other messages; used when the ping has no pressure. NaN when unknown.
+        latitude: Of each [degrees north], for pressure to depth.
     """
-    stated = math.isfinite(ping.pressure)
-    top = depth_of_pressure(ping.pressure, latitude) if stated else vehicle_depth
-    if not math.isfinite(top):
-        if not stated:
-            raise MeasurementError("ping: its instrument's depth is not a number, and no earlier message gives the vehicle's depth")
-        raise MeasurementError("ping: no depth has the pressure it states [dbar]")
-    return top + (ping.transducer_depth if math.isfinite(ping.transducer_depth) else 0.0)
+    by_pressure = depths_of_pressures(np.array([ping.pressure for ping in pings]), np.array(latitude)).tolist()
+
+    def of(ping: AdcpPing, below: float, vehicle: float) -> float | str:
+        stated = math.isfinite(ping.pressure)
+        top = below if stated else vehicle
+        if math.isfinite(top):
+            return float(top) + (ping.transducer_depth if math.isfinite(ping.transducer_depth) else 0.0)
+        return _NO_DEPTH_OF_PRESSURE if stated else _NO_DEPTH
+
+    return [of(*one) for one in zip(pings, by_pressure, vehicle_depth, strict=True)]

@@ -11,14 +11,12 @@ from operator import attrgetter
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.errors import MeasurementError
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import NO_RAW_VALUES, RawValues, Source, VehicleState
-from replay_kit.measurements.events import Event, Skipped, Used
+from replay_kit.measurements.events import Event, Skipped
 from replay_kit.measurements.ping.adcp_ping import AdcpPing
 from replay_kit.measurements.ping.earth import earth_referenced
-from replay_kit.measurements.ping.profile import transducer_depth
 from replay_kit.measurements.vehicle.vessel_velocity import Fixes, fixes_around, vessel_velocity
 
 # m/s; by which a glider's velocity on one leg departs from its mean over the dive: the place at a share s of a dive of T seconds, taken on
@@ -66,13 +64,17 @@ class PlacedPing:
         waiting: The ping as it waited.
         position: Longitude and latitude [degrees].
         position_std: Standard error of its place [m]; 0 for a place that is near a known position.
-        transducer_depth: [m], positive down.
     """
 
     waiting: WaitingPing
     position: tuple[float, float]
     position_std: float
-    transducer_depth: float
+
+    @property
+    def vehicle_depth(self) -> float:
+        """Depth of the vehicle [m]; a log that never states a depth is a surface vessel's."""
+        depth = self.waiting.depth
+        return depth if math.isfinite(depth) or self.waiting.ping.needs_vehicle_depth else 0.0
 
 
 def add(waiting: tuple[WaitingPing, ...], ping: WaitingPing) -> tuple[WaitingPing, ...]:
@@ -126,10 +128,9 @@ def place(
 def observe(
     waiting: WaitingPing, before: VehicleState | None, after: VehicleState | None, config: MeasurementConfig
 ) -> list[Event | PlacedPing]:
-    """Return the events of a ping whose neighbouring positions are known, one for each message that carried it.
+    """Return the ping with its place, when its neighbouring positions are known, or why it is not used.
 
-    The last is the ping with its place, of which ``observed`` makes two, that its message was used and the observation: many pings are
-    tested together in little more time than one.
+    ``observed`` makes events of it: many pings are tested together in little more time than one.
 
     Args:
         waiting: The ping.
@@ -137,17 +138,10 @@ def observe(
         after: First position after it; None when none came.
         config: How messages become observations.
     """
-    ping, source = waiting.ping, waiting.source
     position, position_std = _place(waiting, before, after, config)
     if position is None:
         return refuse(waiting, f"no position within {config.position_max_age:g} s")
-    # a log that never states a depth is a surface vessel's
-    as_it_is = math.isfinite(waiting.depth) or ping.needs_vehicle_depth
-    try:
-        top = transducer_depth(ping, waiting.depth if as_it_is else 0.0, position[1])
-    except MeasurementError as error:
-        return refuse(waiting, str(error))
-    return [*[Used(source.topic)] * (waiting.n_messages - 1), PlacedPing(waiting, position, position_std, top)]
+    return [PlacedPing(waiting, position, position_std)]
 
 
 def refuse(ping: WaitingPing, reason: str) -> list[Event | PlacedPing]:

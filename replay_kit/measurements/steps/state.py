@@ -65,6 +65,8 @@ Step = tuple[MeasurementState, list[Event | PlacedPing]]
 
 def at_depth(state: MeasurementState, depth: float, config: MeasurementConfig) -> MeasurementState:
     """Return the state with a depth noted; see ``is_submerged`` for where dives begin and end."""
-    submerged = is_submerged(depth, config.surface_depth, state.submerged)
+    submerged, dives = is_submerged(depth, config.surface_depth, state.submerged), record_depth(state.dives, depth)
+    if depth == state.depth and submerged == state.submerged and dives is state.dives:
+        return state
     begun = submerged and not state.submerged
-    return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=record_depth(state.dives, depth))
+    return replace(state, depth=depth, submerged=submerged, dive=state.dive + begun, dives=dives)

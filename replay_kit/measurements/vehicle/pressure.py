@@ -3,8 +3,22 @@
 import gsw
 import numpy as np
 
+from replay_kit.core.arrays import Array
+
 # degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most
 _LATITUDE_ASSUMED = 45.0
+
+
+def depths_of_pressures(pressure_dbar: Array, latitude: Array) -> Array:
+    """Return the depths at sea pressures, shape (n,) [m], as ``depth_of_pressure`` gives each.
+
+    Args:
+        pressure_dbar: shape (n,) [dbar].
+        latitude: shape (n,) [degrees north].
+    """
+    with np.errstate(all="ignore"):
+        depth = -gsw.z_from_p(pressure_dbar, latitude)
+    return np.where(np.isfinite(depth), depth, np.nan)
 
 
 def depth_of_pressure(pressure_dbar: float, latitude: float | None) -> float:

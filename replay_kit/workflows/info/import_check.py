@@ -32,8 +32,8 @@ from replay_kit.logs import merge
 from replay_kit.measurements import events_of
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
-from replay_kit.measurements.consistency.sources import REPAIRABLE
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
+from replay_kit.measurements.consistency.summary import REPAIRABLE
 from replay_kit.measurements.consistency.usual_faults import Fault, Sounding, declination_of, depth_faults, direction_faults
 from replay_kit.workflows.replay.look_ahead import look_ahead, open_readers
 from replay_kit.workflows.replay.region import find_region

@@ -12,6 +12,7 @@ from replay_kit.core.observation import Measurement, PathMean
 from replay_kit.measurements.consistency import findings
 from replay_kit.measurements.consistency.monitor import Checked, ConsistencyState, check
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, ensemble_speeds, odd_ensemble_speeds
+from replay_kit.measurements.consistency.summary import PingSummary
 from replay_kit.workflows.replay.estimation import EstimationState, Step, assimilate
 from replay_kit.workflows.replay.profile_counts import ProfileCounts
 from replay_kit.workflows.replay.statistics import RunStatistics
@@ -46,7 +47,7 @@ class MonitoringState:
 
 
 def monitor(
-    state: MonitoringState, event: Checked, config: RunConfig, speeds: EnsembleSpeeds | None
+    state: MonitoringState, event: Checked, config: RunConfig, speeds: EnsembleSpeeds | None, summary: PingSummary | None = None
 ) -> tuple[MonitoringState, Checked, tuple[Finding, ...]]:
     """Return the state after an event, the event as it may be used, and what was found.
 
@@ -55,6 +56,7 @@ def monitor(
         event: A position or a measurement.
         config: The run's settings.
         speeds: Of the ensemble's currents.
+        summary: Of a ping, where it was made with others; None makes it.
 
     Raises:
         MeasurementError: The log cannot be used, or a contradiction is to stop the run.
@@ -62,10 +64,10 @@ def monitor(
     if config.consistency.on_failure == "ignore":
         return state, event, ()
     through_water = config.measurements.dead_reckoning == "through_water"
-    checks, checked = check(state.checks, event, speeds, through_water)
+    checks, checked = check(state.checks, event, speeds, through_water, summary)
     means = (*state.means, event) if isinstance(event, PathMean) else state.means
     if checks.findings is state.checks.findings:
-        return replace(state, checks=checks, means=means), checked, ()
+        return MonitoringState(checks, means, state.gated), checked, ()
     new = tuple(_as_stated(finding, config) for finding in checks.findings[len(state.checks.findings) :])
     for finding in new:
         if finding.severity == "unusable" or (finding.severity == "inconsistent" and config.consistency.on_failure == "stop"):

@@ -229,10 +229,11 @@ def _loop(
             _begin_result(session, inputs, block[0].time_ns)
         with session.clock.stage("measure"):
             steps = interpret_block(state, block, measurements)
+        pings = session.summarised(event for _, events in steps for event in events)
         for message, (state, events) in zip(block, steps, strict=True):
             count += 1
             session.last_ns = message.time_ns
-            session.take(events)
+            session.take(events, pings)
             if checkpoints is not None:
                 checkpoints.write_when_due(session, state, count)
             on_message()

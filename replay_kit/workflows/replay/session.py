@@ -4,9 +4,10 @@ The stages (``estimation``, ``publishing``, ``plans``, ``statistics``) are funct
 clock. Their states together are what a checkpoint keeps.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import repeat
 from typing import Any
 
 from replay_kit.config.run import RunConfig
@@ -18,6 +19,7 @@ from replay_kit.estimator import Estimator
 from replay_kit.measurements import Event
 from replay_kit.measurements.consistency.monitor import Checked
 from replay_kit.measurements.consistency.speeds import EnsembleSpeeds
+from replay_kit.measurements.consistency.summary import PingSummary, summaries
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.build import flow_at
@@ -108,22 +110,36 @@ class Session:
         self.statistics, self.monitoring, self.last_ns = state.statistics, state.monitoring, state.last_ns
         self.estimator = consistency.trusting(self._built, self.monitoring)
 
-    def take(self, events: Sequence[Event]) -> None:
-        """Count the messages used and skipped, and assimilate positions and measurements as soon as a block of them is complete."""
+    def summarised(self, events: Iterable[Event]) -> Iterator[PingSummary]:
+        """Return what the consistency checks need of the profiles among some events: many take little more time than one."""
+        if self.config.consistency.on_failure == "ignore":
+            return repeat(PingSummary())
+        with self.clock.stage("check"):
+            return iter(summaries([event for event in events if isinstance(event, Observation)], self._speeds))
+
+    def take(self, events: Sequence[Event], pings: Iterator[PingSummary] | None = None) -> None:
+        """Count the messages used and skipped, and assimilate positions and measurements as soon as a block of them is complete.
+
+        Args:
+            events: Of a message.
+            pings: What ``summarised`` gives of its profiles and those that follow; None for these events alone.
+        """
+        pings = self.summarised(events) if pings is None else pings
         self.statistics = self.statistics.after_events(event for event in events if not isinstance(event, self._inputs))
         for given in events:
-            event = self._monitored(given) if isinstance(given, Checked) else given
+            event = self._monitored(given, pings) if isinstance(given, Checked) else given
             if isinstance(event, self._inputs):
                 self._buffer.append(event)
                 self._n_observations += isinstance(event, Measurement)
                 if self._n_observations == self.estimator.block_size or len(self._buffer) == _BUFFERED:
                     self.assimilate_buffer()
 
-    def _monitored(self, event: Checked) -> Checked:
+    def _monitored(self, event: Checked, pings: Iterator[PingSummary]) -> Checked:
         """Return an event as it may be used, after what it showed of the log was acted on."""
         means = self.monitoring.means
         with self.clock.stage("check"):
-            self.monitoring, event, found = consistency.monitor(self.monitoring, event, self.config, self._speeds)
+            summary = next(pings) if isinstance(event, Observation) else None
+            self.monitoring, event, found = consistency.monitor(self.monitoring, event, self.config, self._speeds, summary)
         if found:
             self._act_on(found, means)
         return event

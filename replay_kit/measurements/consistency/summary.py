@@ -1,0 +1,110 @@
+"""Profiles reduced to the few numbers that the checks remember, those of a block of messages together.
+
+Profiles that lack the same bins are reduced in one array; what is found of one does not depend on the others.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.observation import Observation, Reason
+from replay_kit.measurements.consistency.sources import NearMean
+from replay_kit.measurements.consistency.speeds import EnsembleSpeeds, PingSpeed
+
+# m from the first bin; what is farther is less like the water at the vehicle
+_NEAR = 100.0
+#: Bins bad only in a way that a wrong unit or axis could have made them.
+REPAIRABLE = Reason.GROSS_RANGE | Reason.HIGH_SPEED | Reason.OUTLIER
+_NOT_REPAIRABLE = ~np.int32(REPAIRABLE)
+_AT_SURFACE = np.int32(Reason.AT_SURFACE)
+
+
+@dataclass(frozen=True, slots=True)
+class PingSummary:
+    """What the checks need of a ping.
+
+    Attributes:
+        near: Its bins near the instrument; None without a bin there.
+        is_above: Whether most of its bins are above the surface; None without a bin that tells.
+        speed: Its speed, and the ensemble's at its depths; None where it is relative, or nothing is compared.
+    """
+
+    near: NearMean | None = None
+    is_above: bool | None = None
+    speed: PingSpeed | None = None
+
+
+def summaries(pings: Sequence[Observation], ensemble: EnsembleSpeeds | None) -> list[PingSummary]:
+    """Return what the checks need of pings.
+
+    Args:
+        pings: The pings.
+        ensemble: Speeds of the ensemble's currents; None compares none.
+    """
+    near: dict[int, NearMean] = {}
+    above: dict[int, bool] = {}
+    speeds: dict[int, PingSpeed] = {}
+    sizes: dict[int, list[int]] = {}
+    for i, ping in enumerate(pings):
+        sizes.setdefault(ping.depth.size, []).append(i)
+    for at in sizes.values():
+        some = [pings[i] for i in at]
+        depth, velocity = np.array([ping.depth for ping in some]), np.array([ping.velocity for ping in some])
+        reasons = np.array([ping.reasons for ping in some])
+        repairable = (reasons & _NOT_REPAIRABLE) == 0
+        for rows, bins in _alike(repairable & np.isfinite(velocity[..., 0] + velocity[..., 1])):
+            means = _near_means(depth[np.ix_(rows, bins)], velocity[np.ix_(rows, bins)])
+            near |= {at[i]: _near_mean(some[i], *mean) for i, mean in zip(rows, means, strict=True)}
+        measured = np.isfinite(velocity[..., 0]) & ((reasons & _AT_SURFACE) == 0)
+        counts, over = np.count_nonzero(measured, axis=1), np.count_nonzero(measured & (depth < 0.0), axis=1)
+        above |= {at[i]: 2 * high > count for i, (count, high) in enumerate(zip(counts.tolist(), over.tolist(), strict=True)) if count}
+        if ensemble is None:
+            continue
+        absolute = np.array([math.isfinite(ping.common_std) for ping in some])
+        error_std, squared = np.array([ping.error_std for ping in some]), np.square(velocity).sum(axis=2)
+        for rows, bins in _alike(repairable & np.isfinite(squared + error_std) & absolute[:, None]):
+            cut = np.ix_(rows, bins)
+            speeds |= zip((at[i] for i in rows), _speeds(depth[cut], squared[cut], error_std[cut], ensemble), strict=True)
+    return [PingSummary(near.get(i), above.get(i), speeds.get(i)) for i in range(len(pings))]
+
+
+def _alike(good: NDArray[np.bool_]) -> Iterator[tuple[list[int], list[int]]]:
+    """Yield the rows of profiles with the same good bins, and these; profiles without any are left out."""
+    if good.all():
+        yield list(range(len(good))), list(range(good.shape[1]))
+        return
+    patterns: dict[bytes, list[int]] = {}
+    for i, row in enumerate(good):
+        patterns.setdefault(row.tobytes(), []).append(i)
+    for rows in patterns.values():
+        if (bins := np.flatnonzero(good[rows[0]]).tolist()) != []:
+            yield rows, bins
+
+
+def _near_means(depth: Array, velocity: Array) -> Iterator[tuple[float, list[float]]]:
+    """Yield depth of the first bin and mean velocity of those near it, of profiles of shapes (s, k) and (s, k, 2)."""
+    near = np.abs(depth - depth[:, :1]) <= _NEAR
+    total = np.add.reduce(np.where(near[..., None], velocity, 0.0), axis=1)
+    mean = total / np.count_nonzero(near, axis=1)[:, None]
+    yield from zip(depth[:, 0].tolist(), mean.tolist(), strict=True)
+
+
+def _near_mean(ping: Observation, depth: float, mean: list[float]) -> NearMean:
+    east, north = mean
+    relative = not math.isfinite(ping.common_std)
+    return NearMean(ping.time_ns, ping.longitude, ping.latitude, depth, (east, north), ping.platform_velocity, relative)
+
+
+def _speeds(depth: Array, squared: Array, error_std: Array, ensemble: EnsembleSpeeds) -> Iterator[PingSpeed]:
+    """Yield the speeds of profiles of shape (s, k), and those of the ensemble at their depths."""
+    typical = np.interp(depth, ensemble.levels, ensemble.mean_square).mean(axis=1)
+    # the upper median, without the cost of NumPy's own
+    middle = depth.shape[1] // 2
+    measured = np.partition(squared, middle, axis=1)[:, middle]
+    error = error_std.mean(axis=1)
+    for one in zip(measured.tolist(), typical.tolist(), error.tolist(), strict=True):
+        yield PingSpeed(*one)
