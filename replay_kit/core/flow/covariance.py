@@ -8,11 +8,16 @@ so the covariances of single levels and of sums of two levels, r x r each, serve
 """
 
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpstrf
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import EstimatorError
+
+if TYPE_CHECKING:
+    from replay_kit.core.flow.factors import CovarianceFactors
 
 # Columns of a symmetric matrix that a quadratic form takes at once.
 _BLOCK = 64
@@ -31,6 +36,10 @@ class FactoredCovariance(Protocol):
 
     def of_sum(self, levels: Levels) -> Array:
         """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        ...
+
+    def factors(self) -> "CovarianceFactors | None":
+        """Return the factors to keep; None where the matrix has fewer elements."""
         ...
 
 
@@ -87,3 +96,28 @@ def quadratic_form(rows: Array, symmetric: Array) -> Array:
         below[:_BLOCK] = symmetric[start:stop, start:stop]
         out += np.einsum("pr,pr->p", rows[:, start:] @ below, rows[:, start:stop])
     return out
+
+
+def symmetric(matrix: Array) -> Array:
+    """Return a matrix that is symmetric but for rounding, shape (n, n), with its lower half on both sides."""
+    lower = np.tril(matrix)
+    return np.asarray(lower + np.tril(matrix, -1).T)
+
+
+def root_of(cov: Array) -> Array:
+    """Return a factor F of a covariance, shape (n, n): F F' is the covariance, shape (n, rank).
+
+    It is Cholesky's; with pivots (LAPACK's pstrf) where the covariance has not its full rank.
+
+    Raises:
+        EstimatorError: The covariance is not a number.
+    """
+    if not np.all(np.isfinite(cov)):
+        raise EstimatorError("the estimate's covariance is not a number everywhere, so that no sample of it can be drawn")
+    lower, fails = dpotrf(cov, lower=1)
+    if not fails:
+        return np.asarray(lower)
+    lower, order, rank, _ = dpstrf(cov, lower=1)
+    factor = np.empty_like(lower)
+    factor[order - 1] = np.tril(lower)
+    return np.asarray(factor[:, :rank])

@@ -19,12 +19,20 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg.lapack import dpotrf, dpstrf
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.covariance import WeightCovariance, covariance_of_sum, quadratic_form, sums_for
+from replay_kit.core.flow.covariance import (
+    FactoredCovariance,
+    WeightCovariance,
+    covariance_of_sum,
+    quadratic_form,
+    root_of,
+    sums_for,
+    symmetric,
+)
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.flow.factors import CovarianceFactors
 from replay_kit.core.flow.horizontal import HorizontalFunctions
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
@@ -90,33 +98,31 @@ class FlowField:
         return self.grid.levels
 
     @cached_property
+    def kept_covariance(self) -> Array | CovarianceFactors:
+        """What is saved, pickled and sampled: the covariance's factors where they are fewer numbers than half of it, else the matrix."""
+        if not callable(self.covariance):
+            return self.covariance
+        factors = self.covariance.factors() if isinstance(self.covariance, FactoredCovariance) else None
+        return symmetric(self.covariance(None)) if factors is None else factors
+
+    @cached_property
     def weight_cov(self) -> Array:
         """Covariance of the weights, shape (rZ, rZ) [m^2/s^2 of mode amplitude], level after level."""
-        return self.covariance(None) if callable(self.covariance) else self.covariance
+        kept = self.kept_covariance
+        return kept(None) if isinstance(kept, CovarianceFactors) else kept
 
     @cached_property
     def weight_factor(self) -> Array:
         """A factor F of the covariance of the weights, F F' = ``weight_cov``, shape (rZ, rank): kept, so that further samples are quick.
 
-        It is Cholesky's; with pivots (LAPACK's pstrf) where the covariance has not its full rank.
-
         Raises:
             EstimatorError: The covariance is not a number.
         """
-        cov = self.weight_cov
-        if not np.all(np.isfinite(cov)):
-            raise EstimatorError("the estimate's covariance is not a number everywhere, so that no sample of it can be drawn")
-        lower, fails = dpotrf(cov, lower=1)
-        if not fails:
-            return np.asarray(lower)
-        lower, order, rank, _ = dpstrf(cov, lower=1)
-        factor = np.empty_like(lower)
-        factor[order - 1] = np.tril(lower)
-        return np.asarray(factor[:, :rank])
+        return root_of(self.weight_cov)
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
-        """Pickle the covariance itself, not the estimator's state from which it would be computed."""
-        parts = (self.grid, self.horizontal, self.depth_functions, self.latent, self.modes, self.weight_cov, self.time_ns)
+        """Pickle the covariance or its factors, not the estimator's state from which they would be computed."""
+        parts = (self.grid, self.horizontal, self.depth_functions, self.latent, self.modes, self.kept_covariance, self.time_ns)
         return type(self), parts
 
     @property
@@ -171,9 +177,12 @@ class FlowField:
             EstimatorError: The flow carries no uncertainty.
         """
         self._require_uncertainty("sample")
-        factor = self.weight_factor
-        draws = factor @ np.random.default_rng(seed).standard_normal((factor.shape[1], n))
-        by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
+        if isinstance(self.kept_covariance, CovarianceFactors):
+            by_level = self.kept_covariance.draws(n, seed)
+        else:
+            factor = self.weight_factor
+            draws = factor @ np.random.default_rng(seed).standard_normal((factor.shape[1], n))
+            by_level = draws.T.reshape(n, self.levels.size, self.n_modes)
         mean_flow = self.mean_flow()
         return tuple(replace(mean_flow, latent=self.latent + self.modes @ weights.T) for weights in by_level)
 

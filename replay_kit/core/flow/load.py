@@ -14,7 +14,9 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.depth import DepthFunctions
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution, constant
+from replay_kit.core.flow.factors import CovarianceFactors, half_size, whole_of
 from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKernel, NodeKernel
+from replay_kit.core.flow.hybrid import HybridCovariance
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, LATTICE, NODE_KERNEL, READ_VERSIONS
 from replay_kit.core.flow.process import ProcessModel
@@ -90,7 +92,7 @@ def from_lossless(dataset: xr.Dataset) -> FlowEstimate:
         depth_functions=DepthFunctions(kind, float(attrs["depth_function_length"])),
         latent=latent,
         modes=values.get("modes", np.empty((latent.shape[0], 0))),
-        covariance=values.get("weight_cov", np.empty((0, 0))),
+        covariance=_covariance(values),
         time_ns=_time_ns(dataset),
         later=constant if attrs.get("evolution") == "constant" else None,
     )
@@ -118,8 +120,27 @@ def _horizontal(attrs: Mapping[str, Any], values: dict[str, Array], grid: Grid) 
     return StreamFunctionLattice(kernel, (origin[0], origin[1]), (spacing[0], spacing[1]), (int(shape[0]), int(shape[1])))
 
 
+def _covariance(values: dict[str, Array]) -> Array | CovarianceFactors:
+    """Return the covariance of the weights; before version 5 it was the whole matrix."""
+    if "weight_cov" in values or "modes" not in values:
+        return _whole(values.get("weight_cov", np.empty((0, 0))))
+    n_modes, n_levels = values["modes"].shape[1], values["depth"].size
+    prior = HybridCovariance(
+        values.get("covariance_factor", np.empty((0, n_levels, n_modes))),
+        values.get("covariance_vertical", np.empty((0, n_levels))),
+        whole_of(values.get("covariance_horizontal", np.empty((0, half_size(n_modes))))),
+    )
+    directions = values.get("covariance_directions", np.empty((0, n_modes)))
+    return CovarianceFactors(prior, directions, _whole(values.get("covariance_matrix", np.empty((0, 0)))))
+
+
+def _whole(matrix: Array) -> Array:
+    """Return a matrix of which the file may have one half."""
+    return whole_of(matrix) if matrix.ndim == 1 else matrix
+
+
 def _evolution(dataset: xr.Dataset, values: dict[str, Array]) -> Evolution:
-    attrs, mean, unknown_mean, cov = dataset.attrs, values["process_mean"], values["unknown_mean"], values["unknown_cov"]
+    attrs, mean, unknown_mean, cov = dataset.attrs, values["process_mean"], values["unknown_mean"], _whole(values["unknown_cov"])
     times_ns = np.array(dataset["forecast_time"].attrs[EXACT_TIME].split(), dtype=np.int64)
     none = np.empty((0, *mean.shape[1:]))
     process = ProcessModel(

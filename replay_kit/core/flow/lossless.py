@@ -5,6 +5,9 @@ in float64 seconds, for any reader, and its attribute ``nanoseconds_since_1970``
 
 An estimate that changes with time is saved as the process model and the unknowns in it, from which any later estimate is made; the
 covariance of its weights follows from theirs, which is smaller, and is not in the file.
+
+Of symmetric matrices the file has the lower half, row by row. The covariance of the weights is in it as its factors where these are fewer
+numbers (``factors.py``).
 """
 
 from pathlib import Path
@@ -15,6 +18,7 @@ import xarray as xr
 from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.flow.evolution import Evolution, constant
+from replay_kit.core.flow.factors import CovarianceFactors, half_of
 from replay_kit.core.flow.field import FlowField
 from replay_kit.core.flow.horizontal import HorizontalFunctions, NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
@@ -24,11 +28,12 @@ from replay_kit.core.version import __version__
 Encoding = dict[str, dict[str, object]]
 
 FORMAT = "replay_kit.FlowEstimate"
-# since version 4 the file says which horizontal functions the flow has, and a node kernel's nodes; before, all were kernels of the grid's
-# nodes; since version 3 it says how the flow changes with time; since version 2 time is in seconds, with its nanoseconds in an attribute,
-# and wet has the depth last; in version 1 time was an integer of nanoseconds, and the depth came first
-FORMAT_VERSION = 4
-READ_VERSIONS = (1, 2, 3, 4)
+# since version 5 covariances are halves, or factors; since version 4 the file says which horizontal functions the flow has, and a node
+# kernel's nodes; before, all were kernels of the grid's nodes; since version 3 it says how the flow changes with time; since version 2 time
+# is in seconds, with its nanoseconds in an attribute, and wet has the depth last; in version 1 time was an integer of nanoseconds, and the
+# depth came first
+FORMAT_VERSION = 5
+READ_VERSIONS = (1, 2, 3, 4, 5)
 CONVENTIONS = "CF-1.8"
 CF_TIME = {"units": "seconds since 1970-01-01", "calendar": "standard"}
 
@@ -122,7 +127,27 @@ def _horizontal(functions: HorizontalFunctions) -> tuple[str, _Values, dict[str,
 
 
 def _weight_cov(flow: FlowField) -> _Values:
-    return {"weight_cov": (("weight", "weight_2"), flow.weight_cov, "covariance of weights, level after level")} if flow.n_modes else {}
+    if not flow.n_modes:
+        return {}
+    kept = flow.kept_covariance
+    if not isinstance(kept, CovarianceFactors):
+        return {"weight_cov": _half(kept, "weight", "covariance of weights, level after level")}
+    values: _Values = {
+        "covariance_factor": (("row", "depth", "mode"), kept.prior.factor, "rows whose outer products are a part of the prior covariance"),
+        "covariance_vertical": (("vertical_function", "depth"), kept.prior.vertical, "vertical functions of the other part"),
+        "covariance_horizontal": _half(kept.prior.horizontal, "mode", "covariance of the modes' amplitudes in each vertical function"),
+        "covariance_directions": (("direction", "mode"), kept.directions, "directions of the modes that were measured"),
+        "covariance_matrix": _half(kept.matrix, "measured", "what measurements took from the prior covariance, in these directions"),
+    }
+    return {name: value for name, value in values.items() if value[1].size}
+
+
+def _half(matrix: Array, what: str, words: str) -> tuple[tuple[str, ...], Array, str]:
+    """Return a symmetric matrix, or several, as a half; one that is not symmetric to the last bit as it is."""
+    if not np.array_equal(matrix, np.swapaxes(matrix, -1, -2), equal_nan=True):
+        return (what, f"{what}_2"), matrix, words
+    more = ("group",) if matrix.ndim == 3 else ()
+    return (*more, f"{what}_pair"), half_of(matrix), f"{words}; its lower half, row by row"
 
 
 def _evolution(evolution: Evolution) -> _Values:
@@ -135,7 +160,7 @@ def _evolution(evolution: Evolution) -> _Values:
         "spread": (("forecast",), process.spread, "growth of the local corrections"),
         "local": (("correction", "level", "mode"), process.local, "weights of one unit of each local correction's unknown"),
         "unknown_mean": (("unknown",), evolution.mean, "mean of the unknowns, those of mixtures first"),
-        "unknown_cov": (("unknown", "unknown_2"), evolution.covariance(), "covariance of the unknowns"),
+        "unknown_cov": _half(evolution.covariance(), "unknown", "covariance of the unknowns"),
     }
     return {name: value for name, value in values.items() if value[1].size}
 

@@ -18,8 +18,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.prior.hybrid import Prior, PriorSettings
-from replay_kit.estimator.prior.reduction import Reduction
+from replay_kit.core.flow.covariance import symmetric
+from replay_kit.core.flow.hybrid import HybridCovariance
+from replay_kit.core.flow.reduction import Reduction
+from replay_kit.estimator.prior.hybrid import HybridPrior, Prior, PriorSettings
 
 #: Least and largest amplitude that a fit gives.
 AMPLITUDES = (0.05, 20.0)
@@ -103,3 +105,17 @@ class ScaledPrior:
 def scaled_prior(prior: Prior, spread: str | float | None) -> Prior:
     """Return a prior with the factor on its covariance that is configured; as it is where that is no number."""
     return ScaledPrior(prior, spread) if isinstance(spread, float) else prior
+
+
+def hybrid_parts(prior: Prior) -> HybridCovariance | None:
+    """Return the parts of a hybrid prior's covariance, an amplitude included; None of another prior."""
+    if isinstance(prior, ScaledPrior):
+        parts = hybrid_parts(prior.unscaled)
+        if parts is None:
+            return None
+        return HybridCovariance(np.sqrt(prior.amplitude) * parts.factor, parts.vertical, prior.amplitude * parts.horizontal)
+    if not isinstance(prior, HybridPrior):
+        return None
+    n_modes = prior.factor.shape[2]
+    horizontal = np.array([symmetric(each) for each in prior.horizontal]).reshape(-1, n_modes, n_modes)
+    return HybridCovariance(prior.factor, prior.vertical, horizontal)

@@ -1,15 +1,15 @@
 """The prior of the weights: mean and covariance over the ensemble's members, kept in the parts that it is made of."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.hybrid import HybridProducts, indices_of
+from replay_kit.core.flow.reduction import Reduction
 from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
 from replay_kit.estimator.prior.localised import localised_part
-from replay_kit.estimator.prior.reduction import Reduction, hybrid_reduction
 
 
 class Prior(Protocol):
@@ -112,7 +112,7 @@ class DiagonalPrior:
 
     def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
         """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        return np.diag(self.variance[_indices(levels)].ravel())
+        return np.diag(self.variance[indices_of(levels)].ravel())
 
     def of_sum(self, levels: tuple[int, ...]) -> Array:
         """Return the covariance of the sum of some levels' weights, shape (r, r)."""
@@ -130,7 +130,7 @@ class DiagonalPrior:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HybridPrior:
+class HybridPrior(HybridProducts):
     """The sum of a low-rank covariance and one that is independent between vertical functions.
 
     Attributes:
@@ -146,74 +146,6 @@ class HybridPrior:
     vertical: Array
     horizontal: Array
     settings: PriorSettings | None = None
-
-    def matvec(self, weights: Array) -> Array:
-        """Return the covariance times each weight vector, shape (m, Z, r), in the same shape."""
-        rows = self.factor.reshape(self.factor.shape[0], self.mean.size)
-        of_factor = ((weights.reshape(len(weights), self.mean.size) @ rows.T) @ rows).reshape(weights.shape)
-        in_functions = (self.vertical @ weights).swapaxes(0, 1)  # (q, m, r)
-        groups = [np.matmul(in_functions[part], of_modes) for part, of_modes in self._groups()]
-        return np.asarray(of_factor + np.einsum("qz,qmr->mzr", self.vertical, np.concatenate([in_functions[:0], *groups]), optimize=True))
-
-    def matvec_modes(self, basis: Array, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights with ``basis``, shape (c, r), at each level: shape (Z, c, L, r)."""
-        n_rows, n_levels, n_modes = self.factor.shape
-        n_basis, chosen = basis.shape[0], _indices(levels)
-        factor = self.factor[:, chosen]
-        n_chosen = factor.shape[1]
-        at_basis = (self.factor @ basis.T).reshape(n_rows, n_levels * n_basis)
-        of_factor = (at_basis.T @ factor.reshape(n_rows, n_chosen * n_modes)).reshape(n_levels, n_basis, n_chosen, n_modes)
-        in_modes = np.matmul(basis, self.horizontal).reshape(len(self.horizontal), basis.size)  # (g, c r)
-        pairs = self._pairs(slice(None), chosen).reshape(-1, n_levels * n_chosen)
-        in_functions = (pairs.T @ in_modes).reshape(n_levels, n_chosen, n_basis, n_modes)
-        of_factor += in_functions.transpose(0, 2, 1, 3)
-        return np.asarray(of_factor)
-
-    def mode_std(self) -> Array:
-        """Return the standard deviation of each mode's weight, root mean square over levels, shape (r,)."""
-        of_factor = np.einsum("fzr,fzr->r", self.factor, self.factor)
-        # the squares of the functions of one covariance sum to one
-        in_functions = np.einsum("grr->r", self.horizontal)
-        return np.asarray(np.sqrt((of_factor + in_functions) / self.factor.shape[1]))
-
-    def covariance(self, levels: tuple[int, ...] | None = None) -> Array:
-        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
-        chosen = _indices(levels)
-        factor = self.factor[:, chosen]
-        n_rows, n_levels, n_modes = factor.shape
-        stacked = factor.reshape(n_rows, n_levels * n_modes)
-        cov = stacked.T @ stacked
-        block = cov.reshape(n_levels, n_modes, n_levels, n_modes)
-        for pairs, of_modes in zip(self._pairs(chosen, chosen), self.horizontal, strict=True):
-            block += np.multiply.outer(pairs, of_modes).transpose(0, 2, 1, 3)
-        return cov
-
-    def of_sum(self, levels: tuple[int, ...]) -> Array:
-        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
-        factor, share = self.factor[:, list(levels)].sum(axis=1), np.square(self.vertical[:, list(levels)].sum(axis=1))
-        shares = np.array([share[part].sum() for part, _ in self._groups()])
-        return np.asarray(factor.T @ factor + np.tensordot(shares, self.horizontal, 1))
-
-    def reduction(self, directions: Array, matrix: Array) -> Reduction:
-        """Return what rows in ``directions``, shape (s, r), with ``matrix``, shape (Z s, Z s), take from sums of levels."""
-        return hybrid_reduction(self.factor, self.vertical, self.horizontal, directions, matrix)
-
-    def _groups(self) -> Iterator[tuple[slice, Array]]:
-        """Yield the functions that share a covariance of the modes' amplitudes, and that covariance."""
-        last = len(self.horizontal) - 1
-        for group, of_modes in enumerate(self.horizontal):
-            yield slice(group, None if group == last else group + 1), of_modes
-
-    def _pairs(self, levels: slice | list[int], others: slice | list[int]) -> Array:
-        """Return the covariance between levels of one unit of each covariance of the modes' amplitudes, shape (g, L, M)."""
-        rows, columns = self.vertical[:, levels], self.vertical[:, others]
-        parts = [rows[part].T @ columns[part] for part, _ in self._groups()]
-        return np.stack(parts) if parts else np.empty((0, rows.shape[1], columns.shape[1]))
-
-
-def _indices(levels: tuple[int, ...] | None) -> slice | list[int]:
-    """Return the index of some levels along their axis."""
-    return slice(None) if levels is None else list(levels)
 
 
 def diagonal_prior(member_weights: Array) -> DiagonalPrior:

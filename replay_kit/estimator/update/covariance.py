@@ -4,8 +4,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.covariance import Levels
-from replay_kit.estimator.prior.reduction import Reduction
+from replay_kit.core.flow.covariance import Levels, symmetric
+from replay_kit.core.flow.factors import CovarianceFactors, half_size, n_stored
+from replay_kit.core.flow.reduction import Reduction
+from replay_kit.estimator.prior.amplitude import hybrid_parts
 from replay_kit.estimator.update.posterior import Posterior
 
 
@@ -29,6 +31,17 @@ class PosteriorCovariance:
         if levels not in self._known:
             self._known[levels] = self.posterior.prior.of_sum(levels) - self._reduction(levels)
         return self._known[levels]
+
+    def factors(self) -> CovarianceFactors | None:
+        """Return the factors to keep; None where the matrix has fewer elements, or the prior is of another kind."""
+        prior = hybrid_parts(self.posterior.prior)
+        if prior is None:
+            return None
+        _, n_levels, n_modes = prior.factor.shape
+        whole = half_size(n_levels * n_modes)
+        most = sum(n_stored(prior, size) < whole for size in range(n_modes + 1)) - 1
+        taken = self.posterior.taken(most) if most >= 0 else None
+        return None if taken is None else CovarianceFactors(prior, taken[0], symmetric(taken[1]))
 
     @cached_property
     def _reduction(self) -> Reduction:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.prior.reduction import Reduction, reduction_by_products
+from replay_kit.core.flow.reduction import Reduction, reduction_by_products
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,17 +17,19 @@ import numpy as np
 import scipy.linalg.lapack
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.reduction import Reduction
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.prior.reduction import Reduction
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.posterior import (
     Posterior,
     PredictedObservation,
     PriorCrossCovariance,
+    gram,
     prior_cross_covariances,
     rank_k_update,
     tiled_product,
 )
+from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 
 # Rows of L kept together: one product with earlier unknowns for all of them.
 _PANEL_ROWS = 256
@@ -205,6 +207,21 @@ class ObservationSpacePosterior(Posterior):
             return np.asarray(rows.T @ rows)
 
         return reduction
+
+    def taken(self, most: int) -> tuple[Array, Array] | None:
+        """Return B, shape (s, r), and M, shape (Z s, Z s): the Gram matrix of L^-1 H in the directions; None with more than ``most``."""
+        n_modes = self.factor.basis.shape[2]
+        if self.n == 0:
+            return np.empty((0, n_modes)), np.empty((0, 0))
+        mode_std = nonzero_mode_std(self.prior)
+        found = directions(self.profile_basis * mode_std)
+        if len(found) > most:
+            return None
+        return found / mode_std, gram(self.rows_in((self.profile_basis * mode_std) @ found.T))
+
+    def rows_in(self, inside: Array) -> Array:
+        """Return L^-1 H in some directions, shape (K, Z s), of all G in them, shape (2 n, s)."""
+        return self.factor.solve(self.n, self.design(inside))
 
     def covariance_of(self, design: Array) -> Array:
         """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""

@@ -15,9 +15,9 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.reduction import Reduction
 from replay_kit.core.gaussian import normalised_square
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.prior.reduction import Reduction
 from replay_kit.estimator.update.compression import ProfileRows
 
 # Rows of a symmetric matrix that are updated at once.
@@ -83,6 +83,10 @@ class Posterior(ABC):
     @abstractmethod
     def reduction(self) -> Reduction:
         """Return what the rows took from the prior's covariance of sums of levels."""
+
+    @abstractmethod
+    def taken(self, most: int) -> tuple[Array, Array] | None:
+        """Return B, shape (s, r), and M, shape (Z s, Z s), of what the rows took, P0 (I (x) B') M (I (x) B) P0; None with s > ``most``."""
 
     @abstractmethod
     def covariance_of(self, design: Array) -> Array:
@@ -280,3 +284,10 @@ def rank_k_update(matrix: Array, left: Array, right: Array) -> None:
         stop = min(start + _BLOCK, matrix.shape[0])
         matrix[start:stop, :stop] += left[:, start:stop].T @ right[:, :stop]
         matrix[:start, start:stop] = matrix[start:stop, :start].T
+
+
+def gram(rows: Array) -> Array:
+    """Return the Gram matrix of rows, shape (k, n): shape (n, n)."""
+    matrix = np.zeros((rows.shape[1], rows.shape[1]))
+    rank_k_update(matrix, rows, rows)
+    return matrix

@@ -24,12 +24,12 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.reduction import Reduction
 from replay_kit.estimator.prior.hybrid import Prior
-from replay_kit.estimator.prior.reduction import Reduction
 from replay_kit.estimator.update.buffer import Buffer
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior
-from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, rank_k_update, tiled_product
+from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, gram, rank_k_update, tiled_product
 from replay_kit.estimator.update.subspace import new_directions
 
 # Directions whose singular value is below this share of G are dropped when room runs out.
@@ -102,6 +102,10 @@ class ReducedSubspacePosterior(Posterior):
     def reduction(self) -> Reduction:
         """Return what the rows took from the prior's covariance of sums of levels."""
         return self.prior.reduction(self.active_directions / self.mode_std, self._without_room())
+
+    def taken(self, most: int) -> tuple[Array, Array] | None:
+        """Return B, shape (s, r), and M, shape (Z s, Z s); None with more than ``most`` directions."""
+        return None if self.size > most else (self.active_directions / self.mode_std, self._without_room())
 
     def covariance_of(self, design: Array) -> Array:
         """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
@@ -235,12 +239,6 @@ class _Parts:
         )
 
 
-def nonzero_mode_std(prior: Prior) -> Array:
-    """Return the prior standard deviation of the modes' weights, shape (r,), with zeros replaced by 1e-12 of the largest."""
-    std = prior.mode_std()
-    return np.asarray(np.maximum(std, 1e-12 * std.max() or 1.0))
-
-
 def to_reduced_subspace(posterior: ObservationSpacePosterior, directions: Array, mode_std: Array) -> ReducedSubspacePosterior:
     """Return an observation-space posterior in directions that span all its rows: W = L^-1 H gives M = W'W and a = W'f.
 
@@ -250,9 +248,8 @@ def to_reduced_subspace(posterior: ObservationSpacePosterior, directions: Array,
         mode_std: shape (r,), prior standard deviation of the modes' weights.
     """
     inside = (posterior.profile_basis * mode_std) @ directions.T
-    rows = posterior.factor.solve(posterior.n, posterior.design(inside))
-    matrix = np.zeros((rows.shape[1], rows.shape[1]))
-    rank_k_update(matrix, rows, rows)
+    rows = posterior.rows_in(inside)
+    matrix = gram(rows)
     measured = scipy.linalg.qr(inside, mode="r")[0][: len(directions)]
     amplitude = (posterior.forward.T @ rows).reshape(-1, posterior.n_levels, len(directions))
     return _Parts(directions, matrix, amplitude, measured).with_room(posterior.prior, mode_std, posterior.prior_bias_sensitivity)

@@ -28,8 +28,8 @@ from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior, full_covariance_prior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
 from replay_kit.estimator.update.posterior import Posterior
-from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, nonzero_mode_std, to_reduced_subspace
-from replay_kit.estimator.update.subspace import directions
+from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, to_reduced_subspace
+from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 
 # Directions for each profile below which the reduced-subspace form is cheaper; at scattered places there are two.
 _FEW = 1.25

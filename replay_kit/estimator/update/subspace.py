@@ -4,6 +4,7 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
+from replay_kit.estimator.prior.hybrid import Prior
 
 # A residual of G outside the directions is a new direction above this share of G; below it there is only rounding, which the modes of a
 # smooth kernel amplify.
@@ -36,3 +37,9 @@ def new_directions(directions: Array, rows: Array) -> Array:
             if length > least:
                 found = np.vstack([found, row / length])
     return found
+
+
+def nonzero_mode_std(prior: Prior) -> Array:
+    """Return the prior standard deviation of the modes' weights, shape (r,), with zeros replaced by 1e-12 of the largest."""
+    std = prior.mode_std()
+    return np.asarray(np.maximum(std, 1e-12 * std.max() or 1.0))

@@ -6,8 +6,8 @@ import numpy as np
 import scipy.linalg
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.reduction import Reduction, reduction_by_products
 from replay_kit.estimator.prior.hybrid import Prior, PriorSettings
-from replay_kit.estimator.prior.reduction import Reduction, reduction_by_products
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,11 +16,12 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.estimator import FilterState, build_estimator
 from replay_kit.estimator.update import representation
+from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.full_covariance import FullCovariancePrior
 from replay_kit.estimator.update.observation_space import ObservationSpacePosterior, initial
-from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, nonzero_mode_std, to_reduced_subspace
+from replay_kit.estimator.update.reduced_subspace import ReducedSubspacePosterior, to_reduced_subspace
 from replay_kit.estimator.update.representation import select_representation, to_full_covariance
-from replay_kit.estimator.update.subspace import directions
+from replay_kit.estimator.update.subspace import directions, nonzero_mode_std
 from tests import synthetic
 from tests.reference import estimator as slow
 from tests.reference.lattice import matrix as functions_at
@@ -281,3 +282,51 @@ def test_standard_errors_of_points_that_share_places_are_diag_hph():
     np.testing.assert_allclose(flow.standard_error(east, north, depth), expected, rtol=1e-10)
     one_by_one = [flow.velocity(*point) for point in zip(east, north, depth, strict=True)]
     np.testing.assert_allclose(flow.velocity(east, north, depth), one_by_one, atol=1e-12)
+
+
+@pytest.mark.parametrize("form", ["rows", "span", "matrix"])
+def test_an_inflated_posterior_keeps_its_form_and_goes_on_as_the_textbook_s(form):
+    estimator = ESTIMATORS["default"]
+    observations = observed(places("track", 9))
+    state, said = run(estimator, observations[:6])
+    mean, cov = textbook(estimator, observations[:6], [i.error_inflation for i in said])
+    if form != "rows":
+        state = as_span(state) if form == "span" else FilterState(to_full_covariance(state.posterior), state.time_ns)
+    bias = state.posterior.bias_sensitivity()
+    for factor in (2.5, 1.2):
+        larger = representation.inflated(state.posterior, factor)
+        assert type(larger) is type(state.posterior)
+        state, cov = replace(state, posterior=larger), factor * cov
+    assert_is(estimator, state, mean, cov)
+    np.testing.assert_allclose(state.posterior.bias_sensitivity(), bias, rtol=1e-7, atol=1e-9 * np.abs(bias).max())
+    state, said = run(estimator, observations[6:], state)
+    for observation, innovation in zip(observations[6:], said, strict=True):
+        rows = estimator.rows(observation, np.arange(observation.depth.size))
+        design = np.vstack([np.kron(rows.noise.unwhiten @ rows.q @ rows.r, rows.basis[c]) for c in range(2)])
+        noise = np.diag(np.tile(rows.noise.std**2 * innovation.error_inflation, 2))
+        mean, cov, _, _ = slow.kalman_update(mean, cov, design, rows.values.T.ravel(), noise)
+    assert_is(estimator, state, mean, cov)
+
+
+def test_with_many_weights_no_matrix_of_them_is_made(monkeypatch):
+    monkeypatch.setattr(representation, "_LARGE", 10)
+    estimator = ESTIMATORS["default"]
+    observations = observed(places("scattered", 40))
+    state, said = run(estimator, observations)
+    assert isinstance(state.posterior, ReducedSubspacePosterior)
+    assert_is(estimator, state, *textbook(estimator, observations, [i.error_inflation for i in said]))
+
+
+def test_the_factors_of_an_estimate_are_its_covariance():
+    # few members and pings in many modes: the factors are fewer numbers than half of the matrix
+    many = build_estimator(synthetic.ensemble(n_members=4, shape=(8, 9), levels=np.linspace(5.0, 220.0, 12)), EstimatorConfig(modes=40))
+    state, _ = run(many, observed(places("dense track", 2)))
+    for posterior in (state.posterior, as_span(state).posterior, representation.inflated(state.posterior, 2.0)):
+        factors = PosteriorCovariance(posterior).factors()
+        assert factors is not None
+        expected = posterior.covariance()
+        assert factors.n_stored < expected.size / 2
+        np.testing.assert_allclose(factors(None), expected, atol=1e-9 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            factors.of_sum((0, 3)), PosteriorCovariance(posterior).of_sum((0, 3)), atol=1e-9 * np.abs(expected).max()
+        )
