@@ -142,7 +142,9 @@ def test_settings_are_checked_and_come_back_from_a_result(tmp_path):
 
 def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_path):
     synthetic.dataset(seed=4, n_members=8, shape=(5, 5)).to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
-    summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), RunConfig())
+    # each profile alone, so that each has a message
+    config = load_config(None, {"time": {"window": 0.0}})
+    summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), config)
     assert (summary.profiles_used, summary.profiles_rejected, summary.bins_used) == (2, 1, 7)
     assert summary.bins_rejected["tilt"] == 5
     with (tmp_path / "out.mcap").open("rb") as stream:
