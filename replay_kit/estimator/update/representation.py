@@ -41,8 +41,8 @@ _FIRST = 32
 _NEARLY_ALL = 0.75
 # Rows that an observation-space posterior with a full-covariance prior holds before they are merged into that prior.
 _MERGE_ROWS = 1024
-# Weights above which no matrix of all of them is made; 3,000 take 72 MB.
-_LARGE = 3000
+# Weights above which no matrix of all of them is made; with 6,000 and all directions measured the matrix takes a third of the time a ping.
+_LARGE = 7000
 
 
 def select_representation(posterior: Posterior) -> Posterior:
