@@ -8,6 +8,7 @@ cancels out over the nodes.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ from replay_kit.core.arrays import Array
 
 # Nodes in a tile at most, and tiles in one product.
 _TILE, _RUN = 100, 3
+# Fields of so many functions of depth are in memory together [bytes].
+_FIELD_BYTES = 1 << 29
 # Up to so many nodes double precision costs next to nothing.
 _FEW_NODES = 1000
 # Share of the variance that the factor of a covariance leaves out.
@@ -79,31 +82,50 @@ def localised(covariances: Array, velocity_modes: Array, projector: Array, nodes
         nodes: shape (N, 2) [m].
         radius: Where the taper reaches zero [m].
     """
-    n_nodes, n_modes, precision = len(nodes), velocity_modes.shape[1], np.float64 if len(nodes) <= _FEW_NODES else np.float32
+    n_nodes, precision = len(nodes), np.float64 if len(nodes) <= _FEW_NODES else np.float32
     order, ends = tiles(nodes)
-    places = nodes[order]
     factors = _factors(covariances)
-    # (g, N, 2, f) and (N, 2, r), node after node: a run of tiles is adjacent in memory
-    fields = np.empty((len(factors), n_nodes, 2, factors.shape[2]), dtype=precision)
-    for component in range(2):
-        at_nodes = velocity_modes[component * n_nodes + order]
-        for group, factor in enumerate(factors):
-            fields[group, :, component] = at_nodes @ factor
     back = np.stack([projector[:, component * n_nodes + order].T for component in range(2)], axis=1).astype(precision)
-    half = np.zeros((len(factors), n_modes, n_modes))
+    at_once = max(1, _FIELD_BYTES // (factors.shape[2] * back[:, :, 0].nbytes))
+    parts = []
+    for start in range(0, len(factors), at_once):
+        some = factors[start : start + at_once]
+        # (g, N, 2, f), and ``back`` (N, 2, r), node after node: a run of tiles is adjacent in memory
+        fields = np.empty((len(some), n_nodes, 2, factors.shape[2]), dtype=precision)
+        for component in range(2):
+            at_nodes = velocity_modes[component * n_nodes + order]
+            for group, factor in enumerate(some):
+                fields[group, :, component] = at_nodes @ factor
+        parts.append(_half(fields, back, nodes[order], ends, radius))
+    half = np.concatenate(parts)
+    return _positive(half + half.swapaxes(1, 2)) if precision is np.float32 else half + half.swapaxes(1, 2)
+
+
+def _half(fields: NDArray[Any], back: NDArray[Any], places: Array, ends: NDArray[np.intp], radius: float) -> Array:
+    """Return half of each sum over pairs of tiles, shape (g, r, r); with its transpose it is the whole.
+
+    Args:
+        fields: shape (g, N, 2, f), F at the nodes in the order of the tiles.
+        back: shape (N, 2, r), P' there.
+        places: shape (N, 2) [m], the nodes.
+        ends: Of the tiles.
+        radius: Where the taper reaches zero [m].
+    """
+    n_modes = back.shape[2]
+    half = np.zeros((len(fields), n_modes, n_modes))
     for first, last, runs in _pairs(places, ends, radius):
-        here, n = fields[:, first:last].reshape(len(factors), 2 * (last - first), -1), last - first
-        projected = np.zeros((len(factors), 2 * n, n_modes), dtype=precision)
+        here, n = fields[:, first:last].reshape(len(fields), 2 * (last - first), -1), last - first
+        projected = np.zeros((len(fields), 2 * n, n_modes), dtype=back.dtype)
         for start, stop in runs:
-            there, m = fields[:, start:stop].reshape(len(factors), 2 * (stop - start), -1), stop - start
+            there, m = fields[:, start:stop].reshape(len(fields), 2 * (stop - start), -1), stop - start
             taper = gaspari_cohn(cdist(places[first:last], places[start:stop]), radius)
             if start == first:
                 taper[:, :n] = 0.5 * taper[:, :n]
             product = np.matmul(here, there.swapaxes(1, 2))
-            np.multiply(product, np.kron(taper, np.ones((2, 2))).astype(precision), out=product)
+            np.multiply(product, np.kron(taper, np.ones((2, 2))).astype(back.dtype), out=product)
             projected += (product.reshape(-1, 2 * m) @ back[start:stop].reshape(2 * m, n_modes)).reshape(projected.shape)
         half += np.matmul(back[first:last].reshape(2 * n, n_modes).T, projected)
-    return _positive(half + half.swapaxes(1, 2)) if precision is np.float32 else half + half.swapaxes(1, 2)
+    return half
 
 
 def tiles(nodes: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
