@@ -34,21 +34,27 @@ class Violation:
     latitude: float
 
 
-def check(task: MissionTask, flight: Flight) -> Violation | None:
+def check(task: MissionTask, flight: Flight, margin: float = 0.0) -> Violation | None:
     """Return the first constraint violation of a path; None when there is none.
 
     Its segments must keep clear of every ring and stay above the bottom with all of their depths; at the surface they must also keep clear
     of areas that only forbid surfacing. Each counts as wide as the path may bend between its ends.
+
+    Args:
+        task: What it must not violate.
+        flight: The path.
+        margin: Distance that it must keep from every ring beside [m].
     """
     if not np.all(np.isfinite(flight.place)):
         return Violation("the path is not a number", 0.0, 1, float("nan"), float("nan"))
     segments, depths, skin = _segments(flight.place)[0], np.column_stack([flight.depth[:-1], flight.depth[1:]]), bends(flight)
+    wide = skin + margin
     below = task.bottom.is_below(segments, depths, skin)
     deep = (depths.max(axis=1) > task.region.deepest + DEPTH_TOLERANCE) | (depths.min(axis=1) < -DEPTH_TOLERANCE)
     surfacing = _at_surface(flight)
-    lane = first_crossing([ring for ring in task.rings if ring.surface_only], _surfaced(segments, depths)[surfacing], skin[surfacing])
+    lane = first_crossing([ring for ring in task.rings if ring.surface_only], _surfaced(segments, depths)[surfacing], wide[surfacing])
     found = [
-        first_crossing([ring for ring in task.rings if not ring.surface_only], segments, skin),
+        first_crossing([ring for ring in task.rings if not ring.surface_only], segments, wide),
         None if lane is None else (lane[0], int(np.flatnonzero(surfacing)[lane[1]]), lane[2]),
         (task.bottom.name_at(segments[np.argmax(below)]), int(np.argmax(below)), 0.0) if below.any() else None,
         ("the surface or the deepest level", int(np.argmax(deep)), 0.0) if deep.any() else None,

@@ -189,6 +189,7 @@ def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, .
     settings, projection = plan.settings, task.region.grid.projection
     ends = np.column_stack(to_local(projection, *plan.surfacings.T))
     waypoints, drift, levels = ends[np.array(kept) - 1], plan.settings.surface_time, task.flow.levels
+    margin = _margin(task, settings.margin, np.vstack([task.start[None, :2], ends[np.array(plan.goal_legs) - 1]]))
     angles = np.array([np.mean(legs.angles[begin:end]) for begin, end in pairwise([0, *kept])])
     turns = np.array(turns_of(plan.yo_depths))
     deep = np.array([np.min(turns[begin:end]) for begin, end in pairwise([0, *kept])])
@@ -205,7 +206,7 @@ def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, .
         depths = refine_steps(leg_depths(yo_depths, levels, steps_needed(yo_depths, levels, settings.steps)), REFINED)
         leg = Legs(np.array([heading]), np.array([angle]), (depths,), np.array([drift]))
         flown = fly_legs(task.currents, plan.vehicle, at, leg, task.start_time + now)
-        violation = violation or check(task, flown)
+        violation = violation or check(task, flown, margin)
         surfaced = depths.size - 1
         arrived = bool(np.linalg.norm(flown.place[0, surfaced] - waypoints[target]) <= radius)
         last = arrived and target == len(waypoints) - 1
@@ -220,6 +221,20 @@ def _follow(task: MissionTask, plan: MissionPlan, legs: Legs, kept: tuple[int, .
         local = heading + float(true_north_halfway(projection, at[None], path[-1][0][None])[0])
         current = _dead_reckoned_current(plan, path[-1][0] - at, path[-1][1] - now, local, angle)
     return _Followed(radius, kept, angles, deep, times, path, violation)
+
+
+def _margin(task: MissionTask, margin: float, given: Array) -> float:
+    """Return the distance that a flight keeps from areas [m]: the plan's margin, less where a place it must pass is nearer than that.
+
+    A glider that heads for waypoints surfaces some tens of metres elsewhere than predicted, so a track just beside an area may cross it.
+
+    Args:
+        task: With the areas.
+        margin: The plan's [m].
+        given: shape (n, 2) [m], start and goals.
+    """
+    least = min((float(ring.clearance(given).min()) for ring in task.rings), default=np.inf)
+    return float(np.clip(0.5 * least, 0.0, margin))
 
 
 def _dead_reckoned_current(plan: MissionPlan, displacement: Array, duration: float, heading: float, angle: float) -> Array:
