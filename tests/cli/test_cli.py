@@ -170,15 +170,15 @@ def test_json_replaces_whole_files_only_when_asked_and_goes_to_pipes(ocean, tmp_
 def test_ctrl_c_ends_with_130_and_names_the_part_of_a_replay(ocean, tmp_path):
     part = tmp_path / "out.mcap.part"
     inputs = [str(ocean / "survey.mcap"), "--ensemble", str(ocean / "ensemble.nc")]
-    # the process interrupts itself at its tenth message: a signal from outside may come before the run begins or after it ended
+    # the process interrupts itself after its ninth message: a signal from outside may come before the run begins or after it ended
     code = (
-        "import signal, os, replay_kit.cli.app as c, replay_kit.workflows.replay.replay as r\n"
-        "met, real = [], r.interpret\n"
+        "import signal, os, replay_kit.cli.app as c, replay_kit.workflows.replay.session as r\n"
+        "met, real = [], r.Session.take\n"
         "def counted(*a):\n"
         "    met.append(1)\n"
         "    if len(met) == 10: os.kill(os.getpid(), signal.SIGINT)\n"
         "    return real(*a)\n"
-        "r.interpret = counted\n"
+        "r.Session.take = counted\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\nc.main()"
     )
     command = [sys.executable, "-c", code, "replay", *inputs, "-o", "out.mcap"]

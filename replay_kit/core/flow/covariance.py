@@ -38,6 +38,10 @@ class FactoredCovariance(Protocol):
         """Return the covariance of the sum of some levels' weights, shape (r, r)."""
         ...
 
+    def of_combinations(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        ...
+
     def factors(self) -> "CovarianceFactors | None":
         """Return the factors to keep; None where the matrix has fewer elements."""
         ...

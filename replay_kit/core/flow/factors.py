@@ -67,6 +67,12 @@ class CovarianceFactors:
         before = self.prior.of_sum(levels)
         return before - self._reduction(levels) if len(self.directions) else before
 
+    def of_combinations(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        cross, m = self.prior.matvec(design), len(design)
+        inside = (cross @ self.directions.T).reshape(m, -1)
+        return np.asarray(design.reshape(m, -1) @ cross.reshape(m, -1).T - inside @ self.matrix @ inside.T)
+
     def factors(self) -> "CovarianceFactors":
         """Return itself."""
         return self

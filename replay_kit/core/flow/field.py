@@ -166,9 +166,36 @@ class FlowField:
         for places, part, at in _by_place(points):
             basis = self._components(places, self.modes, true_axes)
             variance[part] = _variance(covariances, basis, at, shares[of_point[part]])
-        known = inside_grid(self.grid, *points.T) & (depths <= self.levels[-1])
-        variance[~known] = np.nan
+        variance[~self._known(points, depths)] = np.nan
         return np.sqrt(np.maximum(variance, 0.0)).reshape(*shape, 2)
+
+    def velocity_covariance(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False) -> Array:
+        """Return the covariance between the velocities at a few points, shape (2P, 2P) [m^2/s^2], all east then all north.
+
+        For few points it costs a small share of a first ``standard_error``, which prepares for many. NaN where nothing is known.
+
+        Args:
+            east: [m], P values; the three broadcast together.
+            north: [m].
+            depth: [m], positive down.
+            true_axes: Whether the components are towards true east and true north, instead of the local frame's.
+
+        Raises:
+            EstimatorError: The flow carries no uncertainty.
+        """
+        self._require_uncertainty("velocity_covariance")
+        points, depths, _ = _flatten(east, north, depth)
+        weights = depth_weights(self.depth_functions, depths, self.levels)
+        basis = self._components(points, self.modes, true_axes)
+        design = (weights[None, :, :, None] * basis[:, :, None]).reshape(2 * len(points), self.levels.size, self.n_modes)
+        if isinstance(self.covariance, FactoredCovariance) and "weight_cov" not in vars(self):
+            covariance = self.covariance.of_combinations(design)
+        else:
+            flat = design.reshape(len(design), -1)
+            covariance = flat @ self.weight_cov @ flat.T
+        unknown = np.tile(~self._known(points, depths), 2)
+        covariance[unknown] = covariance[:, unknown] = np.nan
+        return covariance
 
     def sample(self, n: int, seed: int) -> tuple[Self, ...]:
         """Return n flows drawn from the estimate's Gaussian; the same seed gives the same flows.
@@ -216,6 +243,9 @@ class FlowField:
         return [np.asarray(sum(share * part for share, part in zip(row, parts, strict=True) if share)) for row in shares], np.eye(
             len(weights)
         )
+
+    def _known(self, points: Array, depths: Array) -> NDArray[np.bool_]:
+        return np.asarray(inside_grid(self.grid, *points.T) & (depths <= self.levels[-1]))
 
     def _require_uncertainty(self, what: str) -> None:
         if self.n_modes == 0:

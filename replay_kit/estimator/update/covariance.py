@@ -32,6 +32,10 @@ class PosteriorCovariance:
             self._known[levels] = self.posterior.prior.of_sum(levels) - self._reduction(levels)
         return self._known[levels]
 
+    def of_combinations(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        return self.posterior.covariance_of(design)
+
     def factors(self) -> CovarianceFactors | None:
         """Return the factors to keep; None where the matrix has fewer elements, or the prior is of another kind."""
         prior = hybrid_parts(self.posterior.prior)

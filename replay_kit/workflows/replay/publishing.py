@@ -91,7 +91,8 @@ def at_vehicle(time_ns: int, position: VehicleState, flow: FlowEstimate) -> AtVe
     east, north = to_local(flow.grid.projection, position.longitude, position.latitude)
     depth = _depth(position)
     velocity = flow.velocity(east, north, depth, true_axes=True)
-    error = flow.standard_error(east, north, depth, true_axes=True) if flow.n_modes else np.full(2, np.nan)
+    variance = np.diag(flow.velocity_covariance(east, north, depth, true_axes=True)) if flow.n_modes else np.full(2, np.nan)
+    error = np.sqrt(np.maximum(variance, 0.0))
     place = (position.longitude, position.latitude, depth)
     return AtVehicle(time_ns, place, (float(velocity[0]), float(velocity[1])), (float(error[0]), float(error[1])))
 
