@@ -41,6 +41,7 @@ def content(data: bytes) -> tuple[Counter[Any], Counter[Any], Counter[Any], str]
     return said, attached, noted, reader.get_header().profile
 
 
+@pytest.mark.full
 @trips
 @given(
     channels=st.lists(

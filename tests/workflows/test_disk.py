@@ -83,6 +83,7 @@ def test_a_grid_that_does_not_fit_leaves_the_earlier_one(ocean, tmp_path):
         write_grid(flow, tmp_path / "absent" / "grid.nc")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_on_a_disk_with_room_again_gives_the_same_bytes(ocean, tmp_path, name):
     arguments, out, size = commands(ocean, tmp_path / "out.mcap")[name]

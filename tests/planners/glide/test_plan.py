@@ -76,6 +76,7 @@ def test_the_paper_s_integration_errs_in_the_first_order_and_what_is_told_is_flo
     assert 0.7 < -np.polyfit(np.log(steps), np.log(off), 1)[0] < 1.4
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("seed", "longest"), [(1, 1.2e5), pytest.param(3, 1.2e5, marks=pytest.mark.full), pytest.param(7, 3e4, marks=pytest.mark.full)]
 )

@@ -56,6 +56,7 @@ def test_figures_have_panels_with_letters(contents, kind, letters, says):
 
 
 # the forms that take long, of other figures too in the full run
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("kind", "ending"),
     [

@@ -108,6 +108,7 @@ def test_a_new_dive_knows_nothing_of_its_own_error_and_all_of_the_sea(estimator)
     assert new_dive(estimator, estimator.initial()).mean.size == estimator.state_space.size
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("shared", [0.0, 0.15])
 def test_the_log_says_whether_a_dive_s_profiles_err_alike(estimator, shared):
     profiles = legs(4, shared, np.random.default_rng(4))

@@ -56,6 +56,7 @@ def whole(ocean, tmp_path_factory):
     return out.read_bytes(), summary
 
 
+@pytest.mark.full
 def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(ocean, tmp_path, whole):
     out, checkpoint = tmp_path / "out.mcap", tmp_path / "run.ck"
     stops = 0
@@ -85,6 +86,7 @@ def grouped(ocean, tmp_path_factory):
     return out
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("block", [1, 5, 1000])
 def test_blocks_of_the_replay_change_no_byte_of_profiles_that_count_together(ocean, tmp_path, grouped, block, monkeypatch):
     monkeypatch.setattr(ReducedBasisEstimator, "block_size", block)

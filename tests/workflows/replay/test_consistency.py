@@ -225,6 +225,7 @@ def test_a_warning_alone_ends_with_zero(ocean):
     assert warned.exit_codes == ()
 
 
+@pytest.mark.full
 def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
     log = faulty(ocean, "profiles: both signs")
     whole, out, checkpoint = tmp_path / "whole.mcap", tmp_path / "out.mcap", tmp_path / "run.ck"

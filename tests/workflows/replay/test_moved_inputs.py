@@ -46,6 +46,7 @@ def results(folders) -> tuple[Path, Path]:
     return folders[0] / "out.mcap", folders[1] / "out.mcap"
 
 
+@pytest.mark.full
 def test_the_folder_of_the_inputs_changes_no_byte(results):
     assert results[0].read_bytes() == results[1].read_bytes()
 

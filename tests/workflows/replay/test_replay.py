@@ -121,6 +121,7 @@ def test_two_runs_give_the_same_bytes(ocean, tmp_path):
     assert first.read_bytes() == second.read_bytes()
 
 
+@pytest.mark.full
 def test_a_fitted_spread_is_in_the_metadata_and_the_notes(ocean, tmp_path):
     config = SETTINGS.model_copy(update={"estimator": EstimatorConfig(spread="fit", modes=20)})
     summary, _ = run(ocean, "survey.mcap", out=tmp_path / "out.mcap", config=config)
