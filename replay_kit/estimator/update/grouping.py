@@ -7,7 +7,7 @@ from math import cos, hypot, isfinite, radians
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import release
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, PathMean, Source, VehicleState
 
@@ -124,15 +124,15 @@ def _are_alike(first: Observation, profile: Observation) -> bool:
 
 def current_gradient(ensemble: Ensemble) -> float:
     """Return the RMS difference of an ensemble's currents between neighbouring grid points over their distance [1/s], the larger axis's."""
-    grid, velocity = ensemble.grid, ensemble.velocity
-    found = [0.0]
-    for axis in (0, 1):
+    grid, found = ensemble.grid, [0.0]
+    for axis in (-2, -1):
         way = np.hypot(np.diff(grid.east, axis=axis), np.diff(grid.north, axis=axis))
-        steps: Array = np.diff(velocity, axis=axis - 2) / way
-        wet = ~(np.diff(grid.wet.astype(np.int8), axis=axis - 2) != 0) & np.delete(grid.wet, -1, axis=axis - 2)
-        squares = np.sum(steps**2, axis=1)[:, wet]
-        if squares.size:
-            found.append(float(np.sqrt(np.mean(squares))))
+        wet = np.delete(grid.wet, -1, axis=axis) & np.delete(grid.wet, 0, axis=axis)
+        if wet.any():
+            # one member at a time: ensembles may be larger than memory
+            squares = [float(np.sum(np.square(np.diff(member, axis=axis) / way)[:, wet])) for member in ensemble.velocity]
+            found.append(float(np.sqrt(sum(squares) / (ensemble.n_members * np.count_nonzero(wet)))))
+    release(ensemble.velocity)
     return max(found)
 
 
