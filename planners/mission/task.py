@@ -220,8 +220,7 @@ def _check_request(request: MissionRequest, region: Region) -> None:
 
 def time_on_clock(currents: Currents, time_ns: int) -> float:
     """Return a time [ns, UTC] on the clock of the currents' times [s]; 0 for currents that do not change, and for no time."""
-    first = currents.flow.time_ns
-    return 0.0 if currents.times is None or first is None or time_ns == 0 else (time_ns - first) / 1e9
+    return currents.clock(time_ns)
 
 
 def route_graph_of(
