@@ -83,6 +83,7 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
     """
     corrected, violating = odds.corrected, 1.0 - odds.corrected.safe
     status, verb = plan.status, "stay within the radius" if plan.settings.weights.closest == 0.0 else "arrive"
+    verb = "surface last within the tolerance of where the plan ends" if status == "partial" else verb
     text = (
         f"{100.0 * corrected.reached:.0f} % of {odds.count} samples of the estimate {verb} with headings corrected at each surfacing, "
         f"{100.0 * odds.held.reached:.0f} % with headings held"

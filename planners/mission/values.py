@@ -14,7 +14,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.plan import Place
 
-MissionStatus = Literal["reached", "uncertain", "unreachable", "unsafe", "failed"]
+MissionStatus = Literal["reached", "uncertain", "partial", "unreachable", "unsafe", "failed"]
 Objective = Literal["time", "energy", "closest"]
 
 
@@ -174,7 +174,7 @@ class MissionPlan:
     Attributes:
         status: ``reached`` when every goal is met within the tolerance, ``unreachable`` when the best path found does not,
             ``unsafe`` when the path violates a constraint, ``failed`` when there is no path; ``uncertain`` when samples of the estimate
-            say that it arrives less often than asked for.
+            say that it arrives less often than asked for; ``partial`` when it ends at a horizon before the goal.
         start: Where it begins.
         goals: Where it should go, in order.
         start_time_ns: [ns, UTC].

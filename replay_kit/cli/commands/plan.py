@@ -50,6 +50,23 @@ class Places:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Times:
+    """When the mission begins, and how far it is planned."""
+
+    start_time: Annotated[
+        str | None, option("--start-time", "When the mission begins, ISO 8601 UTC. Default: the time of the estimate.", metavar="TIME")
+    ] = None
+    depart: Annotated[
+        str | None,
+        option("--depart", "Departures that are compared, from T0 to T1; the best by the objective is planned.", metavar="T0,T1,STEP"),
+    ] = None
+    horizon: Annotated[
+        str | None,
+        option("--horizon", "Plan no further than this after the start, such as 72h, and say what is left then.", metavar="DURATION"),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Aim:
     """What the mission is for."""
 
@@ -145,6 +162,7 @@ def plan(
         Path, argument("FLOW", "Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.")
     ],
     places: Annotated[Places, TO_INPUTS],
+    times: Annotated[Times, TO_OPTIONS] = Times(),
     aim: Annotated[Aim, TO_OPTIONS] = Aim(),
     method: Annotated[Method, TO_OPTIONS] = Method(),
     settings: Settings,
@@ -161,7 +179,7 @@ def plan(
 
     from replay_kit.workflows.planning.mission import make_mission
     from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
-    from replay_kit.workflows.planning.request import MissionKind, PlanJob
+    from replay_kit.workflows.planning.request import MissionKind, PlanJob, departures_of, horizon_of, start_time_of
 
     kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
     job = PlanJob(
@@ -178,6 +196,9 @@ def plan(
         arrive=method.arrive,
         time_limit=method.time_limit,
         battery=method.battery,
+        start_time_ns=None if times.start_time is None else start_time_of(times.start_time),
+        departures_ns=() if times.depart is None else departures_of(times.depart),
+        horizon=None if times.horizon is None else horizon_of(times.horizon),
     )
     job.check()
     with progress():
@@ -190,11 +211,11 @@ def plan(
         return _UNSAFE
     _write(planned, outputs)
     if outputs.out is not None:
-        write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, aim, method, kind.cross_track_weight), config)
+        write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, times, aim, method, kind.cross_track_weight), config)
     return 0 if unsafe is None else _UNSAFE
 
 
-def _asked(places: Places, aim: Aim, method: Method, line_weight: float | None) -> dict[str, object]:
+def _asked(places: Places, times: Times, aim: Aim, method: Method, line_weight: float | None) -> dict[str, object]:
     """Return what was asked for beyond the configuration, as it was given."""
     return {
         "start": places.start,
@@ -207,6 +228,9 @@ def _asked(places: Places, aim: Aim, method: Method, line_weight: float | None) 
         "time_limit": method.time_limit,
         "surfacings_only": aim.surfacings_only,
         "line_weight": line_weight,
+        "start_time": times.start_time,
+        "depart": times.depart,
+        "horizon": times.horizon,
     }
 
 

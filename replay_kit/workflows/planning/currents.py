@@ -1,0 +1,196 @@
+"""The current that a mission meets: an estimate that changes at its own rate, files of several times, or one time that is held."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil, inf, log
+from pathlib import Path
+
+import numpy as np
+
+from planners.flow import graph_key
+from planners.mission.flight import Sample
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import Evolution, sample_through
+from replay_kit.core.flow.process import ProcessModel
+from replay_kit.core.text import time_text
+
+_NS = 1_000_000_000
+# Flows of an estimate that changes come in multiples of this number of steps: a program serves all sequences of one length.
+_STEPS = 4
+# Half the distance, in kernel lengths, over which the current's rotation is taken.
+_STENCIL = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownCurrent:
+    """What is known of the current at the times of a mission.
+
+    Attributes:
+        estimates: One, or several that hold for increasing times.
+        flow_step: Between the flows that an estimate which changes is planned on [s].
+    """
+
+    estimates: tuple[FlowEstimate, ...]
+    flow_step: float
+
+    @property
+    def first(self) -> FlowEstimate:
+        """The only estimate, or the earliest."""
+        return self.estimates[0]
+
+    @property
+    def process(self) -> ProcessModel | None:
+        """How the only estimate changes; None where it does not, or there are several."""
+        later = self.first.later
+        if len(self.estimates) > 1 or not isinstance(later, Evolution) or self.first.time_ns is None:
+            return None
+        known = later.trimmed().process
+        return known if known.times_ns.size > 1 or np.isfinite(known.scales).any() else None
+
+    @property
+    def changes(self) -> bool:
+        """Whether the current changes."""
+        return len(self.estimates) > 1 or self.process is not None
+
+    @property
+    def ends_ns(self) -> int | None:
+        """Time of the last thing that a forecast says [ns, UTC]; None where one time alone is known."""
+        if len(self.estimates) > 1:
+            return self.estimates[-1].time_ns
+        return int(self.process.times_ns[-1]) if self.process is not None and self.process.times_ns.size > 1 else None
+
+    def flow(self, begin_ns: int, seconds: float) -> Sample:
+        """Return the current as planners take it: one flow that does not change, or flows for increasing times.
+
+        Args:
+            begin_ns: From when on it is needed [ns, UTC].
+            seconds: For how long; afterwards the last flow holds.
+        """
+        if len(self.estimates) > 1:
+            return self.estimates
+        later, process = self.first.later, self.process
+        if process is None or not isinstance(later, Evolution):
+            return self.first
+        # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
+        now = self.first.time_ns or begin_ns
+        times = _times(process, self.flow_step, begin_ns, seconds)
+        return [later.flow(self.first, time_ns) if time_ns < now else self.first.at(time_ns) for time_ns in times]
+
+    def samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Sample]:
+        """Return samples of the current: of an estimate that changes drawn through time, of others drawn once.
+
+        Args:
+            begin_ns: As in ``flow``.
+            seconds: As in ``flow``.
+            count: Their number; 0 for none.
+            seed: Of the draws.
+        """
+        if count == 0:
+            return ()
+        if self.process is None:
+            return self.first.sample(count, seed)
+        now = self.first.time_ns or begin_ns
+        times = [max(time_ns, now) for time_ns in _times(self.process, self.flow_step, begin_ns, seconds)]
+        return sample_through(self.first, times, count, seed)
+
+    def check_time(self, name: str, time_ns: int) -> None:
+        """Raise PlanError for a time [ns, UTC] at which the forecast says nothing; ``name`` is that of the option.
+
+        Where one time alone is known, its current is held and any time will do.
+        """
+        last = self.ends_ns
+        if last is None or self.first.time_ns is None or self.first.time_ns <= time_ns <= last:
+            return
+        raise PlanError(
+            f"{name}: expected a time within the forecast, {time_text(self.first.time_ns)} to {time_text(last)}, got {time_text(time_ns)}; "
+            "choose a time between, or give the estimate of a longer forecast"
+        )
+
+    def notes(self, begin_ns: int, end_ns: int) -> tuple[str, ...]:
+        """Return what is not known of the current during a mission [ns, UTC], as sentences; none where a forecast covers it."""
+        last = self.ends_ns
+        if last is None:
+            return (self._of_one_time(),)
+        over = (end_ns - max(last, begin_ns)) / 3.6e12
+        if over <= 0.0:
+            return ()
+        return (f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",)
+
+    def _of_one_time(self) -> str:
+        hours = self.hours_known
+        when = "a time that is not stated" if self.first.time_ns is None else time_text(self.first.time_ns)
+        if self.process is not None:
+            return (
+                f"the forecast has one time, {when}: the estimate returns to it at the ensemble's rate of change, at which the samples "
+                f"part; beyond {hours:.0f} h this is a guess, as less than half of what was measured counts there"
+            )
+        if not np.isfinite(hours):
+            return f"the current is frozen at {when}; for how long that holds is not known, as it does not turn anywhere"
+        return (
+            f"the current is frozen at {when}; beyond {hours:.0f} h this is a guess: the ensemble's rate of change is not known, and in "
+            "that time its eddies turn by one radian"
+        )
+
+    @property
+    def hours_known(self) -> float:
+        """Hours beyond which a current of one time is a guess.
+
+        Where the ensemble's rate of change is known, until the correlation with what was measured has fallen to a half: from there on the
+        frozen current errs more than the ensemble mean does. Elsewhere the turnover time of the eddies, 1 over the root mean square of
+        the vorticity (Vallis 2017, Atmospheric and Oceanic Fluid Dynamics, chapter 11).
+        """
+        if self.process is not None:
+            return self.process.local_scale * log(2.0) / 3600.0
+        rotation = float(np.sqrt(np.mean(_vorticity(self.first) ** 2)))
+        return 1.0 / (3600.0 * rotation) if rotation > 1e-9 else inf
+
+
+def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) -> KnownCurrent:
+    """Return the current of the estimates in some files, of which several must hold for increasing times.
+
+    Args:
+        files: Each with its estimate.
+        flow_step: Between the flows that an estimate which changes is planned on [s].
+
+    Raises:
+        PlanError: A file's time is missing or not after the one before, or its region, levels or functions are others than the first's.
+    """
+    for (earlier, before), (path, flow) in pairwise(files):
+        if before.time_ns is None or flow.time_ns is None or flow.time_ns <= before.time_ns:
+            raise PlanError(
+                f"{path}: expected a time after that of {earlier}, {time_text(before.time_ns)}, got {time_text(flow.time_ns)}; give the "
+                "files in the order of their times, each time once"
+            )
+        if graph_key(flow) != graph_key(files[0][1]):
+            raise PlanError(
+                f"{path}: expected the region, levels and functions of {files[0][0]}, {files[0][1].grid}, got {flow.grid}; give "
+                "estimates of one forecast and region"
+            )
+    return KnownCurrent(tuple(flow for _, flow in files), flow_step)
+
+
+def _times(process: ProcessModel, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
+    """Return times [ns, UTC] that cover a mission, evenly spaced, among them those of the forecast where these are: there it bends.
+
+    Args:
+        process: With the times of the forecast.
+        flow_step: Longest distance between them [s]; where the forecast's times are nearer to each other, theirs.
+        begin_ns: When the mission begins [ns, UTC].
+        seconds: For how long it may last.
+    """
+    apart = np.diff(process.times_ns).min(initial=round(flow_step * _NS))
+    step, anchor = min(round(flow_step * _NS), int(apart)), int(process.times_ns[0])
+    first = anchor + (begin_ns - anchor) // step * step
+    steps = _STEPS * max(ceil((begin_ns + seconds * _NS - first) / step / _STEPS - 1e-9), 1)
+    return [first + k * step for k in range(steps + 1)]
+
+
+def _vorticity(flow: FlowEstimate) -> np.ndarray:
+    """Return dv/dx - du/dy at the nodes at each level, shape (N, Z) [1/s]."""
+    kernel, (east, north) = flow.horizontal.kernel, (values[:, None] for values in flow.nodes.T)
+    dx, dy = _STENCIL * kernel.length_east, _STENCIL * kernel.length_north
+    along = flow.velocity(east + dx, north, flow.levels)[..., 1] - flow.velocity(east - dx, north, flow.levels)[..., 1]
+    across = flow.velocity(east, north + dy, flow.levels)[..., 0] - flow.velocity(east, north - dy, flow.levels)[..., 0]
+    return np.asarray(along / (2.0 * dx) - across / (2.0 * dy))
