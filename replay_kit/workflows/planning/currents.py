@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from math import ceil, inf, log
 from pathlib import Path
@@ -23,7 +24,7 @@ _STEPS = 4
 _STENCIL = 0.05
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class KnownCurrent:
     """What is known of the current at the times of a mission.
 
@@ -49,10 +50,14 @@ class KnownCurrent:
         known = later.trimmed().process
         return known if known.times_ns.size > 1 or np.isfinite(known.scales).any() else None
 
-    @property
+    @cached_property
     def changes(self) -> bool:
         """Whether the current changes."""
-        return len(self.estimates) > 1 or self.process is not None
+        first = self.first
+        if len(self.estimates) > 1 or isinstance(first.later, Evolution) or first.later is None or first.time_ns is None:
+            return len(self.estimates) > 1 or self.process is not None
+        after = first.at(first.time_ns + round(self.flow_step * _NS))
+        return not np.array_equal(after.latent, first.latent)
 
     @property
     def ends_ns(self) -> int | None:
@@ -70,13 +75,15 @@ class KnownCurrent:
         """
         if len(self.estimates) > 1:
             return self.estimates
-        later, process = self.first.later, self.process
-        if process is None or not isinstance(later, Evolution):
+        if not self.changes:
             return self.first
+        later, now = self.first.later, self.first.time_ns or begin_ns
+        times = _times(self.process, self.flow_step, begin_ns, seconds)
         # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
-        now = self.first.time_ns or begin_ns
-        times = _times(process, self.flow_step, begin_ns, seconds)
-        return [later.flow(self.first, time_ns) if time_ns < now else self.first.at(time_ns) for time_ns in times]
+        return [
+            later.flow(self.first, time_ns) if time_ns < now and isinstance(later, Evolution) else self.first.at(time_ns)
+            for time_ns in times
+        ]
 
     def samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Sample]:
         """Return samples of the current: of an estimate that changes drawn through time, of others drawn once.
@@ -171,17 +178,18 @@ def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) 
     return KnownCurrent(tuple(flow for _, flow in files), flow_step)
 
 
-def _times(process: ProcessModel, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
+def _times(process: ProcessModel | None, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
     """Return times [ns, UTC] that cover a mission, evenly spaced, among them those of the forecast where these are: there it bends.
 
     Args:
-        process: With the times of the forecast.
+        process: With the times of the forecast; None where these are not known.
         flow_step: Longest distance between them [s]; where the forecast's times are nearer to each other, theirs.
         begin_ns: When the mission begins [ns, UTC].
         seconds: For how long it may last.
     """
-    apart = np.diff(process.times_ns).min(initial=round(flow_step * _NS))
-    step, anchor = min(round(flow_step * _NS), int(apart)), int(process.times_ns[0])
+    step, anchor = round(flow_step * _NS), begin_ns
+    if process is not None:
+        step, anchor = int(np.diff(process.times_ns).min(initial=step)), int(process.times_ns[0])
     first = anchor + (begin_ns - anchor) // step * step
     steps = _STEPS * max(ceil((begin_ns + seconds * _NS - first) / step / _STEPS - 1e-9), 1)
     return [first + k * step for k in range(steps + 1)]
