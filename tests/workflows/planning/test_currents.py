@@ -114,6 +114,11 @@ def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
         (rows,) = [record.metadata for record in make_reader(file).iter_metadata() if record.name == "departures"]
     said = [json.loads(row) for row in rows.values()]
     assert [0.0 <= row["reached"] <= 1.0 for row in said] == [True, True]
+    done = invoke(["report", str(tmp_path / "plan.mcap"), "-o", str(tmp_path / "plan.html")])
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "plan.html").read_text()
+    assert "Departures compared" in page
+    assert all(row["arrival"] in page for row in said)
 
 
 def test_fewer_legs_are_tried_where_a_later_departure_needs_fewer():
