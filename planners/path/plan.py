@@ -6,13 +6,14 @@ free depths the optimum often lies on a level, where hat functions bend and no g
 the rest is solved at the depths found.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.flow import latent_over_time
 from planners.path.program import AuvProblem, PathSolution, solve_path
 from planners.path.settings import AuvSettings, PathRequest
 from planners.route.bottom import Bottom, bottom_of, fixed_rings
@@ -67,21 +68,24 @@ class AuvPlan:
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
 
 
-def plan_path(flow: FlowEstimate, request: PathRequest) -> AuvPlan:
+def plan_path(flow: FlowEstimate | Sequence[FlowEstimate], request: PathRequest) -> AuvPlan:
     """Return the best path found, of those begun at the route of a graph search and at a straight line.
 
     Args:
-        flow: The current, held constant in time.
+        flow: The current, or its estimates for increasing times, between which it is linear; constant before the first and after the last.
         request: Start, goal, vehicle, settings and constraints.
 
     Raises:
         PlanError: The start or the goal is outside of the region, on land, in an area, below the vehicle's limit or below the bottom
-            less the clearance, or the flow is not a number.
+            less the clearance, the flow is not a number, or its estimates are not of one region and of increasing times.
     """
     start, goal, settings = request.start, request.goal, request.settings
-    region = region_of(flow.grid, request.vehicle.max_depth)
+    flows = (flow,) if isinstance(flow, FlowEstimate) else tuple(flow)
+    if len(flows) > 1:
+        latent_over_time(flows)
+    region = region_of(flows[0].grid, request.vehicle.max_depth)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
-    if not np.all(np.isfinite(flow.latent)):
+    if not all(np.all(np.isfinite(one.latent)) for one in flows):
         raise PlanError("the current is not a number; check the estimate's latent velocities")
     # a free path has no surfacings: every area counts at all depths
     areas = tuple(replace(area, surface_only=False) for area in request.no_go)
@@ -91,7 +95,8 @@ def plan_path(flow: FlowEstimate, request: PathRequest) -> AuvPlan:
     fixed, deep = fixed_rings(region, areas, bottom), float(max(begin[2], end[2]))
     for name, point in (("start", begin), ("goal", end)):
         check_outside(fixed, name, point)
-    problem = AuvProblem(flow, region, (*fixed, *bottom.rings(deep)), bottom, request.vehicle, settings, begin, end)
+    rings, times = (*fixed, *bottom.rings(deep)), (flows[1:], request.start_time_ns)
+    problem = AuvProblem(flows[0], region, rings, bottom, request.vehicle, settings, begin, end, *times)
 
     def made(guess: Array, free: bool, held: tuple[Array, float] | None = None) -> AuvPlan:
         return _to_plan(problem, start, goal, solve_path(problem, guess, free, held))
@@ -100,7 +105,7 @@ def plan_path(flow: FlowEstimate, request: PathRequest) -> AuvPlan:
     for guess in (route, np.linspace(begin, end, 100)):
         # first at the depths of the guess, which is a smooth problem; then at free ones; then at those that came of it
         plans.append(made(guess, free=False))
-        if settings.free_depth and flow.levels.size > 1:
+        if settings.free_depth and flows[0].levels.size > 1:
             plans.append(made(made(plans[-1].track, free=True).track, free=False))
     if any(plan.status == "unsafe" for plan in plans):
         # the route is clear; the depths are those found without it, and the deeper they are the more is land
@@ -153,7 +158,7 @@ def _route(problem: AuvProblem) -> Array:
 
 def _to_plan(problem: AuvProblem, start: Place, goal: Place, solution: PathSolution) -> AuvPlan:
     settings, vehicle, through, duration = problem.settings, problem.vehicle, solution.velocity, solution.duration
-    time, track = _fly(problem.flow, settings, problem.begin, through, duration)
+    time, track = _fly(problem, through, duration)
     what = _crossed(problem.bottom, problem.rings, track)
     miss = float(np.linalg.norm(track[-1] - problem.end))
     met = miss <= settings.tolerance
@@ -166,12 +171,14 @@ def _to_plan(problem: AuvProblem, start: Place, goal: Place, solution: PathSolut
     return AuvPlan(status, start, goal, through, duration, energy, miss, time, track, message, statistics)
 
 
-def _fly(flow: FlowEstimate, settings: AuvSettings, begin: Array, through: Array, duration: float) -> tuple[Array, Array]:
+def _fly(problem: AuvProblem, through: Array, duration: float) -> tuple[Array, Array]:
     """Return (time [s], track [m]) of the pieces flown densely."""
-    steps, each = _REFINED * settings.steps, duration / len(through)
-    time, track = [np.zeros(1)], [begin[None]]
+    steps, each = _REFINED * problem.settings.steps, duration / len(through)
+    time, track = [np.zeros(1)], [problem.begin[None]]
+    began_ns = problem.start_time_ns or problem.flow.time_ns or 0
     for k, velocity in enumerate(through):
-        flown = fly_glide(flow, track[-1][-1], velocity, np.linspace(0.0, each, steps + 1))
+        clock = np.linspace(0.0, each, steps + 1)
+        flown = fly_glide(problem.currents, track[-1][-1], velocity, clock, began_ns + round(k * each * 1e9))
         time.append(k * each + flown.time[1:])
         track.append(flown.position[1:])
     return np.concatenate(time), np.concatenate(track)
