@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners import Glider, MissionPlan, MissionSettings, plan_mission
 from planners.mission.flights import fly_mission
@@ -27,6 +28,8 @@ _MARGIN, _DEPTH, _LONGEST = 15e3, 1000.0, 5 * 86_400.0
 _DRAWS = 200
 # What is required: share of the reachable that arrive, of the truth's earliest, miss of a perfect current [m], later than the habit.
 _ARRIVE, _EARLIEST, _PERFECT, _LATER, _BY = 30.0 / 34.0, 1.015, 300.0, 0.05, 1.01
+# Share of the forecast's time after which missions begin, when its members have parted.
+_BEGINS = 0.3
 # Arrivals are the same within this share: a passage is sought between points of the track.
 _SAME = 1e-3
 _HEADING = "A sea that changes"
@@ -108,8 +111,10 @@ def changing(world: World) -> StudyReport:
 def sail(series: Sequence[Ensemble], config: EstimatorConfig, job: PlanningJob, member: int, seed: int) -> Sailed:
     """Return one mission in the truth of a member, flown in all ways."""
     case, rng = withhold(series, member), np.random.default_rng((seed, member))
-    truth, known = sea_of(case.truths, config), sea_of(case.forecasts, config)
-    grid, start_ns = truth[0].grid, (int(case.times_ns[0]) + int(case.times_ns[-1])) // 2
+    start_ns = int(case.times_ns[0] + _BEGINS * (case.times_ns[-1] - case.times_ns[0]))
+    kept = _around(case.times_ns, start_ns, given_up(_LONGEST))
+    truth, known = sea_of(case.truths[kept], config), sea_of(case.forecasts[kept], config)
+    grid = truth[0].grid
     (here, there), settings = (
         _drawn(grid, rng, job.crossing),
         MissionSettings(depth=min(_DEPTH, float(grid.levels[-1])), max_duration=_LONGEST),
@@ -134,6 +139,13 @@ def sail(series: Sequence[Ensemble], config: EstimatorConfig, job: PlanningJob, 
         known_habit=head_at_goal(known, crossing, like, limit).arrival,
         plans=replanned.plans,
     )
+
+
+def _around(times_ns: NDArray[np.int64], start_ns: int, seconds: float) -> slice:
+    """Return which of a forecast's times [ns, UTC] a mission of so many seconds meets: the last before it to the first after it, two at least."""
+    first = max(int(np.searchsorted(times_ns, start_ns, side="right")) - 1, 0)
+    last = int(np.searchsorted(times_ns, start_ns + round(seconds * 1e9)))
+    return slice(min(first, len(times_ns) - 2), last + 1)
 
 
 def end_miss(truth: Sea, plan: MissionPlan) -> float:

@@ -9,7 +9,7 @@ import pytest
 from planners import Glider, MissionSettings, plan_mission
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
-from replay_kit.studies.planning.changing import Sailed, figures, report_of, sail
+from replay_kit.studies.planning.changing import Sailed, _around, figures, report_of, sail
 from replay_kit.studies.planning.job import PlanningJob
 from replay_kit.studies.planning.voyages import PASSED, Crossing, follow_plan, frozen, head_at_goal, replan, sea_of
 from tests import synthetic
@@ -102,6 +102,14 @@ def test_the_study_is_made_of_a_forecast_of_several_times_and_refuses_others(tmp
     synthetic.dataset(n_members=4).to_netcdf(path, engine="h5netcdf")
     done = invoke(["experiment", "planning", "--ensemble", str(path), "-o", str(tmp_path / "out"), "--study", "changing", "--json", "-"])
     assert "expected a forecast of several dated times" in (done.output + str(done.exception))
+
+
+def test_a_mission_meets_the_times_around_it():
+    days = NOON + 24 * HOUR * np.arange(6)
+    assert _around(days, int(days[2]) + HOUR, 86400.0) == slice(2, 5)
+    assert _around(days, int(days[2]), 86400.0) == slice(2, 4)
+    assert _around(days, int(days[5]) + HOUR, 86400.0) == slice(4, 7)
+    assert _around(days[:2], int(days[0]), 1e7) == slice(0, 3)
 
 
 def test_a_region_too_small_for_its_missions_is_said():
