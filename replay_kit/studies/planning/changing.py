@@ -142,7 +142,7 @@ def sail(series: Sequence[Ensemble], config: EstimatorConfig, job: PlanningJob, 
 
 
 def _around(times_ns: NDArray[np.int64], start_ns: int, seconds: float) -> slice:
-    """Return which of a forecast's times [ns, UTC] a mission of so many seconds meets: the last before it to the first after it, two at least."""
+    """Return which of a forecast's times [ns, UTC] a mission of so many seconds meets, from before it to after it; two at least."""
     first = max(int(np.searchsorted(times_ns, start_ns, side="right")) - 1, 0)
     last = int(np.searchsorted(times_ns, start_ns + round(seconds * 1e9)))
     return slice(min(first, len(times_ns) - 2), last + 1)
