@@ -52,7 +52,7 @@ class PlanningJob:
     masks: int = 200
     replans: int = 40
     crossings: int = 40
-    crossing: tuple[float, float] = (60e3, 90e3)
+    crossing: tuple[float, float] = (80e3, 120e3)
     seed: int = 0
 
     def check(self, known: Collection[str]) -> None:
