@@ -10,6 +10,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.covariance import root_of
 from replay_kit.core.flow.field import FlowField
+from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.flow.process import ProcessModel
 
 Flow = TypeVar("Flow", bound=FlowField)
@@ -44,6 +45,7 @@ class Evolution:
         mean: shape (n,), of the process's unknowns after the last observation.
         covariance: Returns their covariance, shape (n, n); it is computed when first asked for.
         time_ns: Time of both [ns, UTC]; None before any observation, where they hold at any time.
+        oscillation: Known beside the slow current, which flows are without; None where there is none.
     """
 
     process: ProcessModel
@@ -51,6 +53,7 @@ class Evolution:
     mean: Array
     covariance: Callable[[], Array]
     time_ns: int | None
+    oscillation: Oscillation | None = None
 
     def __call__(self, flow: Flow, time_ns: int) -> Flow:
         """Return the flow for a time; for one before the last observation, at the time of that observation."""

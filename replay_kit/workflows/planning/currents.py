@@ -1,7 +1,7 @@
 """The current that a mission meets: an estimate that changes at its own rate, files of several times, or one time that is held."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from math import ceil, inf, log
@@ -11,15 +11,21 @@ import numpy as np
 
 from planners.flow import graph_key
 from planners.mission.flight import Sample
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution, sample_through
+from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.text import time_text
+from replay_kit.estimator.basis.embedding import embed
 
 _NS = 1_000_000_000
 # Flows of an estimate that changes come in multiples of this number of steps: a program serves all sequences of one length.
 _STEPS = 4
+# Flows in each period of an oscillation.
+_A_PERIOD = 8
 # Half the distance, in kernel lengths, over which the current's rotation is taken.
 _STENCIL = 0.05
 
@@ -48,7 +54,7 @@ class KnownCurrent:
         if len(self.estimates) > 1 or not isinstance(later, Evolution) or self.first.time_ns is None:
             return None
         known = later.trimmed().process
-        return known if known.times_ns.size > 1 or np.isfinite(known.scales).any() else None
+        return known if known.times_ns.size > 1 or np.isfinite(known.scales).any() or later.oscillation is not None else None
 
     @cached_property
     def changes(self) -> bool:
@@ -78,12 +84,10 @@ class KnownCurrent:
         if not self.changes:
             return self.first
         later, now = self.first.later, self.first.time_ns or begin_ns
-        times = _times(self.process, self.flow_step, begin_ns, seconds)
+        times = _times(self.process, self._step, begin_ns, seconds)
         # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
-        return [
-            later.flow(self.first, time_ns) if time_ns < now and isinstance(later, Evolution) else self.first.at(time_ns)
-            for time_ns in times
-        ]
+        slow = [later.flow(self.first, time) if time < now and isinstance(later, Evolution) else self.first.at(time) for time in times]
+        return [replace(flow, latent=flow.latent + self._oscillating(time)) for flow, time in zip(slow, times, strict=True)]
 
     def samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Sample]:
         """Return samples of the current: of an estimate that changes drawn through time, of others drawn once.
@@ -99,8 +103,32 @@ class KnownCurrent:
         if self.process is None:
             return self.first.sample(count, seed)
         now = self.first.time_ns or begin_ns
-        times = [max(time_ns, now) for time_ns in _times(self.process, self.flow_step, begin_ns, seconds)]
-        return sample_through(self.first, times, count, seed)
+        times = [max(time_ns, now) for time_ns in _times(self.process, self._step, begin_ns, seconds)]
+        drawn = sample_through(self.first, times, count, seed)
+        if self.oscillation is None:
+            return drawn
+        added = [self._oscillating(time) for time in times]
+        return [[replace(flow, latent=flow.latent + more) for flow, more in zip(through, added, strict=True)] for through in drawn]
+
+    @property
+    def oscillation(self) -> Oscillation | None:
+        """What oscillates beside the slow current of the only estimate."""
+        return self.first.later.oscillation if len(self.estimates) == 1 and isinstance(self.first.later, Evolution) else None
+
+    @property
+    def _step(self) -> float:
+        """Longest time between flows [s]: between an oscillation's, linear, its amplitude errs by 8 % at most."""
+        return self.flow_step if self.oscillation is None else min(self.flow_step, self.oscillation.shortest_period / _A_PERIOD)
+
+    @cached_property
+    def _uniform(self) -> Array:
+        """Latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2)."""
+        first = self.first
+        return embed(first.horizontal, first.nodes, np.repeat(np.eye(2), len(first.nodes), axis=0), EstimatorConfig().nugget)
+
+    def _oscillating(self, time_ns: int) -> Array | float:
+        """Return the latent values of what oscillates at a time [ns, UTC], shape (M, Z); 0 where nothing does."""
+        return 0.0 if self.oscillation is None else self._uniform @ self.oscillation.velocity(time_ns)
 
     def check_time(self, name: str, time_ns: int) -> None:
         """Raise PlanError for a time [ns, UTC] at which the forecast says nothing; ``name`` is that of the option.
@@ -195,7 +223,7 @@ def _times(process: ProcessModel | None, flow_step: float, begin_ns: int, second
     return [first + k * step for k in range(steps + 1)]
 
 
-def _vorticity(flow: FlowEstimate) -> np.ndarray:
+def _vorticity(flow: FlowEstimate) -> Array:
     """Return dv/dx - du/dy at the nodes at each level, shape (N, Z) [1/s]."""
     kernel, (east, north) = flow.horizontal.kernel, (values[:, None] for values in flow.nodes.T)
     dx, dy = _STENCIL * kernel.length_east, _STENCIL * kernel.length_north

@@ -9,15 +9,20 @@ import pytest
 from planners import MissionRequest, MissionSettings, best_departure, cut_at_horizon, plan_departures, plan_mission
 from planners.mission.flights import fly_mission
 from planners.mission.horizon import first_legs
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, constant
+from replay_kit.core.flow.evolution import Evolution, constant, sample_through
+from replay_kit.core.flow.load import load
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.geodesy import distance
 from replay_kit.core.text import time_text
 from replay_kit.core.time import parse_duration
+from replay_kit.estimator.evolving import build_evolving
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 from replay_kit.workflows.planning.request import departures_of
+from tests import synthetic
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place, still_flow, uniform_flow
 
@@ -211,6 +216,40 @@ def test_a_current_of_one_time_says_for_how_long_it_holds(tmp_path):
     assert "the current is frozen at 2026-01-01 12:00:00Z; beyond" in answer(path)["notes"][0]
     done = ask(path, "--depart", "2026-01-01T12:00Z,2026-01-02T00:00Z,6h")
     assert "--depart: expected a current that changes, got one that is frozen at 2026-01-01 12:00:00Z" in str(done.exception)
+
+
+def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
+    config = TimeConfig(scale=1e6, oscillators=("steady", "inertial", "M2"), oscillator_scale=3e5)
+    members = replace(synthetic.ensemble(), time_ns=NOON)
+    estimator = build_evolving([members], EstimatorConfig(modes=8), config)
+    part, rng = estimator.state_space.parts["oscillations"], np.random.default_rng(2)
+    state = replace(estimator.initial(), time_ns=NOON)
+    means = state.means.copy()
+    means[part, 0] = rng.normal(size=part.stop - part.start)
+    state = replace(state, means=means)
+    flow = estimator.flow(state)
+    flow.save(tmp_path / "flow.nc")
+    operator, depth, zero = estimator.operator, flow.levels, np.zeros(part.stop - part.start)
+    for estimate in (flow, load(tmp_path / "flow.nc")):
+        known = KnownCurrent((estimate,), 43200.0)
+        through = known.flow(NOON, 86400.0)
+        # eight times in the twelve hours of the tide
+        assert through[1].time_ns - through[0].time_ns == pytest.approx(12.4206 / 8 * HOUR, rel=1e-4)
+        drawn = known.samples(NOON, 86400.0, 3, 1)
+        for k in (0, 3, 7):
+            seconds = (through[k].time_ns - NOON) / 1e9
+            later = estimator.state_space.predict_mean(state.mean, seconds)[part]
+            still = zero.copy()
+            turning = np.repeat(operator.oscillations.omega != 0.0, 2 * operator.oscillations.knots.size)
+            still[turning] = later[turning]
+            expected = [operator.oscillations.weights(depth) @ operator.oscillations.factor(c) @ still for c in (0, 1)]
+            slow = flow.at(through[k].time_ns)
+            here = flow.nodes[len(flow.nodes) // 2]
+            found = through[k].velocity(*here, depth) - slow.velocity(*here, depth)
+            np.testing.assert_allclose(found, np.column_stack(expected), atol=2e-3)
+            assert np.abs(found).max() > 0.02
+            plain = sample_through(flow, [one.time_ns for one in through], 3, 1)
+            np.testing.assert_allclose(drawn[2][k].latent - plain[2][k].latent, through[k].latent - slow.latent, atol=1e-9)
 
 
 def test_a_mission_longer_than_the_forecast_is_told():
