@@ -22,11 +22,14 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
 from replay_kit.estimator import embed_member
 from replay_kit.studies.twins.vehicle import NS_PER_S
+from replay_kit.workflows.planning.currents import uniform_currents
 
 #: A goal is passed at this distance [m].
 PASSED = 1_500.0
 # A mission is given up after so many times the truth's earliest arrival.
 _LONGEST = 1.6
+# Time within which the error of a leg's mean current fades [s]: a glider is then in other water.
+_FADES = 86_400.0
 # Steps into which a leg's track is divided where the first passage is sought.
 _FINE = 8
 
@@ -94,25 +97,50 @@ def follow_plan(truth: Sea, crossing: Crossing, plan: MissionPlan) -> Voyage:
     return Voyage(passed, len(plan.headings_deg), closest, 1)
 
 
-def replan(truth: Sea, known: Sea | FlowEstimate, crossing: Crossing, first: MissionPlan, limit: float) -> Voyage:
+def with_error(known: Sea, uniform: Array, error: Array, now_ns: int) -> Sea:
+    """Return what is known of a current from now on, with the error of the last leg's mean current: it fades within a day.
+
+    Args:
+        known: The current at its times.
+        uniform: shape (M, 2), of ``uniform_currents``.
+        error: shape (2,), mean current of the leg less that predicted [m/s].
+        now_ns: [ns, UTC].
+    """
+    fades = now_ns + round(_FADES * NS_PER_S)
+    begins, later = frozen(known, now_ns), frozen(known, fades)
+    begins = replace(begins, latent=begins.latent + (uniform @ error)[:, None])
+    between = [flow for flow in known if now_ns < (flow.time_ns or 0) < fades]
+    shares = [1.0 - ((flow.time_ns or 0) - now_ns) / (_FADES * NS_PER_S) for flow in between]
+    moved = [replace(flow, latent=flow.latent + s * (uniform @ error)[:, None]) for flow, s in zip(between, shares, strict=True)]
+    return (begins, *moved, later, *(flow for flow in known if (flow.time_ns or 0) > fades))
+
+
+def replan(truth: Sea, known: Sea, crossing: Crossing, first: MissionPlan, limit: float) -> Voyage:
     """Return how a mission goes that is planned anew at each surfacing, on what is known of the current.
+
+    The leg's end, less where it was predicted, tells by how much its mean current was wrong; the next day is planned with that error.
 
     Args:
         truth: What it is flown in.
-        known: What is planned on: it learns nothing on the way but where the glider is.
+        known: What is planned on.
         crossing: The mission.
         first: The plan that it begins with.
         limit: When it is given up [s].
     """
     plan, now, closest, legs, plans = first, 0.0, inf, 0, 1
+    projection, uniform, error = truth[0].grid.projection, uniform_currents(known[0]), np.zeros(2)
     while len(plan.headings_deg) and now < limit:
-        passed, nearest, ends, place = _fly(truth, crossing, first_legs(plan, 1, truth[0].grid.projection), now)
+        leg = first_legs(plan, 1, projection)
+        passed, nearest, ends, place = _fly(truth, crossing, leg, now)
         closest, legs = min(closest, nearest), legs + 1
         if np.isfinite(passed):
             return Voyage(passed, legs, closest, plans)
-        now = ends
+        # the prediction had the last leg's error in it
+        off = np.array(to_local(projection, place.longitude, place.latitude)) - leg.track[-1, :2]
+        error, now = error + off / (ends - now), ends
+        now_ns = crossing.start_ns + round(now * NS_PER_S)
         try:
-            plan = plan_mission(known, crossing.request(place, crossing.start_ns + round(now * NS_PER_S)), warm=plan)
+            plan = plan_mission(with_error(known, uniform, error, now_ns), crossing.request(place, now_ns), warm=plan)
         except PlanError:
             # the current has carried it to where no mission may begin
             break

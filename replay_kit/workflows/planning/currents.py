@@ -122,9 +122,7 @@ class KnownCurrent:
 
     @cached_property
     def _uniform(self) -> Array:
-        """Latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2)."""
-        first = self.first
-        return embed(first.horizontal, first.nodes, np.repeat(np.eye(2), len(first.nodes), axis=0), EstimatorConfig().nugget)
+        return uniform_currents(self.first)
 
     def _oscillating(self, time_ns: int) -> Array | float:
         """Return the latent values of what oscillates at a time [ns, UTC], shape (M, Z); 0 where nothing does."""
@@ -204,6 +202,11 @@ def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) 
                 "estimates of one forecast and region"
             )
     return KnownCurrent(tuple(flow for _, flow in files), flow_step)
+
+
+def uniform_currents(flow: FlowEstimate) -> Array:
+    """Return the latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2), of a flow's functions."""
+    return embed(flow.horizontal, flow.nodes, np.repeat(np.eye(2), len(flow.nodes), axis=0), EstimatorConfig().nugget)
 
 
 def _times(process: ProcessModel | None, flow_step: float, begin_ns: int, seconds: float) -> list[int]:

@@ -11,7 +11,8 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError
 from replay_kit.studies.planning.changing import Sailed, _around, figures, report_of, sail
 from replay_kit.studies.planning.job import PlanningJob
-from replay_kit.studies.planning.voyages import PASSED, Crossing, follow_plan, frozen, head_at_goal, replan, sea_of
+from replay_kit.studies.planning.voyages import PASSED, Crossing, follow_plan, frozen, head_at_goal, replan, sea_of, with_error
+from replay_kit.workflows.planning.currents import uniform_currents
 from tests import synthetic
 from tests.command import invoke
 from tests.planners.flow_samples import place, uniform_flow
@@ -46,6 +47,15 @@ def test_replanning_in_a_known_sea_passes_the_goal_when_its_first_plan_does_and_
     # 14 km less the last 1.5 at 0.29 m/s
     straight = head_at_goal(still, CROSSING, plan, 1e6).arrival
     assert straight == pytest.approx((14e3 - PASSED) / (0.3 * np.cos(np.deg2rad(15.0))), rel=0.02)
+
+
+def test_the_error_of_a_leg_s_current_is_planned_with_for_a_day():
+    sea, now = (*SEA, replace(SEA[1], time_ns=NOON + 60 * HOUR)), NOON + 12 * HOUR
+    told = with_error(sea, uniform_currents(SEA[0]), np.array([0.05, -0.02]), now)
+    assert [flow.time_ns for flow in told] == [now, NOON + 24 * HOUR, NOON + 36 * HOUR, NOON + 60 * HOUR]
+    for flow, share in zip(told, (1.0, 0.5, 0.0, 0.0), strict=True):
+        before = frozen(sea, flow.time_ns).velocity(0.0, 0.0, 100.0)
+        np.testing.assert_allclose(flow.velocity(0.0, 0.0, 100.0) - before, share * np.array([0.05, -0.02]), atol=1e-3)
 
 
 def test_a_frozen_current_is_that_between_its_times():
