@@ -181,4 +181,4 @@ def frame_function(projection: Projection) -> ca.Function:
         for value in (ca.jacobian(exact, at), ca.jacobian(exact, current))
     )
     rate = ca.substitute(ca.substitute(exact, current, ca.DM.zeros(2)), at, place + halfway) - turn @ halfway
-    return ca.Function("frame", [place, through, duration], [rate, turn, stretch], {"never_inline": True, "cse": True})
+    return ca.Function("frame", [place, through, duration], [rate, turn, stretch], {"cse": True})
