@@ -6,6 +6,7 @@ factors along each axis (``planners/shooting/stream.py``): two banded solutions 
 """
 
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ class FlowSpline:
         origin: shape (2,) [m], where the cell of the first window begins.
         spacing: shape (2,) [m].
         windows: shape (C, n_east, n_north, 6, 6), the coefficients that count in each cell [m^2/s].
+        low: shape (2,) [m], least east and north of what it covers.
+        high: shape (2,) [m], largest.
         largest_error: Of its velocity at random places of its surroundings, each at a random level and time [m/s].
         rms_error: Root mean square of that.
     """
@@ -41,16 +44,23 @@ class FlowSpline:
     origin: Array
     spacing: Array
     windows: Array
+    low: Array
+    high: Array
     largest_error: float = 0.0
     rms_error: float = 0.0
 
-    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array) -> Array:
+    def covers(self, places: Array) -> bool:
+        """Return whether all of some places, shape (n, 2) [m], are within what the spline covers."""
+        return bool(np.all((places >= self.low) & (places <= self.high)))
+
+    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS) -> Array:
         """Return the derivatives as ``Stream`` says."""
         at = (place - self.origin) / self.spacing
         cell = np.minimum(np.maximum(np.floor(at), 0.0), np.array(self.windows.shape[1:3]) - 1.0)
         share, first = at - cell, cell.astype(np.intp)
         powers = share[..., None] ** np.arange(_WINDOW)
-        factors = (powers @ _BASIS).reshape(len(place), 2, ORDERS, _WINDOW) / self.spacing[:, None, None] ** _ORDER[:, None]
+        factors = (powers @ _BASIS[:, : orders * _WINDOW]).reshape(len(place), 2, orders, _WINDOW)
+        factors /= self.spacing[:, None, None] ** np.arange(orders)[:, None]
         near = self.windows[columns, first[:, :1], first[:, 1:]]
         summed = np.matmul(weights, near.reshape(*columns.shape, -1)).reshape(*weights.shape[:2], _WINDOW, _WINDOW)
         return np.asarray(factors[:, None, 0] @ summed @ factors[:, 1].transpose(0, 2, 1)[:, None])
@@ -69,7 +79,7 @@ def _basis() -> Array:
     return out.reshape(_WINDOW, -1)
 
 
-_BASIS, _ORDER = _basis(), np.arange(ORDERS)
+_BASIS = _basis()
 # in memory: several attempts at one mission share them
 _splines = Recent[FlowSpline](4)
 
@@ -84,7 +94,7 @@ def spline_of(flow: FlowEstimate, latent: Array, points: int, low: Array, high: 
         low: shape (2,) [m], the box's least east and north.
         high: shape (2,) [m], its largest.
     """
-    key = (*graph_key(flow), latent.tobytes(), points, low.tobytes(), high.tobytes())
+    key = (*graph_key(flow), blake2b(np.ascontiguousarray(latent)).digest(), latent.shape, points, low.tobytes(), high.tobytes())
     return _splines.get(key, lambda: _spline(flow, latent, points, low, high))
 
 
@@ -97,7 +107,7 @@ def _spline(flow: FlowEstimate, latent: Array, points: int, low: Array, high: Ar
     stream = stream_of(flow, latent)
     coefficients = stream.products(*(fading[i] * _coefficients(stream.factors(i, sites[i])) for i in (0, 1)))
     windows = np.lib.stride_tricks.sliding_window_view(coefficients, (_WINDOW, _WINDOW), axis=(1, 2))
-    spline = FlowSpline(np.array([axis[_DEGREE // 2] for axis in sites]), spacing, windows)
+    spline = FlowSpline(np.array([axis[_DEGREE // 2] for axis in sites]), spacing, windows, low, high)
     return replace(spline, **_errors(spline, stream, low, high))
 
 

@@ -153,6 +153,7 @@ class MissionSolution:
         objective: In the program's units.
         iterations: IPOPT's.
         return_status: IPOPT's.
+        through: shape (L, 2, 2), derivatives of the places where legs end by those where they begin.
     """
 
     guess: MissionGuess
@@ -160,6 +161,7 @@ class MissionSolution:
     objective: float
     iterations: int
     return_status: str
+    through: Array
 
 
 _programs = Recent[Program](8)
@@ -191,6 +193,7 @@ def solve_mission(
         float(answer["f"]),
         int(statistics["iter_count"]),
         str(statistics["return_status"]),
+        program.functions.first(found)[1].places[:, -1, :, :2],
     )
 
 
@@ -220,7 +223,7 @@ def _case(model: MissionModel, data: MissionData) -> MissionCase:
     return MissionCase(
         stream_of(flow, data.latent) if model.spline is None else model.spline,
         schedule,
-        np.sum(schedule.steps[:, : shape.n_steps], axis=1),
+        schedule.lengths,
         data.drifts if shape.drifts else np.zeros(shape.n_legs),
         data.start,
         data.start_time,

@@ -32,6 +32,8 @@ REFINED = 2
 _MUCH_FASTER = 2.0
 # Glide angles among which the one of a given leg time is chosen.
 _ANGLES = 64
+# Least distance around start and goals that the spline of the flow covers [m].
+_AROUND = 1e5
 # Dives that turn above this are of no use [m].
 LEAST_DIVE = 10.0
 
@@ -121,12 +123,13 @@ class MissionTask:
 
     def n_steps(self, yo_depths: tuple[YoDepths, ...]) -> int:
         """Return the number of steps that is enough for each leg."""
-        return max(steps_needed(leg, self.stops, self.settings.steps) for leg in yo_depths)
+        return max(steps_needed(leg, self.stops, self.settings.steps) for leg in dict.fromkeys(yo_depths))
 
     def depths(self, yo_depths: tuple[YoDepths, ...]) -> tuple[Array, ...]:
         """Return the depths [m] of each leg's steps."""
         n_steps = self.n_steps(yo_depths)
-        return tuple(leg_depths(leg, self.stops, n_steps) for leg in yo_depths)
+        profiles = {leg: leg_depths(leg, self.stops, n_steps) for leg in dict.fromkeys(yo_depths)}
+        return tuple(profiles[leg] for leg in yo_depths)
 
     def goal_steps(self, goal_legs: tuple[int, ...], n_legs: int, within: Array) -> tuple[int, ...]:
         """Return after which step of its leg each goal is met, counted from 1; 0 for the leg's end.
@@ -183,14 +186,23 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     rings = fixed_rings(region, request.no_go, bottom)
     for name, point in zip(["start", *names], [start, *goals], strict=True):
         _check_place(rings, bottom, name, point)
-    if settings.spline and currents.times is not None:
-        raise PlanError("a spline represents one estimate, not a flow that changes in time; plan such a mission without it")
     # a region that is less deep everywhere needs no search for how deep each dive may be
     depth = min(settings.depth, max(bottom.deepest, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2])))
     request = replace(request, settings=replace(settings, depth=depth))
     clock, deadline = time_on_clock(currents, request.start_time_ns), monotonic() + settings.time_limit
     task = MissionTask(request, currents, region, rings, bottom, start, goals, clock, deadline=deadline)
-    return replace(task, spline=spline_of(currents.flow, settings.spline)) if settings.spline and task.is_finite else task
+    if not settings.spline or not task.is_finite:
+        return task
+    return replace(task, spline=spline_of(currents.flow, currents.latent[0], settings.spline, *_surroundings(region, start, goals)))
+
+
+def _surroundings(region: Region, start: Array, goals: Array) -> tuple[Array, Array]:
+    """Return the corners of a box, shape (2,) [m] each, that a mission from a start past goals hardly ever leaves."""
+    known = np.concatenate([start[None, :2], goals[:, :2]])
+    low, high = known.min(axis=0), known.max(axis=0)
+    around = np.maximum(_AROUND, 0.5 * np.max(high - low))
+    outline = np.array([[f(axis) for axis in (region.grid.east, region.grid.north)] for f in (np.min, np.max)])
+    return np.maximum(low - around, outline[0]), np.minimum(high + around, outline[1])
 
 
 def _check_place(rings: tuple[Ring, ...], bottom: Bottom, name: str, point: Array) -> None:

@@ -32,15 +32,15 @@ _SIGN = np.array([1.0, -1.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """What the legs pass: the same numbers of steps for all.
+    """What the legs pass: the same numbers of steps for all, each of which has a beginning, a middle and an end.
 
     Attributes:
         steps: shape (L, N), metres of depth of each step under water, then seconds of each adrift.
         n_wet: Steps under water.
-        depth_passed: shape (L, S), metres of depth until each stage, two stages to a step.
-        adrift: shape (L, S), seconds adrift until each stage.
-        columns: shape (L, S, k), levels that count at each stage.
-        weights: shape (L, S, k), their weights.
+        depth_passed: shape (L, N, 3), metres of depth until there.
+        adrift: shape (L, N, 3), seconds adrift until there.
+        columns: shape (L, N, 3, k), levels that count there.
+        weights: shape (L, N, 3, k), their weights.
         n_levels: Of the flow.
         times: shape (T,) [s]; None for a flow that does not change.
     """
@@ -55,25 +55,34 @@ class Schedule:
     times: Array | None
 
     @property
+    def lengths(self) -> Array:
+        """Metres of depth that each leg passes, shape (L,)."""
+        return np.asarray(np.sum(self.steps[:, : self.n_wet], axis=1))
+
+    @property
     def n_derived(self) -> int:
         """Number of what a leg depends on: begin, heading, glide angle, and the time where the current changes."""
         return 4 if self.times is None else 5
 
+    def stages(self, values: Array) -> Array:
+        """Return what belongs to the stages of the midpoint method, shape (L, S, ...): two a step."""
+        return values[:, :, :2].reshape(len(values), -1, *values.shape[3:])
+
     def columns_at(self, times: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the columns that count at each stage, shape (L, S, k'), and their weights in the current and its rate, (L, S, m, k').
+        """Return the columns that count, shape (L, N, 3, k'), and their weights in the current and its rate, (L, N, 3, m, k').
 
         Args:
-            times: shape (L, S) [s], of the stages.
+            times: shape (L, N, 3) [s].
         """
         if self.times is None:
-            return self.columns, self.weights[:, :, None]
+            return self.columns, self.weights[..., None, :]
         before = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, self.times.size - 2)
         spacing = self.times[before + 1] - self.times[before]
         share = (times - self.times[before]) / spacing
         within, share = ((share >= 0.0) & (share <= 1.0)) / spacing, np.clip(share, 0.0, 1.0)
-        columns = np.concatenate([self.columns + (self.n_levels * (before + later))[..., None] for later in (0, 1)], axis=2)
-        of_time = np.stack([np.stack([1.0 - share, share], axis=-1), np.stack([-within, within], axis=-1)], axis=2)
-        return columns, (of_time[..., None] * self.weights[:, :, None, None]).reshape(*of_time.shape[:3], -1)
+        columns = np.concatenate([self.columns + (self.n_levels * (before + later))[..., None] for later in (0, 1)], axis=-1)
+        of_time = np.stack([np.stack([1.0 - share, share], axis=-1), np.stack([-within, within], axis=-1)], axis=-2)
+        return columns, (of_time[..., None] * self.weights[..., None, None, :]).reshape(*of_time.shape[:4], -1)
 
 
 def schedule_of(depths: Sequence[Array], drifts: Array, adrift: bool, levels: Array, functions: DepthFunctions, times: Array | None) -> Schedule:
@@ -87,25 +96,18 @@ def schedule_of(depths: Sequence[Array], drifts: Array, adrift: bool, levels: Ar
         functions: How levels combine.
         times: Of the flow, shape (T,) [s]; None for one that does not change.
     """
-    at, count = np.array(depths), DRIFT_STEPS * int(adrift)
-    steps = np.abs(np.diff(at, axis=1))
+    at, count, shares = np.array(depths), DRIFT_STEPS * int(adrift), np.array([0.0, 0.5, 1.0])
+    wet, n_legs = np.abs(np.diff(at, axis=1)), len(at)
     middles = 0.5 * (at[:, :-1] + at[:, 1:])
-    stages = np.concatenate([np.stack([at[:, :-1], middles], axis=2).reshape(len(at), -1), np.zeros((len(at), 2 * count))], axis=1)
-    passed = np.cumsum(steps, axis=1)
-    until = np.stack([passed - steps, passed - 0.5 * steps], axis=2).reshape(len(at), -1)
-    each = drifts[:, None] / DRIFT_STEPS * np.ones(count)
-    seconds = (0.5 * drifts / DRIFT_STEPS)[:, None] * np.arange(2 * count)
+    stages = np.concatenate([np.stack([at[:, :-1], middles, at[:, 1:]], axis=2), np.zeros((n_legs, count, 3))], axis=1)
+    steps = np.concatenate([wet, drifts[:, None] / DRIFT_STEPS * np.ones(count)], axis=1)
+    until = [np.zeros((n_legs, steps.shape[1], 3)) for _ in range(2)]
+    for kind, chosen in zip(until, (slice(0, wet.shape[1]), slice(wet.shape[1], None)), strict=True):
+        passed = np.cumsum(steps[:, chosen], axis=1)
+        kind[:, chosen] = (passed - steps[:, chosen])[..., None] + steps[:, chosen, None] * shares
+    until[0][:, wet.shape[1] :] = wet.sum(axis=1)[:, None, None]
     columns, weights = _of_levels(stages, levels, functions)
-    return Schedule(
-        np.concatenate([steps, each], axis=1),
-        steps.shape[1],
-        np.concatenate([until, np.repeat(passed[:, -1:], 2 * count, axis=1)], axis=1),
-        np.concatenate([np.zeros(until.shape), seconds], axis=1),
-        columns,
-        weights,
-        levels.size,
-        times,
-    )
+    return Schedule(steps, wet.shape[1], until[0], until[1], columns, weights, levels.size, times)
 
 
 def _of_levels(depths: Array, levels: Array, functions: DepthFunctions) -> tuple[NDArray[np.intp], Array]:
@@ -131,6 +133,11 @@ class Starts:
     legs: Array
     times: Array
     coefficients: Array
+
+    def clock(self, schedule: Schedule) -> Array:
+        """Return the times of the beginning, middle and end of each step of the legs, shape (L, N, 3) [s]."""
+        passed = schedule.depth_passed * self.coefficients[:, None, SIGMA:]
+        return np.asarray(self.times[:, None, None] + passed + schedule.adrift)
 
     def motion(self, wet: bool) -> tuple[Array, Array]:
         """Return rho, shape (L, 2), and tau beside kappa, shape (L, 2, 4), under water or adrift."""
@@ -203,17 +210,16 @@ def fly_paths(stream: Stream, schedule: Schedule, starts: Starts) -> Paths:
         starts: Of the legs.
     """
     (n_legs, n_steps), begins = schedule.steps.shape, starts.legs[:, :2]
-    clock = starts.times[:, None] + schedule.depth_passed * starts.coefficients[:, SIGMA:] + schedule.adrift
-    columns, weights = schedule.columns_at(clock)
+    columns, weights = schedule.columns_at(starts.clock(schedule))
     places, at = np.empty((n_legs, n_steps + 1, 2)), np.empty((n_legs, 2 * n_steps, 2))
-    found = np.empty((n_legs, 2 * n_steps, weights.shape[2], 16))
+    found = np.empty((n_legs, 2 * n_steps, weights.shape[3], 16))
     places[:, 0] = begins
     motions = [starts.motion(wet) for wet in (True, False)]
     for i in range(n_steps):
         here, step, (rho, matrix) = places[:, i], schedule.steps[:, i, None], motions[int(i >= schedule.n_wet)]
         for s in (2 * i, 2 * i + 1):
             at[:, s] = here
-            found[:, s] = stream.derivatives(here, columns[:, s], weights[:, s]).reshape(n_legs, -1, 16)
+            found[:, s] = stream.derivatives(here, columns[:, i, s % 2], weights[:, i, s % 2]).reshape(n_legs, -1, 16)
             moved = np.concatenate([here - begins, found[:, s, 0, _VALUE] * _SIGN], axis=1)
             rate = rho + (matrix @ moved[..., None])[..., 0]
             here = places[:, i] + (0.5 * step if s == 2 * i else step) * rate
@@ -243,7 +249,7 @@ class Derivatives:
 
     def times(self, schedule: Schedule) -> Array:
         """Return the derivatives of the stages' times, shape (L, S, Q)."""
-        times = schedule.depth_passed[..., None] * self.coefficients[:, None, SIGMA]
+        times = schedule.stages(schedule.depth_passed)[..., None] * self.coefficients[:, None, SIGMA]
         times[..., GIVEN:] = 1.0
         return np.asarray(times)
 
@@ -264,7 +270,7 @@ def derive(paths: Paths, coefficients: Array) -> Derivatives:
         by_place[:, stages] = matrix[..., :2] + matrix[..., 2:] @ slope[:, stages, :, :2]
         by_leg[:, stages] = _moved(paths, wide, wet) - matrix[..., :2] @ np.eye(2, count)
         if schedule.times is not None:
-            times = schedule.depth_passed[:, stages, None] * wide[:, None, SIGMA] + np.eye(1, count, GIVEN)
+            times = schedule.stages(schedule.depth_passed)[:, stages, None] * wide[:, None, SIGMA] + np.eye(1, count, GIVEN)
             by_leg[:, stages] += (matrix[..., 2:] @ slope[:, stages, :, 2:]) * times[:, :, None]
     step = schedule.steps[..., None, None]
     first, half = by_place[:, ::2], by_place[:, 1::2]
@@ -339,7 +345,7 @@ def derive_twice(paths: Paths, first: Derivatives, weights: Array) -> tuple[Arra
         second += moves[:, stages].reshape(flat).transpose(0, 2, 1) @ bent.reshape(flat)
         if schedule.times is not None:
             rate = np.sum(of_velocity * first.slope[:, stages, :, 2], axis=2)
-            sums[:, SIGMA] += np.sum(rate * schedule.depth_passed[:, stages], axis=1)
+            sums[:, SIGMA] += np.sum(rate * schedule.stages(schedule.depth_passed)[:, stages], axis=1)
         # of each row of tau and kappa: what its numbers are multiplied by, and how that moves
         at = np.arange(TAU, TAU + 8) if wet else np.arange(STRETCH, SIGMA)
         transposed, chosen = weight.transpose(0, 2, 1), slice(0, None) if wet else slice(2, None)

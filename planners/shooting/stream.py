@@ -27,15 +27,14 @@ ORDERS = 4
 class Stream(Protocol):
     """A stream function of several columns of latent values."""
 
-    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array) -> Array:
-        """Return d^(p+q) psi / dx^p dy^q, shape (K, m, 4, 4) [m^2/s over m^(p+q)], of m sums of columns near each of K places.
-
-        Those of order p + q <= 3 are exact; the others are not needed.
+    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS) -> Array:
+        """Return d^(p+q) psi / dx^p dy^q, shape (K, m, orders, orders) [m^2/s over m^(p+q)], of m sums of columns near each of K places.
 
         Args:
             place: shape (K, 2) [m], local east and north.
             columns: shape (K, k), the columns that count at each place.
             weights: shape (K, m, k), their weights in each sum.
+            orders: How many of each axis: 2 for velocities, 4 with their second derivatives.
         """
 
 
@@ -61,9 +60,9 @@ class LatticeStream:
     lattice: StreamFunctionLattice
     coefficients: Array
 
-    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array) -> Array:
+    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS) -> Array:
         """Return the derivatives as ``Stream`` says."""
-        first, factors = window_factors(self.lattice, place)
+        first, factors = _window_factors(self.lattice, place, orders)
         windows = np.lib.stride_tricks.sliding_window_view(self.coefficients, (WINDOW, WINDOW), axis=(1, 2))
         near = windows[columns, first[:, :1], first[:, 1:]]
         summed = np.matmul(weights, near.reshape(*columns.shape, -1)).reshape(*weights.shape[:2], WINDOW, WINDOW)
@@ -80,24 +79,23 @@ class LatticeStream:
         return np.asarray(east @ self.coefficients @ north.T)
 
 
-def window_factors(lattice: StreamFunctionLattice, place: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return the first lattice lines that count at each place, shape (K, 2), and the Gaussians there, shape (2, K, 4, 18).
-
-    Args:
-        lattice: Of the Gaussians.
-        place: shape (K, 2) [m].
-    """
+def _window_factors(lattice: StreamFunctionLattice, place: Array, orders: int) -> tuple[NDArray[np.intp], Array]:
+    """Return the first lattice lines that count at each place, shape (K, 2), and the Gaussians there, shape (2, K, orders, 18)."""
     origin, spacing, widths = (np.array(pair) for pair in (lattice.origin, lattice.spacing, lattice.widths))
     first = np.clip(np.floor((place - origin) / spacing) - (WINDOW // 2 - 1), 0, np.array(lattice.shape) - WINDOW)
     x = ((place - origin - spacing * first).T[..., None] - spacing[:, None, None] * np.arange(WINDOW)) / widths[:, None, None]
-    return first.astype(np.intp), _gaussians(x, widths)
+    return first.astype(np.intp), _gaussians(x, widths, orders)
 
 
-def _gaussians(x: Array, widths: Array) -> Array:
-    """Return exp(-x^2 / 2) and its derivatives by the place, shape (2, K, 4, n), at distances in widths, shape (2, K, n)."""
-    gaussian, slope = np.exp(-0.5 * x * x), -1.0 / widths[:, None, None]
-    square = x * x
-    return np.stack([gaussian, slope * x * gaussian, slope**2 * (square - 1.0) * gaussian, slope**3 * x * (square - 3.0) * gaussian], axis=2)
+def _gaussians(x: Array, lengths: Array, orders: int) -> Array:
+    """Return exp(-x^2 / 2) and its derivatives by the place, shape (2, K, orders, n), at distances in lengths, shape (2, K, n)."""
+    slope, term = -1.0 / lengths[:, None, None], np.exp(-0.5 * x * x)
+    terms, before = [term], np.zeros_like(x)
+    for order in range(orders - 1):
+        # the Hermite polynomials: He_(p+1) = x He_p - p He_(p-1), each derivative one more length
+        before, term = term, slope * x * term - order * slope**2 * before
+        terms.append(term)
+    return np.stack(terms, axis=2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,20 +110,20 @@ class NodeStream:
     functions: NodeKernel
     latent: Array
 
-    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array) -> Array:
+    def derivatives(self, place: Array, columns: NDArray[np.intp], weights: Array, orders: int = ORDERS) -> Array:
         """Return the derivatives as ``Stream`` says."""
         kernel, nodes = self.functions.kernel, self.functions.nodes
         lengths = np.array([kernel.length_east, kernel.length_north])
-        factors = _hermites((place.T[..., None] - nodes.T[:, None]) / lengths[:, None, None], lengths)
+        factors = _gaussians((place.T[..., None] - nodes.T[:, None]) / lengths[:, None, None], lengths, orders + 1)
         used, inverse = np.unique(columns, return_inverse=True)
         spread = np.zeros((*weights.shape[:2], used.size))
         np.add.at(spread, (np.arange(len(place))[:, None], slice(None), inverse.reshape(columns.shape)), weights.transpose(0, 2, 1))
         latent = (kernel.speed * kernel.length_east) ** 2 * (spread @ self.latent[used])
         n = len(nodes)
-        # psi = sum k (Y beta_u / ly - X beta_v / lx); -l d/dx turns the Gaussian into its next Hermite function
-        (x, y), (lx, ly) = factors, lengths
-        of_u = -(x[:, None, :ORDERS] * latent[:, :, None, :n]) @ y[:, None, 1:].swapaxes(-1, -2)
-        of_v = (x[:, None, 1:] * latent[:, :, None, n:]) @ y[:, None, :ORDERS].swapaxes(-1, -2)
+        # psi = sum (beta_v d/dx - beta_u d/dy) k
+        x, y = factors
+        of_u = -(x[:, None, :orders] * latent[:, :, None, :n]) @ y[:, None, 1:].swapaxes(-1, -2)
+        of_v = (x[:, None, 1:] * latent[:, :, None, n:]) @ y[:, None, :orders].swapaxes(-1, -2)
         return np.asarray(of_u + of_v)
 
     def factors(self, axis: int, sites: Array) -> Array:
@@ -141,13 +139,6 @@ class NodeStream:
         kernel, n = self.functions.kernel, len(self.functions.nodes)
         latent = (kernel.speed * kernel.length_east) ** 2 * self.latent
         return np.stack([(one[n:] * east[:, n:]) @ north[:, :n].T - (one[:n] * east[:, :n]) @ north[:, n:].T for one in latent])
-
-
-def _hermites(x: Array, lengths: Array) -> Array:
-    """Return exp(-x^2 / 2) and its derivatives by the place up to the fourth, shape (2, K, 5, N), at distances in lengths, (2, K, N)."""
-    slope, square = -1.0 / lengths[:, None, None, None], x * x
-    hermite = [np.ones_like(x), x, square - 1.0, x * (square - 3.0), square * (square - 6.0) + 3.0]
-    return np.stack(hermite, axis=2) * slope ** np.arange(ORDERS + 1)[:, None] * np.exp(-0.5 * square)[:, :, None]
 
 
 def stream_of(flow: FlowEstimate, latent: Array) -> Separable:
