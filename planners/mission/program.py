@@ -12,11 +12,12 @@ import numpy as np
 from planners.mission.reference_path import REFERENCE_SLACK_COST, ReferencePath
 from planners.shooting.callbacks import Program
 from planners.shooting.frames import FrameMap
-from planners.shooting.functions import Layout, MissionCase, MissionFunctions, Reference
-from planners.shooting.paths import schedule_of
+from planners.shooting.functions import MissionCase, MissionFunctions, Reference
+from planners.shooting.layout import Layout
+from planners.shooting.schedule import schedule_of
+from planners.shooting.spline import FlowSpline
 from planners.shooting.stream import stream_of
 from planners.solver import HOUR, KM, MOST_ITERATIONS, Recent
-from planners.spline import FlowSpline
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -238,6 +239,4 @@ def _case(model: MissionModel, data: MissionData) -> MissionCase:
 
 def _reference(path: ReferencePath, data: MissionData) -> Reference:
     """Return a reference path as the program's functions take it."""
-    return Reference(
-        path.origin / KM, path.across, data.reference_weights, data.reference_limits / KM, data.penalty * REFERENCE_SLACK_COST
-    )
+    return Reference(path.origin / KM, path.across, data.reference_weights, data.reference_limits / KM, data.penalty * REFERENCE_SLACK_COST)

@@ -5,20 +5,17 @@ from functools import lru_cache
 import numpy as np
 
 from planners.mission.flight import Currents, Flight, Legs, fly_legs
-from planners.mission.leg import DRIFT_STEPS
 from planners.mission.program import MissionSolution
 from planners.shooting.flight import fly_together
 from planners.shooting.frames import FrameMap
-from planners.shooting.paths import schedule_of
+from planners.shooting.schedule import DRIFT_STEPS, schedule_of
 from planners.shooting.stream import stream_of
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Projection
 
 
-def fly_solution(
-    currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float, solution: MissionSolution
-) -> Flight:
+def fly_solution(currents: Currents, vehicle: Glider, start: Array, legs: Legs, start_time: float, solution: MissionSolution) -> Flight:
     """Return the flight of the legs of a solution, as ``fly_legs`` does to a thousandth of a millimetre.
 
     Args:

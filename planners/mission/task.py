@@ -18,7 +18,7 @@ from planners.route.graph import Route, RouteGraph, build_route_graph
 from planners.route.hazards import Ring, check_outside
 from planners.route.region import Region, locate, region_of
 from planners.route.table import tabulate
-from planners.spline import FlowSpline, spline_of
+from planners.shooting.spline import FlowSpline, spline_of
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

@@ -77,6 +77,12 @@ class Program:
         if key not in self._solvers:
             x = ca.MX.sym("x", self.functions.layout.n_unknowns)
             cost, constraints = self._value(x)
-            options = {**OPTIONS, **(WARM if warm_start else {}), "ipopt.max_iter": max_iterations, "no_nlp_grad": True, **self._derivatives}
+            options = {
+                **OPTIONS,
+                **(WARM if warm_start else {}),
+                "ipopt.max_iter": max_iterations,
+                "no_nlp_grad": True,
+                **self._derivatives,
+            }
             self._solvers[key] = ca.nlpsol("mission", "ipopt", {"x": x, "f": cost, "g": constraints}, options)
         return self._solvers[key]

@@ -8,7 +8,8 @@ ends by their beginnings. This is Newton's method; two or three rounds are enoug
 import numpy as np
 
 from planners.shooting.frames import FrameMap
-from planners.shooting.paths import Schedule, Starts
+from planners.shooting.paths import Starts
+from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream
 from replay_kit.core.arrays import Array
 
@@ -17,7 +18,7 @@ _MEETS, _ROUNDS = 1e-6, 8
 
 
 def fly_together(
-    stream: Stream, schedule: Schedule, frames: FrameMap, starts: tuple[Array, Array], through: Array
+    stream: Stream, schedule: Schedule, frames: FrameMap, starts: tuple[Array, float], through: Array
 ) -> tuple[Array, Array] | None:
     """Return the places at the beginning of each step and the end of the last, shape (L, N + 1, 2) [m], and their times, (L, N + 1) [s].
 
@@ -30,7 +31,7 @@ def fly_together(
         starts: Where each leg begins, heading and glide angle, shape (L, 4); when the first begins [s]. The first begins exactly there.
         through: shape (L, 2, 2), derivatives of the legs' ends by their beginnings.
     """
-    legs, begin = starts[0].copy(), float(starts[1])
+    legs, begin = starts[0].copy(), starts[1]
     for _ in range(_ROUNDS):
         flown = _fly(stream, schedule, _timed(schedule, frames, legs, begin))
         missed = flown[0][:-1, -1] - legs[1:, :2]

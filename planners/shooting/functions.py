@@ -1,74 +1,19 @@
-"""A mission's nonlinear program as functions of its unknowns: cost, constraints, and their exact derivatives.
-
-The unknowns are, leg after leg, where and when it ends [km, km, h], its heading and its glide angle [rad]; then slack variables: of each
-goal what is missed towards east, north, west and south [km], of the reference path, of the half-planes [km].
-"""
+"""A mission's nonlinear program as functions of its unknowns: cost, constraints, and their exact derivatives."""
 
 from dataclasses import dataclass
-from typing import Any
 
-import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.shooting.frames import GIVEN, SIGMA, FrameMap
-from planners.shooting.paths import Derivatives, Paths, Schedule, Starts, derive, derive_twice, fly_paths
+from planners.shooting.layout import EACH, Layout, hessian_scatter, jacobian_scatter
+from planners.shooting.paths import Derivatives, Paths, Starts, derive, derive_twice, fly_paths
+from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
 
 # Distance [km] below which a weighted distance is a smooth bowl.
 BOWL = 1e-2
-_EACH = 5
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """Where the unknowns and constraints of a mission are.
-
-    Attributes:
-        n_legs: Number of legs.
-        goals: In which leg each goal is met, counted from 0, and after which of its steps, from 1; 0 for its end.
-        n_places: Places of a leg at which half-planes and the reference path count.
-        n_planes: Half-planes of each place.
-        has_reference: Whether there is a reference path.
-        changing: Whether the current changes.
-    """
-
-    n_legs: int
-    goals: tuple[tuple[int, int], ...]
-    n_places: int
-    n_planes: int
-    has_reference: bool
-    changing: bool
-
-    @property
-    def n_unknowns(self) -> int:
-        """Number of unknowns."""
-        return self.slack_at + 4 * len(self.goals) + int(self.has_reference) + int(self.n_planes > 0)
-
-    @property
-    def slack_at(self) -> int:
-        """Position of the first slack."""
-        return _EACH * self.n_legs
-
-    @property
-    def n_equal(self) -> int:
-        """Number of constraints that are equations."""
-        return 3 * self.n_legs + 2 * len(self.goals)
-
-    @property
-    def n_limited(self) -> int:
-        """Number of the others."""
-        return (self.n_planes + int(self.has_reference)) * self.n_places * self.n_legs
-
-    @property
-    def columns(self) -> NDArray[np.intp]:
-        """Positions, shape (L, Q), of what each leg depends on among the unknowns; -1 for the start of the first, which is known."""
-        legs = _EACH * np.arange(self.n_legs)[:, None]
-        before = np.where(legs > 0, legs - _EACH + np.arange(3), -1)
-        columns = np.concatenate([before[:, :2], legs + np.array([3, 4]), before[:, 2:]], axis=1)
-        return columns if self.changing else columns[:, :GIVEN]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,20 +68,6 @@ class MissionCase:
     reference: Reference | None
 
 
-class Scatter:
-    """Puts the entries of a sparse matrix, given in any order with positions of -1 left out, into the order of compressed columns."""
-
-    def __init__(self, rows: Array, columns: Array, shape: tuple[int, int]) -> None:
-        """Order entries at given rows and columns, shape (n,) each."""
-        kept = np.flatnonzero((rows >= 0) & (columns >= 0))
-        self._order = kept[np.lexsort((rows[kept], columns[kept]))]
-        self.sparsity = ca.Sparsity.triplet(*shape, rows[kept].tolist(), columns[kept].tolist())
-
-    def __call__(self, *parts: Array) -> Array:
-        """Return the entries, in order, of parts one after the other."""
-        return np.concatenate([np.ravel(part) for part in parts])[self._order]
-
-
 class MissionFunctions:
     """Cost and constraints of a mission and their derivatives; what is found at some unknowns is kept until others come."""
 
@@ -147,7 +78,7 @@ class MissionFunctions:
         self._at, self._first_at = b"", b""
         self._paths: Paths | None = None
         self._first: Derivatives | None = None
-        self.jacobian, self.hessian = _jacobian_scatter(layout), _hessian_scatter(layout)
+        self.jacobian, self.hessian = jacobian_scatter(layout), hessian_scatter(layout)
         self._scale = np.array([KM, KM, 1.0, 1.0, HOUR])[: layout.columns.shape[1]]
 
     def give(self, case: MissionCase) -> None:
@@ -162,7 +93,7 @@ class MissionFunctions:
         """Return the paths of the legs."""
         key = unknowns.tobytes()
         if self._paths is None or key != self._at:
-            case, legs = self._known(), unknowns[: self.layout.slack_at].reshape(-1, _EACH)
+            case, legs = self._known(), unknowns[: self.layout.slack_at].reshape(-1, EACH)
             begins = np.concatenate([[[*case.start / KM, 0.0]], legs[:-1, :3]])
             given = np.concatenate([begins[:, :2] * KM, legs[:, 3:]], axis=1)
             starts = Starts(given, case.start_time + begins[:, 2] * HOUR, self._frames.value(given, case.lengths))
@@ -184,7 +115,7 @@ class MissionFunctions:
     def value(self, unknowns: Array) -> tuple[float, Array]:
         """Return the cost and the constraints."""
         case, layout, paths = self._known(), self.layout, self.paths(unknowns)
-        legs, slacks = unknowns[: layout.slack_at].reshape(-1, _EACH), self._misses(unknowns)
+        legs, slacks = unknowns[: layout.slack_at].reshape(-1, EACH), self._misses(unknowns)
         ends = paths.starts.times + case.lengths * paths.starts.coefficients[:, SIGMA] + case.drifts - case.start_time
         equal = np.column_stack([paths.places[:, -1] / KM, ends / HOUR]) - legs[:, :3]
         places, miss = self._chosen(paths.places) / KM, slacks[:, :2] - slacks[:, 2:]
@@ -221,7 +152,7 @@ class MissionFunctions:
         miss = slacks[:, :2] - slacks[:, 2:]
         slope = 2.0 * squared * miss + linear * miss / np.sqrt(np.sum(miss**2, axis=1) + BOWL**2)[:, None]
         out[layout.slack_at : self._reference_at] = (each + np.concatenate([slope, -slope], axis=1)).ravel()
-        out[layout.slack_at - _EACH + 2] = case.time_weight
+        out[layout.slack_at - EACH + 2] = case.time_weight
         if case.reference is not None:
             reference = case.reference
             places, moved = self._places(*self.first(unknowns))
@@ -278,7 +209,10 @@ class MissionFunctions:
             each = 2.0 * (of_cost * reference.weights + of_limits / reference.limits)
             pulls += each[..., None] * ((places - reference.origin) @ reference.across.T @ reference.across)
             across = reference.across @ moved
-            curved, of_slack = np.einsum("lp,lpiq,lpir->lqr", each, across, across, optimize=True), -2.0 * np.sum(of_limits / reference.limits)
+            curved, of_slack = (
+                np.einsum("lp,lpiq,lpir->lqr", each, across, across, optimize=True),
+                -2.0 * np.sum(of_limits / reference.limits),
+            )
         n_wet = case.schedule.n_wet
         weights[:, :n_wet] += pulls[:, :n_wet]
         if places.shape[1] > n_wet:
@@ -304,43 +238,3 @@ class MissionFunctions:
 def _along(planes: Array, places: Array) -> Array:
     """Return normal . place of each half-plane, shape (L, n_places, P)."""
     return np.asarray((planes[..., :2] @ places[..., None])[..., 0])
-
-
-def _jacobian_scatter(layout: Layout) -> Scatter:
-    """Return where the entries of the Jacobian are, in the order in which ``MissionFunctions`` gives them."""
-    n_legs, columns, found = layout.n_legs, layout.columns, list[tuple[Any, Any]]()
-    legs = np.arange(n_legs)
-    found.append((3 * legs[:, None, None] + np.arange(2)[:, None], columns[:, None]))
-    found.append((3 * legs[:, None] + np.arange(3), _EACH * legs[:, None] + np.arange(3)))
-    found.append((3 * legs + 2, np.where(legs > 0, _EACH * legs - 3, -1)))
-    found.append((3 * legs + 2, _EACH * legs + 4))
-    for g, (leg, step) in enumerate(layout.goals):
-        rows = 3 * n_legs + 2 * g + np.arange(2)
-        found.append((rows[:, None], columns[leg]) if step else (rows, _EACH * leg + np.arange(2)))
-    rows = 3 * n_legs + 2 * np.arange(len(layout.goals))[:, None] + np.array([0, 1, 0, 1])
-    found.append((rows, layout.slack_at + np.arange(4 * len(layout.goals)).reshape(-1, 4)))
-    at, per_leg = layout.n_equal, columns[:, None, None]
-    if layout.n_planes:
-        rows = at + np.arange(n_legs * layout.n_places * layout.n_planes).reshape(n_legs, layout.n_places, layout.n_planes)
-        found += [(rows[..., None], per_leg), (rows, np.array(layout.n_unknowns - 1))]
-        at += rows.size
-    if layout.has_reference:
-        rows = at + np.arange(n_legs * layout.n_places).reshape(n_legs, layout.n_places)
-        found += [(rows[..., None], per_leg[:, 0]), (rows, np.array(layout.slack_at + 4 * len(layout.goals)))]
-    return _scatter(found, (layout.n_equal + layout.n_limited, layout.n_unknowns))
-
-
-def _hessian_scatter(layout: Layout) -> Scatter:
-    """Return where the entries of the Hessian's upper triangle are; those given below it are left out."""
-    columns = layout.columns
-    slacks = layout.slack_at + np.arange(4 * len(layout.goals)).reshape(-1, 4)
-    found: list[tuple[Any, Any]] = [(one[:, :, None], one[:, None]) for one in (columns, slacks)]
-    if layout.has_reference:
-        found.append((np.array([slacks.max() + 1]),) * 2)
-    return _scatter(found, (layout.n_unknowns,) * 2, upper=True)
-
-
-def _scatter(found: list[tuple[Any, Any]], shape: tuple[int, int], upper: bool = False) -> Scatter:
-    pairs = [[one.ravel() for one in np.broadcast_arrays(rows, columns)] for rows, columns in found]
-    rows, columns = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
-    return Scatter(np.where(rows <= columns, rows, -1) if upper else rows, columns, shape)

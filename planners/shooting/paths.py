@@ -1,8 +1,8 @@
 """The paths of a mission's legs by the midpoint method, all legs at once, with exact first and second derivatives.
 
 A leg from place x in a frame (``frames.py``) passes known depths: with g = rho + tau (P - x) + kappa u(P, t) per metre of depth, a step of
-h metres leads from P to P + h g(M), M = P + h / 2 g(P). All that a leg depends on is q: where it begins, heading, glide angle and, where the
-current changes, when it begins. With A = dg/dP and b = dg/dq at each stage the derivatives obey
+h metres leads from P to P + h g(M), M = P + h / 2 g(P). All that a leg depends on is q: where it begins, heading, glide angle and, in a
+current that changes, when it begins. With A = dg/dP and b = dg/dq at each stage the derivatives obey
 
     P'_(i+1) = F_i P'_i + h (h / 2 A_M b_P + b_M),    F_i = 1 + h A_M (1 + h / 2 A_P),
 
@@ -11,113 +11,20 @@ derivatives of g at each stage: no second derivatives of the points themselves a
 and a step leads over a hundredth of an eddy: ten dives end within a metre or so of where the classical Runge-Kutta method ends.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planners.mission.leg import DRIFT_STEPS
-from planners.shooting.frames import COUNT, GIVEN, KAPPA, RHO, SIGMA, STRETCH, TAU, FrameMap
+from planners.shooting.frames import COUNT, GIVEN, KAPPA, RHO, SIGMA, STRETCH, TAU
+from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 
 # Where derivatives of the stream function (numbers 4 p + q) are those of the velocity, and their signs: u = dpsi/dy, v = -dpsi/dx.
 _VALUE = np.array([1, 4])
 _SLOPE = np.array([[5, 2], [8, 5]])
 _BEND = np.array([[[9, 6], [6, 3]], [[12, 9], [9, 6]]])
 _SIGN = np.array([1.0, -1.0])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Schedule:
-    """What the legs pass: the same numbers of steps for all, each of which has a beginning, a middle and an end.
-
-    Attributes:
-        steps: shape (L, N), metres of depth of each step under water, then seconds of each adrift.
-        n_wet: Steps under water.
-        depth_passed: shape (L, N, 3), metres of depth until there.
-        adrift: shape (L, N, 3), seconds adrift until there.
-        columns: shape (L, N, 3, k), levels that count there.
-        weights: shape (L, N, 3, k), their weights.
-        n_levels: Of the flow.
-        times: shape (T,) [s]; None for a flow that does not change.
-    """
-
-    steps: Array
-    n_wet: int
-    depth_passed: Array
-    adrift: Array
-    columns: NDArray[np.intp]
-    weights: Array
-    n_levels: int
-    times: Array | None
-
-    @property
-    def lengths(self) -> Array:
-        """Metres of depth that each leg passes, shape (L,)."""
-        return np.asarray(np.sum(self.steps[:, : self.n_wet], axis=1))
-
-    @property
-    def n_derived(self) -> int:
-        """Number of what a leg depends on: begin, heading, glide angle, and the time where the current changes."""
-        return 4 if self.times is None else 5
-
-    def stages(self, values: Array) -> Array:
-        """Return what belongs to the stages of the midpoint method, shape (L, S, ...): two a step."""
-        return values[:, :, :2].reshape(len(values), -1, *values.shape[3:])
-
-    def columns_at(self, times: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the columns that count, shape (L, N, 3, k'), and their weights in the current and its rate, (L, N, 3, m, k').
-
-        Args:
-            times: shape (L, N, 3) [s].
-        """
-        if self.times is None:
-            return self.columns, self.weights[..., None, :]
-        before = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, self.times.size - 2)
-        spacing = self.times[before + 1] - self.times[before]
-        share = (times - self.times[before]) / spacing
-        within, share = ((share >= 0.0) & (share <= 1.0)) / spacing, np.clip(share, 0.0, 1.0)
-        columns = np.concatenate([self.columns + (self.n_levels * (before + later))[..., None] for later in (0, 1)], axis=-1)
-        of_time = np.stack([np.stack([1.0 - share, share], axis=-1), np.stack([-within, within], axis=-1)], axis=-2)
-        return columns, (of_time[..., None] * self.weights[..., None, None, :]).reshape(*of_time.shape[:4], -1)
-
-
-def schedule_of(depths: Sequence[Array], drifts: Array, adrift: bool, levels: Array, functions: DepthFunctions, times: Array | None) -> Schedule:
-    """Return the schedule of legs.
-
-    Args:
-        depths: Of the ends of each leg's steps, shape (n + 1,) each [m].
-        drifts: shape (L,) [s], after each leg.
-        adrift: Whether there are drifts at all.
-        levels: shape (Z,) [m].
-        functions: How levels combine.
-        times: Of the flow, shape (T,) [s]; None for one that does not change.
-    """
-    at, count, shares = np.array(depths), DRIFT_STEPS * int(adrift), np.array([0.0, 0.5, 1.0])
-    wet, n_legs = np.abs(np.diff(at, axis=1)), len(at)
-    middles = 0.5 * (at[:, :-1] + at[:, 1:])
-    stages = np.concatenate([np.stack([at[:, :-1], middles, at[:, 1:]], axis=2), np.zeros((n_legs, count, 3))], axis=1)
-    steps = np.concatenate([wet, drifts[:, None] / DRIFT_STEPS * np.ones(count)], axis=1)
-    until = [np.zeros((n_legs, steps.shape[1], 3)) for _ in range(2)]
-    for kind, chosen in zip(until, (slice(0, wet.shape[1]), slice(wet.shape[1], None)), strict=True):
-        passed = np.cumsum(steps[:, chosen], axis=1)
-        kind[:, chosen] = (passed - steps[:, chosen])[..., None] + steps[:, chosen, None] * shares
-    until[0][:, wet.shape[1] :] = wet.sum(axis=1)[:, None, None]
-    columns, weights = _of_levels(stages, levels, functions)
-    return Schedule(steps, wet.shape[1], until[0], until[1], columns, weights, levels.size, times)
-
-
-def _of_levels(depths: Array, levels: Array, functions: DepthFunctions) -> tuple[NDArray[np.intp], Array]:
-    """Return which levels count at each depth, and their weights: as many for each as the most that count at one."""
-    different, which = np.unique(depths, return_inverse=True)
-    weights = depth_weights(functions, different, levels)
-    most = int(np.max(np.sum(weights != 0.0, axis=1)))
-    columns = np.sort(np.argsort(weights == 0.0, axis=1, kind="stable")[:, :most], axis=1)
-    shape = (*depths.shape, most)
-    return columns[which.ravel()].reshape(shape), np.take_along_axis(weights, columns, axis=1)[which.ravel()].reshape(shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,11 +82,11 @@ class Paths:
 
     def velocity(self) -> Array:
         """Return the current at the stages, shape (L, S, 2) [m/s]."""
-        return self.stream[:, :, 0, _VALUE] * _SIGN
+        return np.asarray(self.stream[:, :, 0, _VALUE] * _SIGN)
 
     def slope(self) -> Array:
         """Return its derivatives by place and, where the current changes, time: shape (L, S, 2, 2 or 3)."""
-        slope = self.stream[:, :, 0, _SLOPE] * _SIGN[:, None]
+        slope = np.asarray(self.stream[:, :, 0, _SLOPE] * _SIGN[:, None])
         if self.schedule.times is None:
             return slope
         return np.concatenate([slope, (self.stream[:, :, 1, _VALUE] * _SIGN)[..., None]], axis=3)
@@ -192,7 +99,7 @@ class Paths:
             weights: shape (L, s, 2).
         """
         weights, stream = weights * _SIGN, self.stream[:, stages]
-        bend = np.sum(weights[..., None, None] * stream[:, :, 0, _BEND], axis=2)
+        bend = np.asarray(np.sum(weights[..., None, None] * stream[:, :, 0, _BEND], axis=2))
         if self.schedule.times is None:
             return bend
         wide = np.zeros((*bend.shape[:2], 3, 3))

@@ -6,7 +6,7 @@ products, so that near each place
     d^(p+q) psi / dx^p dy^q = X_p' (sum_c w_c C_c) Y_q,
 
 where X_p and Y_q, the factors along the axes and their derivatives, are the same for all columns. On a lattice the factors are Gaussians
-in a window around the place; of nodes they are the kernel's, all of them; in a spline they are B-splines (``planners/spline.py``).
+in a window around the place; of nodes they are the kernel's, all of them; in a spline they are B-splines (``spline.py``).
 """
 
 from dataclasses import dataclass
@@ -115,9 +115,8 @@ class NodeStream:
         kernel, nodes = self.functions.kernel, self.functions.nodes
         lengths = np.array([kernel.length_east, kernel.length_north])
         factors = _gaussians((place.T[..., None] - nodes.T[:, None]) / lengths[:, None, None], lengths, orders + 1)
-        used, inverse = np.unique(columns, return_inverse=True)
-        spread = np.zeros((*weights.shape[:2], used.size))
-        np.add.at(spread, (np.arange(len(place))[:, None], slice(None), inverse.reshape(columns.shape)), weights.transpose(0, 2, 1))
+        used, which = np.unique(columns, return_inverse=True)
+        spread = weights @ np.eye(used.size)[which.reshape(columns.shape)]
         latent = (kernel.speed * kernel.length_east) ** 2 * (spread @ self.latent[used])
         n = len(nodes)
         # psi = sum (beta_v d/dx - beta_u d/dy) k

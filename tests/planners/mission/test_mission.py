@@ -8,7 +8,7 @@ import pytest
 
 from planners import Bathymetry, Glider, MissionPlan, MissionRequest, MissionSettings, NoGo, Weights, plan_mission
 from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refine_steps
-from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, steps_needed
+from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, steps_needed
 from planners.mission.search import add_leg, goal_legs_of
 from planners.mission.task import MissionTask, is_out_of_reach, mission_task
 from planners.route.hazards import Ring, half_planes, no_go_rings
@@ -17,6 +17,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
 from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+from tests.reference.leg import leg_function, stage_latent
 from tests.reference.mission import fly_leg_slowly
 
 GLIDER = Glider()

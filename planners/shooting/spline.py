@@ -2,7 +2,7 @@
 
 The spline is of degree five in the plane, so that velocities have continuous second derivatives and no divergence. It covers the
 surroundings of a mission; beyond them its current fades to none. Levels and times stay those of the flow. Its coefficients are those of the
-factors along each axis (``planners/shooting/stream.py``): two banded solutions and a product for each column.
+factors along each axis (``stream.py``): two banded solutions and a product for each column.
 """
 
 from dataclasses import dataclass, replace
@@ -17,6 +17,7 @@ from planners.flow import graph_key
 from planners.shooting.stream import ORDERS, Stream, stream_of
 from planners.solver import Recent
 from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 
 _DEGREE = 5
@@ -37,7 +38,7 @@ class FlowSpline:
         windows: shape (C, n_east, n_north, 6, 6), the coefficients that count in each cell [m^2/s].
         low: shape (2,) [m], least east and north of what it covers.
         high: shape (2,) [m], largest.
-        largest_error: Of its velocity at random places of its surroundings, each at a random level and time [m/s].
+        largest_error: Of its velocity at random places of its surroundings, each at a random depth and time [m/s].
         rms_error: Root mean square of that.
     """
 
@@ -94,7 +95,7 @@ def spline_of(flow: FlowEstimate, latent: Array, points: int, low: Array, high: 
         low: shape (2,) [m], the box's least east and north.
         high: shape (2,) [m], its largest.
     """
-    key = (*graph_key(flow), blake2b(np.ascontiguousarray(latent)).digest(), latent.shape, points, low.tobytes(), high.tobytes())
+    key = (*graph_key(flow), blake2b(latent.tobytes()).digest(), latent.shape, points, low.tobytes(), high.tobytes())
     return _splines.get(key, lambda: _spline(flow, latent, points, low, high))
 
 
@@ -108,7 +109,8 @@ def _spline(flow: FlowEstimate, latent: Array, points: int, low: Array, high: Ar
     coefficients = stream.products(*(fading[i] * _coefficients(stream.factors(i, sites[i])) for i in (0, 1)))
     windows = np.lib.stride_tricks.sliding_window_view(coefficients, (_WINDOW, _WINDOW), axis=(1, 2))
     spline = FlowSpline(np.array([axis[_DEGREE // 2] for axis in sites]), spacing, windows, low, high)
-    return replace(spline, **_errors(spline, stream, low, high))
+    largest, rms = _errors(flow, spline, stream)
+    return replace(spline, largest_error=largest, rms_error=rms)
 
 
 def _coefficients(samples: Array) -> Array:
@@ -122,13 +124,15 @@ def _coefficients(samples: Array) -> Array:
 def _fading(sites: Array, low: float, high: float, length: float) -> Array:
     """Return 1 from low to high, falling to 0 over a length beyond them."""
     beyond = np.maximum(np.maximum(low - sites, sites - high), 0.0) / length
-    return np.asarray(np.cos(0.5 * np.pi * np.minimum(beyond, 1.0)) ** 2)
+    return np.where(beyond < 1.0, np.cos(0.5 * np.pi * beyond) ** 2, 0.0)
 
 
-def _errors(spline: FlowSpline, stream: Stream, low: Array, high: Array) -> dict[str, float]:
-    """Return the largest and the root mean square error of the velocity [m/s] at random places of a box, each in a random column."""
-    rng = np.random.default_rng(0)
-    at = rng.uniform(low, high, (_PLACES, 2)), rng.integers(0, len(spline.windows), (_PLACES, 1)), np.ones((_PLACES, 1, 1))
-    off = spline.derivatives(*at) - stream.derivatives(*at)
+def _errors(flow: FlowEstimate, spline: FlowSpline, stream: Stream) -> tuple[float, float]:
+    """Return the largest and the root mean square error of the velocity [m/s] at random places, each at a random depth and time."""
+    rng, n_levels = np.random.default_rng(0), flow.levels.size
+    at, depths = rng.uniform(spline.low, spline.high, (_PLACES, 2)), rng.uniform(flow.levels[0], flow.levels[-1], _PLACES)
+    times = rng.integers(0, len(spline.windows) // n_levels, (_PLACES, 1))
+    where = at, times * n_levels + np.arange(n_levels), depth_weights(flow.depth_functions, depths, flow.levels)[:, None]
+    off = spline.derivatives(*where, 2) - stream.derivatives(*where, 2)
     error = np.hypot(off[:, 0, 0, 1], off[:, 0, 1, 0])
-    return {"largest_error": float(error.max()), "rms_error": float(np.sqrt(np.mean(error**2)))}
+    return float(error.max()), float(np.sqrt(np.mean(error**2)))
