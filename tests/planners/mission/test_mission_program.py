@@ -13,7 +13,7 @@ from planners.mission.program import MissionData, MissionGuess, MissionModel, Mi
 from planners.mission.reference_path import ReferencePathTerms, along_line, near_place
 from planners.mission.solve import _points_along, _reference_weights_and_limits
 from planners.mission.task import REFINED, MissionTask, mission_task
-from planners.route.graph import Route
+from planners.front.route import Route
 from planners.solver import HOUR, KM
 from tests.planners.flow_samples import place, still_flow
 
