@@ -14,8 +14,8 @@ Complex = NDArray[np.complex128]
 
 # Points a kernel length of the table that the lattice is interpolated from by cubic splines: an error of some 1e-3 of the current.
 _PER_LENGTH = 4.0
-# Points of the lattice, about, and at most so many a kernel length; intervals of the table between two of them.
-_MOST_POINTS, _FINEST, _DIVISIONS = 7400, 10.0, 2
+# Points of the lattice, about, and lines a kernel length at most; intervals of the table between two of them.
+_POINTS, _LINES, _DIVISIONS = 7400, 10.0, 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,15 +81,16 @@ def _between(flat: Complex, corner: NDArray[np.intp], columns: int, east: Array,
     return lower + north * (upper - lower)
 
 
-def spacing_over(low: Array, high: Array, kernel_length: float) -> float:
-    """Return the spacing of a lattice over a box [m]: by its size, but no finer than the current is smooth.
+def spacing_over(flow: FlowEstimate, finer: float = 1.0) -> float:
+    """Return the spacing of a lattice over a flow's region [m]: by its size, but no finer than the current is smooth.
 
     Args:
-        low: shape (2,), least east and north [m].
-        high: shape (2,), largest.
-        kernel_length: Over which the current changes [m].
+        flow: Its region and kernel.
+        finer: How many times more lines than usual.
     """
-    return float(max(np.sqrt(np.prod(high - low) / _MOST_POINTS), kernel_length / _FINEST))
+    grid, kernel = flow.grid, flow.horizontal.kernel
+    area = float(np.ptp(grid.east) * np.ptp(grid.north))
+    return max(float(np.sqrt(area / _POINTS)), min(kernel.length_east, kernel.length_north) / _LINES) / finer
 
 
 def current_lattice(flow: FlowEstimate, latent: Array, times: Array, spacing: float, by_depth: Array) -> CurrentLattice:

@@ -5,14 +5,14 @@ every doubt: no margin, half-open water counts as open, it may wait, the goals' 
 terms of shear within a dive, and the time is lowered by the lattice's own error.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 
 from planners.front.bound import Bound
 from planners.front.current import Complex, CurrentLattice, current_lattice, shares_of_levels, spacing_over
-from planners.front.front import Front, Numbers, sea_of, spread
+from planners.front.front import sea_of, spread
 from planners.front.obstacles import as_complex, directions_around, obstacles_of
 from planners.front.relax import relax
 from planners.front.route import Route
@@ -22,8 +22,12 @@ from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import true_north_halfway
 
-# What a bound is multiplied by: the error of the lattice against Zermelo's rays.
-_LATTICE_ERROR = 0.993
+# What a bound is multiplied by, for the error of the lattice against Zermelo's rays: elsewhere, and in strong currents.
+_LATTICE_ERROR, _STRONG_ERROR = 0.993, 0.985
+# Where the current on the way is faster than this share of the vehicle's speed, the lattice has so many times more lines.
+_STRONG, _FINER = 0.9, 1.6
+# Kernel lengths around start and goals within which shear counts, and points that it is looked up at in each.
+_AROUND, _SAMPLES = 1.5, 2.0
 # Points on the edge of a goal's disc.
 _ON_DISC = 12
 # Margins of wider routes [m], the widest first, and the share of time that they may cost.
@@ -58,8 +62,13 @@ class Water:
     speed: float
 
 
-def water_of(task: MissionTask) -> Water:
-    """Return the mean current of a mission's dives and drifts, over the times that the mission may last, and its speed in it."""
+def water_of(task: MissionTask, finer: float = 1.0) -> Water:
+    """Return the mean current of a mission's dives and drifts, over the times that it may last, and its speed in it.
+
+    Args:
+        task: The problem.
+        finer: How many times more lines than usual the lattice has.
+    """
     flow, angle = task.flow, task.vehicle.angles[0]
     drift_share = task.settings.surface_time / task.leg_time(angle)
     times, latent = np.zeros(1), task.currents.latent[0]
@@ -70,12 +79,9 @@ def water_of(task: MissionTask) -> Water:
         keep = np.flatnonzero((np.append(times[1:], inf) > 0.0) & (np.append(-inf, times[:-1]) < last))
         columns = (keep[:, None] * flow.levels.size + np.arange(flow.levels.size)).ravel()
         times, latent = times[keep], latent[:, columns]
-    low, high = (np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max))
-    kernel = flow.horizontal.kernel
-    spacing = spacing_over(low, high, min(kernel.length_east, kernel.length_north))
     shares = shares_of_levels(flow, task.settings.depth, drift_share)
     along = float(task.vehicle.speeds(np, angle)[0])
-    return Water(current_lattice(flow, latent, times, spacing, shares), (1.0 - drift_share) * along)
+    return Water(current_lattice(flow, latent, times, spacing_over(flow, finer), shares), (1.0 - drift_share) * along)
 
 
 def longest_time(task: MissionTask) -> float:
@@ -101,7 +107,7 @@ def passage_past_goals(
     places = _places(task)
     obstacles = obstacles_of((*rings, *shallows), task.settings.margin if margin is None else margin, places)
     sea = sea_of(water.current, water.speed, places, obstacles)
-    first, now, last = sea.free.size - places.size - obstacles.corners.size, 0.0, longest_time(task)
+    first, now, last = water.current.places.size, 0.0, longest_time(task)
     points, times, passed = [task.start[None, :2]], [np.zeros(1)], list[float]()
     for k in range(1, places.size):
         front = spread(sea, np.array([first + k - 1]), np.array([now]), last, np.array([first + k]))
@@ -120,10 +126,9 @@ def passage_past_goals(
 
 def is_bent(task: MissionTask, water: Water, passage: Passage) -> bool:
     """Return whether obstacles make a passage slower, so that without them the path would cross one."""
-    edges = tuple(ring for ring in task.rings if ring.outside)
-    sea = sea_of(water.current, water.speed, _places(task), obstacles_of(edges, 0.0, _places(task)))
-    first, now = sea.free.size - 1 - len(task.goals) - (0 if sea.obstacles is None else sea.obstacles.corners.size), 0.0
-    for k in range(1, len(task.goals) + 1):
+    places, now, first = _places(task), 0.0, water.current.places.size
+    sea = sea_of(water.current, water.speed, places, obstacles_of([ring for ring in task.rings if ring.outside], 0.0, places))
+    for k in range(1, places.size):
         front = spread(sea, np.array([first + k - 1]), np.array([now]), inf, np.array([first + k]))
         now = float(front.times[first + k])
     return bool(passage.route.times[-1] > _BENT * now)
@@ -139,56 +144,62 @@ def widest_passage(task: MissionTask, water: Water, rings: tuple[Ring, ...], pas
     return passage
 
 
-def bound_of(task: MissionTask, water: Water) -> Bound:
-    """Return the lower bound of a mission's time, or how near one can come to the first goal that is out of reach."""
+def bound_of(task: MissionTask) -> tuple[Water, Bound]:
+    """Return the lower bound of a mission's time, or how near one can come to the first goal out of reach; and the water of its lattice.
+
+    Where the current is about as fast as the vehicle, few edges lead where it can go, and a finer lattice is needed.
+    """
+    water = water_of(task)
+    bound, swiftest = _bound_in(task, water, _LATTICE_ERROR)
+    if bound.goal < 0 and swiftest < _STRONG * water.speed:
+        return water, bound
+    water = water_of(task, _FINER)
+    return water, _bound_in(task, water, _STRONG_ERROR)[0]
+
+
+def _bound_in(task: MissionTask, water: Water, error: float) -> tuple[Bound, float]:
+    """Return the bound on one lattice, times what its error leaves, and the fastest current on the way [m/s]."""
     places, most, radius = _places(task), longest_time(task), task.settings.tolerance
     discs = [np.append(directions_around(complex(place), radius, _ON_DISC), place) for place in places[1:]]
     obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, places)
-    sea = sea_of(water.current, water.speed + _second_order(task, water), np.concatenate([places[:1], *discs]), obstacles, waits=True)
-    # a disc may lie on land in part
-    first = water.current.places.size
-    seeds, now = np.array([first]), 0.0
-    for k in range(len(discs)):
+    sea = sea_of(water.current, water.speed + _second_order(task), np.concatenate([places[:1], *discs]), obstacles, waits=True)
+    first, now, swiftest = water.current.places.size, 0.0, 0.0
+    seeds = np.array([first])
+    for k, place in enumerate(places[1:]):
         goals = first + 1 + k * (_ON_DISC + 1) + np.arange(_ON_DISC + 1)
-        inside = np.abs(sea.places[seeds] - places[k + 1]) <= radius
-        front = spread(sea, seeds, np.full(seeds.size, now), most / _LATTICE_ERROR, np.zeros(0, dtype=int) if inside.any() else goals)
-        if not inside.any():
-            now = float(np.min(front.times[goals]))
-        if not np.isfinite(now) or _LATTICE_ERROR * now > most:
-            number, nearest = front.nearest_to(complex(places[k + 1]))
-            return Bound(inf, most, k, nearest, float(front.times[number]))
-        now = _relaxed_time(front, goals, now, inside.any())
-        seeds = goals
-    return Bound(_LATTICE_ERROR * now, most)
+        if np.any(np.abs(sea.places[seeds] - place) <= radius):
+            seeds = goals
+            continue
+        front = spread(sea, seeds, np.full(seeds.size, now), most / error, goals)
+        best = int(goals[np.argmin(front.times[goals])])
+        if not front.times[best] <= most / error:
+            number, nearest = front.nearest_to(complex(place))
+            return Bound(inf, most, k, nearest, float(front.times[number])), swiftest
+        route = relax(sea, front.route_to(best, now, True), now)
+        met = water.current.at(as_complex(route.points), now + route.times)
+        now, swiftest, seeds = now + float(route.times[-1]), max(swiftest, float(np.max(np.abs(met)))), goals
+    return Bound(error * now, most), swiftest
 
 
-def _relaxed_time(front: Front, goals: Numbers, now: float, inside: bool) -> float:
-    """Return the time of the earliest arrival [s] after its route is relaxed off the lattice."""
-    if inside:
-        return now
-    best = int(goals[np.argmin(front.times[goals])])
-    route = front.route_to(best, 0.0, True)
-    begins = float(route.times[0])
-    return begins + float(relax(front.sea, replace(route, times=route.times - begins), begins).times[-1])
-
-
-def _second_order(task: MissionTask, water: Water) -> float:
+def _second_order(task: MissionTask) -> float:
     """Return what a vehicle gains at most from the shear of the current within a dive and its drift [m/s].
 
-    It is carried off its mean track by the shear times a quarter of the dive's time at most, to where the current differs from that of the
-    track by as much over a kernel length: both are the current's deviation from its mean over depth.
+    The deviation w of the current from its mean over a dive of time t carries the vehicle off its mean track by t / (2 pi) times w in the
+    root mean square at most (Wirtinger's inequality), to where w differs by some w / l, l the kernel length: w^2 t / (2 pi l) in the mean.
+    The largest w around start and goals counts.
     """
-    flow, angle = task.flow, task.vehicle.angles[0]
-    drift = task.settings.surface_time
+    flow, angle, drift = task.flow, task.vehicle.angles[0], task.settings.surface_time
     dive = (task.leg_time(angle) - drift) / task.settings.yos + drift
     shares = shares_of_levels(flow, task.settings.depth, drift / task.leg_time(angle))
-    places = water.current.places
-    points = np.column_stack([places.real, places.imag])[:: max(places.size // 600, 1)]
+    kernel, places = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
+    lengths = np.array([kernel.length_east, kernel.length_north])
+    low, high = places.min(axis=0) - _AROUND * lengths, places.max(axis=0) + _AROUND * lengths
+    counts = np.ceil((high - low) / lengths * _SAMPLES).astype(int) + 1
+    points = np.stack(np.meshgrid(*(np.linspace(low[i], high[i], counts[i]) for i in (0, 1))), axis=-1).reshape(-1, 2)
     by_level = flow.horizontal.velocity(points, task.currents.latent[0][:, : flow.levels.size])
     deviation = by_level - (by_level @ shares)[..., None]
-    variance = float(np.max(np.sum(deviation**2, axis=0) @ np.maximum(shares, 0.0)))
-    kernel = flow.horizontal.kernel
-    return 0.25 * dive * variance / min(kernel.length_east, kernel.length_north)
+    largest = float(np.max(np.sum(deviation**2, axis=0) @ np.maximum(shares, 0.0)))
+    return dive * largest / (2.0 * np.pi * float(np.min(lengths)))
 
 
 def _places(task: MissionTask) -> Complex:

@@ -132,7 +132,17 @@ def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
         text += f"; not safe: crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} in leg {at.leg} after {_hours(task, at.time)}"
     if task.is_late:
         text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
-    return f"{text}{short}; {_binding(task, attempt, n_legs)}" if short else text
+    return f"{text}{short}{_out_of_reach(task, attempt)}; {_binding(task, attempt, n_legs)}" if short else text
+
+
+def _out_of_reach(task: MissionTask, attempt: Attempt) -> str:
+    """Return which goal is out of reach, and how near one can come to it; empty where none is known to be."""
+    bound = attempt.bound
+    if bound is None or bound.goal < 0:
+        return ""
+    name = "the goal" if len(task.goals) == 1 else f"goal {bound.goal + 1}"
+    nearest, when = f"about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
+    return f"; {name} is out of reach: within {_hours(task, bound.most)} no vehicle of this speed comes nearer than {nearest}, after {when}"
 
 
 def _hours(task: MissionTask, seconds: float) -> str:
@@ -143,13 +153,7 @@ def _hours(task: MissionTask, seconds: float) -> str:
 
 def _binding(task: MissionTask, attempt: Attempt, n_legs: int) -> str:
     """Return the limit that binds."""
-    settings, flight, bound = task.settings, attempt.flight, attempt.bound
-    if bound is not None and bound.goal >= 0:
-        name = "the goal" if len(task.goals) == 1 else f"goal {bound.goal + 1}"
-        return (
-            f"out of reach: within {_hours(task, bound.most)} no vehicle of this speed comes nearer to {name} than about "
-            f"{bound.nearest / 1e3:.1f} km, {_hours(task, bound.when)} after the start"
-        )
+    settings, flight = task.settings, attempt.flight
     if settings.weights.closest:
         return "limit: the weights, by which to come closer costs more than it gains, or what can be reached at all"
     if settings.legs is not None and task.reference_path is None:

@@ -80,8 +80,7 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         )
     if not task.is_finite:
         return []
-    water = water_of(task)
-    bound = bound_of(task, water) if _is_bounded(task) else None
+    water, bound = bound_of(task) if _is_bounded(task) else (water_of(task), None)
     if bound is not None and bound.goal >= 0:
         return [replace(_approach(task, water, bound), bound=bound)]
     attempts = [] if warm is None else _rest_of(task, warm)
@@ -194,7 +193,10 @@ def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
         return np.asarray(route.at(np.array([min(now + ahead, route.times[-1])]))[0])
 
     announce(f"planning: goal {bound.goal + 1} is out of reach")
-    return along_route(task, water, max(n_legs, len(task.goals)), target)
+    course = along_route(task, water, max(n_legs, len(task.goals)), target)
+    while course.violation is not None and settings.legs is None and course.violation.leg > len(task.goals):
+        course = along_route(task, water, course.violation.leg - 1, target)
+    return course
 
 
 def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attempt]:

@@ -140,13 +140,11 @@ _COST = {"time": "duration", "energy": "energy"}
 def _route(problem: AuvProblem) -> Array:
     """Return the quickest route in the current of the two depths, shape (n, 3) [m], its points at equal times."""
     flow, begin, end, settings = problem.flow, problem.begin, problem.end, problem.settings
-    low, high = (np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max))
-    kernel, depths = flow.horizontal.kernel, np.array([begin[2], end[2]])
+    depths = np.array([begin[2], end[2]])
     shares = depth_weights(flow.depth_functions, depths, flow.levels).mean(axis=0)
-    spacing = spacing_over(low, high, min(kernel.length_east, kernel.length_north))
     places = as_complex(np.vstack([begin, end])[:, :2])
     sea = sea_of(
-        current_lattice(flow, flow.latent, np.zeros(1), spacing, shares),
+        current_lattice(flow, flow.latent, np.zeros(1), spacing_over(flow), shares),
         problem.vehicle.speed,
         places,
         obstacles_of(problem.rings, settings.margin, places),
