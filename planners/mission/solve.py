@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from planners.front.route import Route
 from planners.mission.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
 from planners.mission.check import check
 from planners.mission.flight import Legs, refine_steps
@@ -13,7 +14,6 @@ from planners.mission.program import MissionData, MissionGuess, MissionModel, Mi
 from planners.mission.safety_margin import SafetyMargin
 from planners.mission.solved_flight import fly_solution
 from planners.mission.task import REFINED, MissionTask, turns_of
-from planners.route.graph import Route
 from planners.route.hazards import half_planes
 from planners.solver import HOUR, KM, MOST_ITERATIONS
 from replay_kit.core.arrays import Array
@@ -45,7 +45,14 @@ _FAR = 1e6
 
 
 def solve_legs(
-    task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: Route | None, *, fewer: bool = False, brief: bool = False
+    task: MissionTask,
+    guess: MissionGuess,
+    goals: GoalSteps,
+    route: Route | None,
+    *,
+    fewer: bool = False,
+    brief: bool = False,
+    bent: bool = False,
 ) -> Attempt:
     """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path violates a constraint.
 
@@ -57,6 +64,7 @@ def solve_legs(
             is nearly optimal.
         fewer: Whether more legs are known to meet the goals: an attempt that misses them by far is then not refined.
         brief: Whether the goals are known to be out of reach: iterations are then limited.
+        bent: Whether obstacles are known to lie in the way: nothing is then solved without half-planes, unless that misses the goals.
     """
     n_legs, settings = len(guess.headings), task.settings
     most = int(np.clip(_EFFORT_BRIEF // n_legs, _LEAST_ITERATIONS, MOST_ITERATIONS)) if brief else MOST_ITERATIONS
@@ -64,6 +72,10 @@ def solve_legs(
     # where the miss distance is weighed against other costs, a goal that is not met is no failure
     closest, weighed = settings.objective == "closest", settings.weighs_distance or task.reference_path is not None
     unreachable = route is not None and not route.arrives and not weighed
+    if bent and not unreachable:
+        found = _solve_within_half_planes(problem, fly_guess(problem, guess), guess, _points_along(problem, guess, route), closest)
+        if found.violation is None and (weighed or bool(np.all(found.miss <= settings.tolerance))):
+            return found
     solution = _solve(problem, guess, closest=closest or unreachable, warm_start=route is None)
     best = _fly(problem, solution, 0)
     if unreachable and not closest:
@@ -82,6 +94,11 @@ def solve_legs(
     return (
         best if best.violation is None else _solve_within_half_planes(problem, best, guess, _points_along(problem, guess, route), closest)
     )
+
+
+def fly_guess(problem: LegsProblem, guess: MissionGuess) -> Attempt:
+    """Return a guess flown as it is."""
+    return _fly(problem, MissionSolution(guess, 0.0, np.inf, 0, "not solved", None), 0)
 
 
 def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:

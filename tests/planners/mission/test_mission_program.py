@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings
+from planners.front.route import Route
 from planners.mission.attempt import GoalSteps, LegsProblem
 from planners.mission.flight import Flight
 from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, _unknowns, solve_mission
 from planners.mission.reference_path import along_line, near_place
 from planners.mission.solve import _points_along, _reference_weights_and_limits
 from planners.mission.task import REFINED, MissionTask, mission_task
-from planners.route.graph import Route
 from planners.solver import HOUR, KM
 from tests.planners.flow_samples import place, still_flow
 
