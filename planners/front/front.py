@@ -22,6 +22,8 @@ from replay_kit.core.arrays import Array
 
 Numbers = NDArray[np.intp]
 
+# Parts of the longest edge that a vehicle may go on from a point of the front.
+_FURTHER = 20
 # Lattice lines that an edge may reach over, and those of a piece of one.
 _REACH, _PIECE = 5, 2.25
 _STEPS = np.array([(j, i) for j in range(-_REACH, _REACH + 1) for i in range(-_REACH, _REACH + 1) if np.gcd(i, j) == 1])
@@ -83,11 +85,34 @@ class Front:
             places, times = places.repeat(2), np.array([0.0, 1.0])
         return Route(np.column_stack([places.real, places.imag]), times, arrives)
 
-    def nearest_to(self, place: complex) -> tuple[int, float]:
-        """Return the point that is reached nearest to a place, and its distance [m]."""
-        away = np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf)
-        number = int(np.argmin(away))
-        return number, float(away[number])
+    def nearest_to(self, place: complex) -> int:
+        """Return the point that is reached nearest to a place."""
+        return int(np.argmin(np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf)))
+
+    def approach(self, place: complex, until: float) -> tuple[float, float]:
+        """Return how near [m] and when [s] the vehicle comes to a place, on from a point of the front as far as time and water allow.
+
+        Args:
+            place: Where it cannot be [m], east + i north.
+            until: When the search ended [s].
+        """
+        sea, number = self.sea, self.nearest_to(place)
+        away = np.abs(sea.places - place)
+        longest = _REACH * sea.current.spacing
+        near = np.flatnonzero(np.isfinite(self.times) & (away < away[number] + longest))
+        begin, lengths = np.tile(near, _FURTHER), np.repeat(longest * np.arange(1, _FURTHER + 1) / _FURTHER, near.size)
+        lengths = np.minimum(lengths, away[begin])
+        end = sea.places[begin] + lengths * (place - sea.places[begin]) / np.maximum(away[begin], 1e-9)
+        depart = self.times[begin]
+        arrive = depart + edge_durations(sea.current, sea.speed, sea.places[begin], end, depart, sea.piece)
+        open_ = np.flatnonzero(arrive <= until)
+        if sea.obstacles is not None:
+            open_ = open_[~sea.obstacles.crossed(sea.places[begin[open_]], end[open_])]
+        left = np.abs(end[open_] - place)
+        if not left.size or np.min(left) >= away[number]:
+            return float(away[number]), float(self.times[number])
+        best = int(np.argmin(left))
+        return float(left[best]), float(arrive[open_][best])
 
 
 def sea_of(current: CurrentLattice, speed: float, extra: Complex, obstacles: Obstacles | None = None, *, waits: bool = False) -> Sea:

@@ -112,7 +112,7 @@ def passage_past_goals(
     for k in range(1, places.size):
         front = spread(sea, np.array([first + k - 1]), np.array([now]), last, np.array([first + k]))
         arrives = bool(np.isfinite(front.times[first + k]))
-        number = first + k if arrives else front.nearest_to(complex(places[k]))[0]
+        number = first + k if arrives else front.nearest_to(complex(places[k]))
         route = relax(sea, front.route_to(number, now, arrives), now)
         points.append(route.points[1:])
         times.append(now + route.times[1:])
@@ -173,8 +173,7 @@ def _bound_in(task: MissionTask, water: Water, error: float) -> tuple[Bound, flo
         front = spread(sea, seeds, np.full(seeds.size, now), most / error, goals)
         best = int(goals[np.argmin(front.times[goals])])
         if not front.times[best] <= most / error:
-            number, nearest = front.nearest_to(complex(place))
-            return Bound(inf, most, k, nearest, float(front.times[number])), swiftest
+            return Bound(inf, most, k, *front.approach(complex(place), most / error)), swiftest
         route = relax(sea, front.route_to(best, now, True), now)
         met = water.current.at(as_complex(route.points), now + route.times)
         now, swiftest, seeds = now + float(route.times[-1]), max(swiftest, float(np.max(np.abs(met)))), goals
