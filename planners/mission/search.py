@@ -225,11 +225,10 @@ def _from_habit(task: MissionTask, water: Water, attempts: list[Attempt]) -> lis
     """Return the course of a pilot who heads at the goal at each surfacing, and what is solved from it, where it is better than all."""
     if task.settings.legs is not None or not _is_bounded(task) or task.settings.objective == "closest":
         return []
-    # a course that takes longer than the best attempt need not be flown to its end
-    longest = task.leg_time(task.vehicle.angles[0])
+    # a course that takes longer than the best attempt is not flown to its end
     feasible = [float(attempt.flight.time[-1]) for attempt in attempts if is_feasible(task, attempt)]
-    most = int(np.ceil(min([longest_time(task), *feasible]) / longest - 1e-6)) + 1
-    flown = habit(task, water, min(most, task.settings.max_legs))
+    latest = min([longest_time(task), *feasible])
+    flown = habit(task, water, min(int(latest / task.leg_time(task.vehicle.angles[1])) + 1, task.settings.max_legs), latest)
     if flown is None or not is_feasible(task, flown) or best_of(task, [*attempts, flown]) is not flown:
         return []
     return [flown, solve_legs(task, flown.guess, flown.goals, None)]
