@@ -22,6 +22,8 @@ from replay_kit.core.arrays import Array
 
 Numbers = NDArray[np.intp]
 
+# Parts of the longest edge that a vehicle may go on from a point of the front.
+_FURTHER = 20
 # Lattice lines that an edge may reach over, and those of a piece of one.
 _REACH, _PIECE = 5, 2.25
 _STEPS = np.array([(j, i) for j in range(-_REACH, _REACH + 1) for i in range(-_REACH, _REACH + 1) if np.gcd(i, j) == 1])
@@ -41,6 +43,7 @@ class Sea:
         first: shape (n + 1,), where the neighbours of each point begin, of those that it has or is off the lattice.
         neighbours: Numbers of points.
         waits: Whether points spread again at each time of the current.
+        fastest: What the vehicle makes good at most [m/s].
     """
 
     current: CurrentLattice
@@ -52,6 +55,7 @@ class Sea:
     first: Numbers
     neighbours: Numbers
     waits: bool
+    fastest: float
 
     @property
     def piece(self) -> float:
@@ -83,11 +87,34 @@ class Front:
             places, times = places.repeat(2), np.array([0.0, 1.0])
         return Route(np.column_stack([places.real, places.imag]), times, arrives)
 
-    def nearest_to(self, place: complex) -> tuple[int, float]:
-        """Return the point that is reached nearest to a place, and its distance [m]."""
-        away = np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf)
-        number = int(np.argmin(away))
-        return number, float(away[number])
+    def nearest_to(self, place: complex) -> int:
+        """Return the point that is reached nearest to a place."""
+        return int(np.argmin(np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf)))
+
+    def approach(self, place: complex, until: float) -> tuple[float, float]:
+        """Return how near [m] and when [s] the vehicle comes to a place, on from a point of the front as far as time and water allow.
+
+        Args:
+            place: Where it cannot be [m], east + i north.
+            until: When the search ended [s].
+        """
+        sea, number = self.sea, self.nearest_to(place)
+        away = np.abs(sea.places - place)
+        longest = _REACH * sea.current.spacing
+        near = np.flatnonzero(np.isfinite(self.times) & (away < away[number] + longest))
+        begin, lengths = np.tile(near, _FURTHER), np.repeat(longest * np.arange(1, _FURTHER + 1) / _FURTHER, near.size)
+        lengths = np.minimum(lengths, away[begin])
+        end = sea.places[begin] + lengths * (place - sea.places[begin]) / np.maximum(away[begin], 1e-9)
+        depart = self.times[begin]
+        arrive = depart + edge_durations(sea.current, sea.speed, sea.places[begin], end, depart, sea.piece)
+        open_ = np.flatnonzero(arrive <= until)
+        if sea.obstacles is not None:
+            open_ = open_[~sea.obstacles.crossed(sea.places[begin[open_]], end[open_])]
+        left = np.abs(end[open_] - place)
+        if not left.size or np.min(left) >= away[number]:
+            return float(away[number]), float(self.times[number])
+        best = int(np.argmin(left))
+        return float(left[best]), float(arrive[open_][best])
 
 
 def sea_of(current: CurrentLattice, speed: float, extra: Complex, obstacles: Obstacles | None = None, *, waits: bool = False) -> Sea:
@@ -105,7 +132,9 @@ def sea_of(current: CurrentLattice, speed: float, extra: Complex, obstacles: Obs
     places = np.concatenate([lattice, off])
     free = np.full(places.size, True) if obstacles is None else obstacles.free(places)
     reach = _REACH * current.spacing * 1.0001
-    near = np.zeros(places.size, dtype=bool) if obstacles is None else obstacles.near(places, np.sqrt(2.0) * reach)
+    near = np.full(places.size, obstacles is not None)
+    if obstacles is not None:
+        near[: lattice.size] = _near(current, obstacles)
     points = np.column_stack([places.real, places.imag])
     tree, ends = cKDTree(points), points[lattice.size :]
     pairs = [(k + lattice.size, np.array(found)) for k, found in enumerate(tree.query_ball_point(ends, reach))]
@@ -115,7 +144,19 @@ def sea_of(current: CurrentLattice, speed: float, extra: Complex, obstacles: Obs
     begin, end = np.concatenate([begin, end[back]]), np.concatenate([end, begin[back]])
     order = np.argsort(begin, kind="stable")
     first = np.concatenate([[0], np.cumsum(np.bincount(begin, minlength=places.size))])
-    return Sea(current, speed, obstacles, places, free, near, first, end[order], waits)
+    return Sea(current, speed, obstacles, places, free, near, first, end[order], waits, speed + current.fastest)
+
+
+def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:
+    """Return the points of a lattice from which an edge may touch the outline of the water."""
+    outline = np.zeros(current.shape, dtype=bool)
+    at = (obstacles.outline(current.spacing) - complex(*current.origin)) / current.spacing
+    rows, columns = (
+        np.clip(np.round(part), 0, count - 1).astype(int) for part, count in zip((at.imag, at.real), outline.shape, strict=True)
+    )
+    outline[rows, columns] = True
+    # a point of the outline is no farther from its lattice point than one line, nor from the next point of the outline
+    return np.asarray(maximum_filter(outline, size=2 * (_REACH + 2) + 1).ravel())
 
 
 def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers) -> Front:
@@ -130,7 +171,7 @@ def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers
     """
     times, before = np.full(sea.places.size, np.inf), np.arange(sea.places.size)
     np.minimum.at(times, seeds, begins)
-    pending, width = np.isfinite(times), sea.current.spacing / (sea.speed + sea.current.fastest)
+    pending, width = np.isfinite(times), sea.current.spacing / sea.fastest
     held, later = _strong(sea), sea.current.times[sea.current.times > np.min(begins)] if sea.waits else np.zeros(0)
     while pending.any():
         now = float(np.min(times[pending]))
@@ -166,7 +207,7 @@ def _spread_from(sea: Sea, numbers: Numbers, depart: Array, times: Array, before
     begin = numbers[begin]
     way = np.abs(sea.places[end] - sea.places[begin])
     # no edge is quicker than along the fastest current
-    useful = sea.free[end] & (depart + way / (sea.speed + sea.current.fastest) < times[end])
+    useful = sea.free[end] & (depart + way / sea.fastest < times[end])
     begin, end, depart = begin[useful], end[useful], depart[useful]
     arrive = depart + edge_durations(sea.current, sea.speed, sea.places[begin], sea.places[end], depart, sea.piece)
     useful = arrive < times[end]

@@ -47,11 +47,10 @@ class Obstacles:
         """Return which places, shape (n,) [m], a route may pass."""
         return np.asarray(shapely.intersects_xy(self.water, places.real, places.imag))
 
-    def near(self, places: Complex, distance: float) -> NDArray[np.bool_]:
-        """Return which places, shape (n,) [m], are within a distance [m] of the outline."""
-        found = np.zeros(places.size, dtype=bool)
-        found[self._segments.query(shapely.points(places.real, places.imag), predicate="dwithin", distance=distance)[0]] = True
-        return found
+    def outline(self, apart: float) -> Complex:
+        """Return places along the outline, no farther apart than a distance [m]."""
+        points = shapely.get_coordinates(shapely.segmentize(shapely.boundary(self.water), apart))
+        return as_complex(points)
 
     def crossed(self, begin: Complex, end: Complex) -> NDArray[np.bool_]:
         """Return which straight lines between places, shape (n,) [m], touch the outline."""

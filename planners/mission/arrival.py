@@ -112,7 +112,7 @@ def passage_past_goals(
     for k in range(1, places.size):
         front = spread(sea, np.array([first + k - 1]), np.array([now]), last, np.array([first + k]))
         arrives = bool(np.isfinite(front.times[first + k]))
-        number = first + k if arrives else front.nearest_to(complex(places[k]))[0]
+        number = first + k if arrives else front.nearest_to(complex(places[k]))
         route = relax(sea, front.route_to(number, now, arrives), now)
         points.append(route.points[1:])
         times.append(now + route.times[1:])
@@ -150,20 +150,30 @@ def bound_of(task: MissionTask) -> tuple[Water, Bound]:
     Where the current is about as fast as the vehicle, few edges lead where it can go, and a finer lattice is needed.
     """
     water = water_of(task)
-    bound, swiftest = _bound_in(task, water, _LATTICE_ERROR)
-    if bound.goal < 0 and swiftest < _STRONG * water.speed:
+    bound = _bound_in(task, water, _LATTICE_ERROR, _STRONG * water.speed)
+    if bound is not None:
         return water, bound
-    water = water_of(task, _FINER)
-    return water, _bound_in(task, water, _STRONG_ERROR)[0]
+    finer = water_of(task, _FINER)
+    bound = _bound_in(task, finer, _STRONG_ERROR, inf)
+    assert bound is not None, "no current is faster than infinity"
+    # to come near a goal that is out of reach needs no finer lattice
+    return (finer if bound.goal < 0 else water), bound
 
 
-def _bound_in(task: MissionTask, water: Water, error: float) -> tuple[Bound, float]:
-    """Return the bound on one lattice, times what its error leaves, and the fastest current on the way [m/s]."""
+def _bound_in(task: MissionTask, water: Water, error: float, strong: float) -> Bound | None:
+    """Return the bound on one lattice; None where that is not to be trusted.
+
+    Args:
+        task: The problem.
+        water: Of the lattice.
+        error: What its times are multiplied by.
+        strong: A current on the way [m/s], or a goal out of reach, for which it is not to be trusted; infinite to trust it always.
+    """
     places, most, radius = _places(task), longest_time(task), task.settings.tolerance
     discs = [np.append(directions_around(complex(place), radius, _ON_DISC), place) for place in places[1:]]
     obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, places)
     sea = sea_of(water.current, water.speed + _second_order(task), np.concatenate([places[:1], *discs]), obstacles, waits=True)
-    first, now, swiftest = water.current.places.size, 0.0, 0.0
+    first, now = water.current.places.size, 0.0
     seeds = np.array([first])
     for k, place in enumerate(places[1:]):
         goals = first + 1 + k * (_ON_DISC + 1) + np.arange(_ON_DISC + 1)
@@ -173,12 +183,13 @@ def _bound_in(task: MissionTask, water: Water, error: float) -> tuple[Bound, flo
         front = spread(sea, seeds, np.full(seeds.size, now), most / error, goals)
         best = int(goals[np.argmin(front.times[goals])])
         if not front.times[best] <= most / error:
-            number, nearest = front.nearest_to(complex(place))
-            return Bound(inf, most, k, nearest, float(front.times[number])), swiftest
-        route = relax(sea, front.route_to(best, now, True), now)
+            return None if np.isfinite(strong) else Bound(inf, most, k, *front.approach(complex(place), most / error))
+        route = front.route_to(best, now, True)
         met = water.current.at(as_complex(route.points), now + route.times)
-        now, swiftest, seeds = now + float(route.times[-1]), max(swiftest, float(np.max(np.abs(met)))), goals
-    return Bound(error * now, most), swiftest
+        if np.max(np.abs(met)) > strong:
+            return None
+        now, seeds = now + float(relax(sea, route, now).times[-1]), goals
+    return Bound(error * now, most)
 
 
 def _second_order(task: MissionTask) -> float:

@@ -20,25 +20,26 @@ from replay_kit.core.geodesy import true_north_halfway
 Target = Callable[[Array, float, int], Array]
 
 
-def habit(task: MissionTask, water: Water, most: int) -> Attempt | None:
-    """Return the mission of a pilot who heads at the next goal at each surfacing; None when it does not arrive in the most legs.
+def habit(task: MissionTask, water: Water, most: int, latest: float) -> Attempt | None:
+    """Return the mission of a pilot who heads at the next goal at each surfacing; None when it arrives after the most legs or too late.
 
     Goals below the surface are not met at the end of a leg: a mission with one has no such pilot.
     """
     if np.any(task.goals[:, 2] > 0.0) or task.turns is not None:
         return None
-    return _course(task, water, most, lambda at, now, goal: task.goals[goal, :2], whole=False)
+    return _course(task, water, most, lambda at, now, goal: task.goals[goal, :2], latest)
 
 
 def along_route(task: MissionTask, water: Water, n_legs: int, target: Target) -> Attempt:
     """Return the mission of some legs that head at places of a route, whether or not they meet the goals."""
-    found = _course(task, water, n_legs, target, whole=True)
+    found = _course(task, water, n_legs, target)
     assert found is not None
     return found
 
 
-def _course(task: MissionTask, water: Water, most: int, target: Target, *, whole: bool) -> Attempt | None:
-    """Return the legs flown one after the other; None when they do not meet the goals, unless the whole of them is asked for."""
+def _course(task: MissionTask, water: Water, most: int, target: Target, latest: float | None = None) -> Attempt | None:
+    """Return the legs flown one after the other; with a latest time [s] only those until the goals are met, None when not by then."""
+    whole = latest is None
     at, now, goal, met = task.start[:2], 0.0, 0, list[int]()
     headings, angles, places = list[float](), list[float](), list[Array]()
     all_depths = task.depths(task.yo_depths(most))
@@ -61,8 +62,10 @@ def _course(task: MissionTask, water: Water, most: int, target: Target, *, whole
         at, now = flight.place[0, -1], now + float(flight.time[-1])
         if goal == len(task.goals):
             break
+        if latest is not None and now >= latest:
+            return None
     n_legs = len(headings)
-    if not whole and goal < len(task.goals):
+    if latest is not None and (goal < len(task.goals) or now >= latest):
         return None
     goal_legs = tuple(met) if not whole else tuple(max(n_legs - len(task.goals) + 1 + k, 1) for k in range(len(task.goals)))
     guess = MissionGuess(np.array(places), np.array(headings), np.array(angles))

@@ -44,7 +44,7 @@ from planners.mission.arrival import (
     widest_passage,
 )
 from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible
-from planners.mission.course import along_route, habit
+from planners.mission.course import Target, along_route, habit
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
 from planners.mission.task import MissionTask, turns_of
@@ -183,20 +183,27 @@ def _more_legs(task: MissionTask, likely: int) -> list[int]:
 
 
 def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
-    """Return the mission that follows the way which comes nearest to a goal out of reach."""
+    """Return the mission that comes nearest to a goal out of reach: along the route of the front, or heading at the goal itself."""
     passage = passage_past_goals(task, water, task.rings)
-    route, settings = passage.route, task.settings
-    n_legs = settings.legs or min(likely_legs(task, passage), _LEGS_OUT_OF_REACH)
+    route, settings, goal = passage.route, task.settings, task.goals[bound.goal, :2]
+    n_legs = max(settings.legs or min(likely_legs(task, passage), _LEGS_OUT_OF_REACH), len(task.goals))
     ahead = task.leg_time(task.vehicle.angles[0])
 
-    def target(at: Array, now: float, goal: int) -> Array:
-        return np.asarray(route.at(np.array([min(now + ahead, route.times[-1])]))[0])
+    def on_route(_at: Array, now: float, _goal: int) -> Array:
+        # the last leg heads at the goal
+        return np.asarray(goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0])
+
+    def at_goal(_at: Array, _now: float, number: int) -> Array:
+        return np.asarray(task.goals[number, :2])
+
+    def flown(target: Target) -> Attempt:
+        course = along_route(task, water, n_legs, target)
+        while course.violation is not None and settings.legs is None and course.violation.leg > len(task.goals):
+            course = along_route(task, water, course.violation.leg - 1, target)
+        return course
 
     announce(f"planning: goal {bound.goal + 1} is out of reach")
-    course = along_route(task, water, max(n_legs, len(task.goals)), target)
-    while course.violation is not None and settings.legs is None and course.violation.leg > len(task.goals):
-        course = along_route(task, water, course.violation.leg - 1, target)
-    return course
+    return best_of(task, [flown(on_route), flown(at_goal)])
 
 
 def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attempt]:
@@ -218,11 +225,10 @@ def _from_habit(task: MissionTask, water: Water, attempts: list[Attempt]) -> lis
     """Return the course of a pilot who heads at the goal at each surfacing, and what is solved from it, where it is better than all."""
     if task.settings.legs is not None or not _is_bounded(task) or task.settings.objective == "closest":
         return []
-    # a course that takes longer than the best attempt need not be flown to its end
-    longest = task.leg_time(task.vehicle.angles[0])
+    # a course that takes longer than the best attempt is not flown to its end
     feasible = [float(attempt.flight.time[-1]) for attempt in attempts if is_feasible(task, attempt)]
-    most = int(np.ceil(min([longest_time(task), *feasible]) / longest - 1e-6)) + 1
-    flown = habit(task, water, min(most, task.settings.max_legs))
+    latest = min([longest_time(task), *feasible])
+    flown = habit(task, water, min(int(latest / task.leg_time(task.vehicle.angles[1])) + 1, task.settings.max_legs), latest)
     if flown is None or not is_feasible(task, flown) or best_of(task, [*attempts, flown]) is not flown:
         return []
     return [flown, solve_legs(task, flown.guess, flown.goals, None)]

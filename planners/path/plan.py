@@ -152,7 +152,7 @@ def _route(problem: AuvProblem) -> Array:
     first = sea.current.places.size
     front = spread(sea, np.array([first]), np.zeros(1), settings.max_duration, np.array([first + 1]))
     arrives = bool(np.isfinite(front.times[first + 1]))
-    route = front.route_to(first + 1 if arrives else front.nearest_to(complex(places[1]))[0], 0.0, arrives)
+    route = front.route_to(first + 1 if arrives else front.nearest_to(complex(places[1])), 0.0, arrives)
     route = relax(sea, route, 0.0)
     times = np.linspace(0.0, route.times[-1], 100)
     return np.column_stack([route.at(times), np.linspace(begin[2], end[2], 100)])
