@@ -154,7 +154,7 @@ class MissionSolution:
         objective: In the program's units.
         iterations: IPOPT's.
         return_status: IPOPT's.
-        through: shape (L, 2, 2), derivatives of the places where legs end by those where they begin; None where legs do not meet.
+        through: shape (L, 2, 2), derivatives of the places where legs end by those where they begin; None where nothing was solved.
     """
 
     guess: MissionGuess

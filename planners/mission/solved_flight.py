@@ -26,8 +26,6 @@ def fly_solution(currents: Currents, vehicle: Glider, start: Array, legs: Legs, 
         start_time: On the clock of the currents' times [s].
         solution: Where its legs begin and end.
     """
-    if solution.through is None:
-        return fly_legs(currents, vehicle, start, legs, start_time)
     flow, adrift, guess = currents.flow, bool(np.any(legs.drifts)), solution.guess
     schedule = schedule_of(legs.depths, legs.drifts, adrift, flow.levels, flow.depth_functions, currents.times)
     begins = np.column_stack([np.vstack([start, guess.places[:-1]]), legs.headings, legs.angles])

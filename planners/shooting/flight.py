@@ -13,12 +13,12 @@ from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream
 from replay_kit.core.arrays import Array
 
-# Legs meet to this [m], within so many rounds.
-_MEETS, _ROUNDS = 1e-6, 8
+# Legs meet to this [m], within so many rounds. Where they miss each other by more than this, they are better flown one after the other.
+_MEETS, _ROUNDS, _NEARLY = 1e-6, 8, 200.0
 
 
 def fly_together(
-    stream: Stream, schedule: Schedule, frames: FrameMap, starts: tuple[Array, float], through: Array
+    stream: Stream, schedule: Schedule, frames: FrameMap, starts: tuple[Array, float], through: Array | None
 ) -> tuple[Array, Array] | None:
     """Return the places at the beginning of each step and the end of the last, shape (L, N + 1, 2) [m], and their times, (L, N + 1) [s].
 
@@ -29,16 +29,20 @@ def fly_together(
         schedule: Of the legs, whose last is not followed by a drift.
         frames: Of as many legs.
         starts: Where each leg begins, heading and glide angle, shape (L, 4); when the first begins [s]. The first begins exactly there.
-        through: shape (L, 2, 2), derivatives of the legs' ends by their beginnings.
+        through: shape (L, 2, 2), derivatives of the legs' ends by their beginnings; None where they are not known, and taken for one.
     """
-    legs, begin = starts[0].copy(), starts[1]
+    legs, begin, before = starts[0].copy(), starts[1], _NEARLY
+    through = np.tile(np.eye(2), (len(legs), 1, 1)) if through is None else through
     for _ in range(_ROUNDS):
         flown = _fly(stream, schedule, _timed(schedule, frames, legs, begin))
         missed = flown[0][:-1, -1] - legs[1:, :2]
-        if not np.all(np.isfinite(missed)):
-            return None
-        if np.max(np.abs(missed), initial=0.0) <= _MEETS:
+        farthest = float(np.max(np.abs(missed), initial=0.0))
+        if farthest <= _MEETS:
             return flown
+        # a path that is not a number is never nearer
+        if not farthest <= before:
+            return None
+        before = 0.5 * farthest
         moved = np.zeros(2)
         for k, off in enumerate(missed):
             moved = through[k] @ moved + off
