@@ -7,7 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from planners.flow import graph_key, latent_over_time
-from planners.mission.leg import DRIFT_STEPS, Integrator, fly_steps, frame_function
+from planners.mission.leg import Integrator, fly_steps
+from planners.shooting.frames import frame_function
+from planners.shooting.schedule import DRIFT_STEPS
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

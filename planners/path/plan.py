@@ -11,20 +11,22 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.flow import latent_over_time
+from planners.front.current import current_lattice, spacing_over
+from planners.front.front import sea_of, spread
+from planners.front.obstacles import as_complex, obstacles_of
+from planners.front.relax import relax
 from planners.path.program import AuvProblem, PathSolution, solve_path
 from planners.path.settings import AuvSettings, PathRequest
 from planners.route.bottom import Bottom, bottom_of, fixed_rings
-from planners.route.graph import build_route_graph
 from planners.route.hazards import Ring, check_outside, first_crossing
 from planners.route.region import locate, region_of
-from planners.route.table import tabulate
 from planners.solver import HOUR
-from planners.track import fly_glide
+from planners.track import fly_glide, time_since
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place
 
@@ -142,16 +144,23 @@ _COST = {"time": "duration", "energy": "energy"}
 
 def _route(problem: AuvProblem) -> Array:
     """Return the quickest route in the current of the two depths, shape (n, 3) [m], its points at equal times."""
-    table, begin, end = tabulate(problem.flow, problem.region), problem.begin, problem.end
-    nearest = [int(np.argmin(np.abs(table.depths - depth))) for depth in (begin[2], end[2])]
-    shares, deepest = np.bincount(nearest, minlength=table.depths.size) / 2.0, max(begin[2], end[2])
-
-    def wet(points: Array) -> NDArray[np.bool_]:
-        return np.asarray(problem.bottom.limit_at(points) >= deepest)
-
-    route = build_route_graph(table, shares, problem.rings, wet, problem.vehicle.speed).route(
-        begin[:2], end[:2], problem.settings.max_duration
+    flow, begin, end, settings = problem.flow, problem.begin, problem.end, problem.settings
+    depths = np.array([begin[2], end[2]])
+    times, latent = problem.over_time
+    since = np.zeros(1) if times is None else times - time_since(flow, problem.start_time_ns)
+    shares = depth_weights(flow.depth_functions, depths, flow.levels).mean(axis=0)
+    places = as_complex(np.vstack([begin, end])[:, :2])
+    sea = sea_of(
+        current_lattice(flow, latent, since, spacing_over(flow), shares),
+        problem.vehicle.speed,
+        places,
+        obstacles_of(problem.rings, settings.margin, places),
     )
+    first = sea.current.places.size
+    front = spread(sea, np.array([first]), np.zeros(1), settings.max_duration, np.array([first + 1]))
+    arrives = bool(np.isfinite(front.times[first + 1]))
+    route = front.route_to(first + 1 if arrives else front.nearest_to(complex(places[1])), 0.0, arrives)
+    route = relax(sea, route, 0.0)
     times = np.linspace(0.0, route.times[-1], 100)
     return np.column_stack([route.at(times), np.linspace(begin[2], end[2], 100)])
 

@@ -102,7 +102,7 @@ class Method:
     ] = None
     spline: Annotated[
         int, option("--spline", "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.", least=0)
-    ] = 0
+    ] = 4
     risk: Annotated[
         float | None,
         option("--risk", "Keep a margin such that at most this share of the samples violates a constraint.", metavar="SHARE"),

@@ -121,7 +121,7 @@ class PlanJob:
     kind: MissionKind = MissionKind()
     no_go: Path | None = None
     bathymetry: Path | None = None
-    spline: int = 0
+    spline: int = 4
     risk: float | None = None
     waypoints: bool = False
     waypoint_tolerance: float | None = None
