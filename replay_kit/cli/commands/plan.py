@@ -1,6 +1,6 @@
 """``plan``: a glider's mission on an estimate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +26,7 @@ from replay_kit.core.paths import check_paths
 
 if TYPE_CHECKING:
     from replay_kit.workflows.planning.mission import PlannedMission
+    from replay_kit.workflows.planning.request import PlanJob
 
 
 # Exit code of a plan that is not safe enough to be handed to a vehicle.
@@ -173,22 +174,41 @@ def plan(
     if sum(str(path) == "-" for path in streams) > 1:
         raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
     check_paths([*flows, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite)
-    start, goals = place(places.start, "--start"), tuple(place(text, "--goal") for text in places.goal)
     least, most = _pair(method.angles, "--angles", "MIN,MAX") or (None, None)
     config = settings.load(planner={"min_angle": least, "max_angle": most})
 
     from replay_kit.workflows.planning.mission import make_mission
     from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
+
+    job = _job(flows, places, times, aim, method, outputs)
+    if job.bathymetry is None:
+        job = replace(job, bathymetry=config.planner.bathymetry_path)
+    with progress():
+        planned = make_mission(job, config.planner)
+    console, unsafe = console_beside(*streams), unsafe_reason(planned, job)
+    print_mission(planned, console, job.battery)
+    write_json(outputs.json_file, mission_json(planned))
+    if unsafe is not None and not outputs.write_unsafe:
+        console.print(f"{unsafe}; no other file is written without --write-unsafe", soft_wrap=True)
+        return _UNSAFE
+    _write(planned, outputs)
+    if outputs.out is not None:
+        write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, times, aim, method, job.kind.cross_track_weight), config)
+    return 0 if unsafe is None else _UNSAFE
+
+
+def _job(flows: tuple[Path, ...], places: Places, times: Times, aim: Aim, method: Method, outputs: Outputs) -> "PlanJob":
+    """Return the mission asked for, checked."""
     from replay_kit.workflows.planning.request import MissionKind, PlanJob, departures_of, horizon_of, start_time_of
 
     kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
     job = PlanJob(
         flows,
-        start,
-        goals,
+        place(places.start, "--start"),
+        tuple(place(text, "--goal") for text in places.goal),
         kind=kind,
         no_go=places.no_go,
-        bathymetry=places.bathymetry or config.planner.bathymetry_path,
+        bathymetry=places.bathymetry,
         spline=method.spline,
         risk=method.risk,
         waypoints=outputs.waypoints is not None,
@@ -201,18 +221,7 @@ def plan(
         horizon=None if times.horizon is None else horizon_of(times.horizon),
     )
     job.check()
-    with progress():
-        planned = make_mission(job, config.planner)
-    console, unsafe = console_beside(*streams), unsafe_reason(planned, job)
-    print_mission(planned, console, job.battery)
-    write_json(outputs.json_file, mission_json(planned))
-    if unsafe is not None and not outputs.write_unsafe:
-        console.print(f"{unsafe}; no other file is written without --write-unsafe", soft_wrap=True)
-        return _UNSAFE
-    _write(planned, outputs)
-    if outputs.out is not None:
-        write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, times, aim, method, kind.cross_track_weight), config)
-    return 0 if unsafe is None else _UNSAFE
+    return job
 
 
 def _asked(places: Places, times: Times, aim: Aim, method: Method, line_weight: float | None) -> dict[str, object]:

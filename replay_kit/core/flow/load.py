@@ -161,8 +161,8 @@ def _oscillation(attrs: Mapping[str, Any], values: dict[str, Array]) -> Oscillat
     """Return what oscillates beside the slow current; None where nothing is known to, as before it was saved."""
     if "oscillation_omega" not in values:
         return None
-    of_each = (values[f"oscillation_{name}"] for name in ("omega", "cosine", "sine"))
-    return Oscillation(*of_each, float(attrs["oscillation_scale"]), int(attrs["oscillation_time"]))
+    omega, cosine, sine = (values[f"oscillation_{name}"] for name in ("omega", "cosine", "sine"))
+    return Oscillation(omega, cosine, sine, float(attrs["oscillation_scale"]), int(attrs["oscillation_time"]))
 
 
 def _time_ns(dataset: xr.Dataset) -> int | None:
