@@ -5,6 +5,8 @@
   ``plan_line`` one that follows a line, ``plan_scenarios`` one that violates no constraint in most samples of an estimate.
 * ``fly_scenarios`` summarises a mission flown in samples, with headings that are held or corrected by a ``Pilot``.
 * ``mission_odds`` flies a mission in samples of the estimate; ``with_odds`` says in its status and message how likely it arrives.
+* ``plan_departures`` plans a mission for several departures, ``best_departure`` is the best of them; ``cut_at_horizon`` ends a mission
+  where the forecast does.
 * ``waypoints_of`` reduces a mission to a list of few waypoints.
 * ``plan_path`` makes, for a ``PathRequest``, a free path of a vehicle of bounded speed.
 """
@@ -12,7 +14,9 @@
 from planners.glide.settings import GlideSettings
 from planners.glide.simulate import fly
 from planners.glide.solve import plan
+from planners.mission.departures import best_departure, plan_departures
 from planners.mission.feedback import Pilot
+from planners.mission.horizon import cut_at_horizon
 from planners.mission.odds import MissionOdds, mission_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
 from planners.mission.scenarios import fly_scenarios, plan_scenarios
@@ -44,11 +48,14 @@ __all__ = [
     "SteadyFlight",
     "Waypoints",
     "Weights",
+    "best_departure",
+    "cut_at_horizon",
     "fit_flight",
     "fly",
     "fly_scenarios",
     "mission_odds",
     "plan",
+    "plan_departures",
     "plan_line",
     "plan_mission",
     "plan_mooring",

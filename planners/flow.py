@@ -48,14 +48,6 @@ def field_function(flow: FlowEstimate, times: Array | None = None) -> ca.Functio
     return _field(flow, flow.levels, flow.depth_functions, times, ("east", "north", "depth"))
 
 
-def layer_function(flow: FlowEstimate, times: Array | None = None) -> ca.Function:
-    """Return the function (east and north[ and time], latent) -> velocity of one depth, whose latent values are (M, 1) or (M, T).
-
-    A vehicle that passes depths known beforehand contracts the levels once, outside of the optimiser.
-    """
-    return _field(flow, np.zeros(1), DepthFunctions("hat", 1.0), times, ("east", "north"))
-
-
 def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
     """Return (times [s] since the first, latent values (M, Z T)) of one flow at several times.
 

@@ -1,13 +1,8 @@
-"""What the nonlinear programs share: units, IPOPT's options, solvers that share one program's derivatives, a cache of programs."""
+"""What the nonlinear programs share: units, IPOPT's options, a cache of programs."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
-
-import casadi as ca
-
-from replay_kit.core.arrays import Array
 
 T = TypeVar("T")
 # Programs measure distances in kilometres and times in hours, so that their unknowns are of order one to a hundred.
@@ -36,38 +31,7 @@ OPTIONS: dict[str, Any] = {
     "ipopt.slack_bound_frac": 1e-6,
 }
 # From an optimum of nearly the same problem a large barrier only leads away and back.
-_WARM: dict[str, Any] = {"ipopt.mu_init": 1e-6, "ipopt.bound_push": 1e-8, "ipopt.bound_frac": 1e-8}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Program:
-    """A nonlinear program.
-
-    Attributes:
-        solver: Its solver with ``OPTIONS``.
-        lower: Lower bounds of its constraints.
-        upper: Upper bounds.
-        problem: Its expressions, for further solvers.
-        further: Further solvers made so far, by warm start and iteration limit.
-    """
-
-    solver: Any
-    lower: Array
-    upper: Array
-    problem: dict[str, Any]
-    further: dict[tuple[bool, int], Any] = field(default_factory=dict)
-
-    def solver_for(self, warm_start: bool, max_iterations: int) -> Any:
-        """Return the solver for a guess that is nearly optimal (``warm_start``) or not; all solvers share their derivatives."""
-        key = warm_start, max_iterations
-        if key == (False, MOST_ITERATIONS):
-            return self.solver
-        if key not in self.further:
-            same = {name: self.solver.get_function(f"nlp_{name}") for name in ("jac_g", "grad_f")}
-            same["hess_lag"] = self.solver.get_function("nlp_hess_l")
-            options = {**OPTIONS, **(_WARM if warm_start else {}), "ipopt.max_iter": max_iterations, **same}
-            self.further[key] = ca.nlpsol("further", "ipopt", self.problem, options)
-        return self.further[key]
+WARM: dict[str, Any] = {"ipopt.mu_init": 1e-6, "ipopt.bound_push": 1e-8, "ipopt.bound_frac": 1e-8}
 
 
 class Recent(Generic[T]):

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.front.bound import Bound
 from planners.mission.check import Violation
 from planners.mission.flight import Flight, Legs
 from planners.mission.program import MissionGuess, MissionShape
@@ -96,6 +97,7 @@ class Attempt:
         iterations: IPOPT's, over all rounds.
         return_status: IPOPT's last.
         plane_violation: Largest distance of the solution beyond a half-plane [m].
+        bound: What no vehicle of the same speed can do better; None where it is not known.
     """
 
     legs: Legs
@@ -109,6 +111,7 @@ class Attempt:
     iterations: int
     return_status: str
     plane_violation: float
+    bound: Bound | None = None
 
 
 def goals_met(task: MissionTask, attempt: Attempt) -> bool:

@@ -1,13 +1,15 @@
 """A mission's legs flown densely with NumPy, in one current or in many at once."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from planners.flow import graph_key, latent_over_time
-from planners.mission.leg import DRIFT_STEPS, Integrator, fly_steps, frame_function
+from planners.mission.leg import Integrator, fly_steps
+from planners.shooting.frames import frame_function
+from planners.shooting.schedule import DRIFT_STEPS
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -15,6 +17,9 @@ from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.horizontal import NodeKernel
 from replay_kit.core.flow.lattice import StreamFunctionLattice
+
+#: A current that does not change, or its flows at increasing times.
+Sample = FlowEstimate | Sequence[FlowEstimate]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +35,15 @@ class Currents:
     flow: FlowEstimate
     latent: Array
     times: Array | None
+
+    def clock(self, time_ns: int) -> float:
+        """Return a time [ns, UTC] on the clock of ``times`` [s]; 0 for flows that do not change, and for no time."""
+        first = self.flow.time_ns
+        return 0.0 if self.times is None or first is None or time_ns == 0 else (time_ns - first) / 1e9
+
+    def since(self, time_ns: int) -> "Currents":
+        """Return the same flows on a clock that begins at a time [ns, UTC]."""
+        return self if self.times is None else replace(self, times=self.times - self.clock(time_ns))
 
     @cached_property
     def columns(self) -> Array:
@@ -80,7 +94,7 @@ def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:
     return np.column_stack([u, v])
 
 
-def currents_of(flow: FlowEstimate | Sequence[FlowEstimate]) -> Currents:
+def currents_of(flow: Sample) -> Currents:
     """Return one current, of an estimate or of several that hold for increasing times."""
     if isinstance(flow, FlowEstimate):
         return Currents(flow, flow.latent[None], None)
@@ -88,16 +102,25 @@ def currents_of(flow: FlowEstimate | Sequence[FlowEstimate]) -> Currents:
     return Currents(flow[0], latent[None], times)
 
 
-def currents_of_samples(flows: Sequence[FlowEstimate]) -> Currents:
-    """Return the currents of several flows that do not change, all of the functions of the first.
+def currents_of_samples(samples: Sequence[Sample]) -> Currents:
+    """Return the currents of several flows, all of the functions of the first.
+
+    Args:
+        samples: Flows that do not change; or of each its flows at increasing times, the same times for all.
 
     Raises:
-        PlanError: One is of other levels or functions.
+        PlanError: One is of other levels or functions, or of other times, or some change and some do not.
     """
-    for k, flow in enumerate(flows):
-        if graph_key(flow) != graph_key(flows[0]):
+    each = [(sample,) if isinstance(sample, FlowEstimate) else tuple(sample) for sample in samples]
+    for k, flows in enumerate(each):
+        if graph_key(flows[0]) != graph_key(each[0][0]):
             raise PlanError(f"sample {k} is not on the nodes, levels, kernel and depth functions of the first")
-    return Currents(flows[0], np.stack([flow.latent for flow in flows]), None)
+        if (len(flows) > 1 and [flow.time_ns for flow in flows] != [flow.time_ns for flow in each[0]]) or len(flows) != len(each[0]):
+            raise PlanError(f"sample {k} holds for other times than the first sample; draw all of them at the same times")
+    if len(each[0]) == 1:
+        return Currents(each[0][0], np.stack([flow.latent for (flow,) in each]), None)
+    through = [latent_over_time(flows) for flows in each]
+    return Currents(each[0][0], np.stack([latent for _, latent in through]), through[0][0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtri
 
-from planners.mission.flight import Legs, currents_of_samples, fly_legs, refine_steps
+from planners.mission.flight import Legs, Sample, currents_of_samples, fly_legs, refine_steps
 from planners.mission.leg import leg_depths, step_stops, steps_needed
 from planners.mission.task import REFINED
 from planners.mission.values import MissionPlan
@@ -41,11 +41,12 @@ class MissionFlights:
     projection: Projection
 
 
-def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan) -> MissionFlights:
+def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> MissionFlights:
     """Return the tracks of a mission's headings, glide angles and depths in other currents, without corrections on the way.
 
     Args:
-        flows: Flows that do not change, on the same nodes; their projection may differ from that of the plan's flow.
+        flows: Flows on the same nodes, of each that changes its flows at the same increasing times; their projection may differ from
+            that of the plan's flow.
         plan: The mission.
 
     Raises:
@@ -54,7 +55,7 @@ def fly_mission(flows: FlowEstimate | Sequence[FlowEstimate], plan: MissionPlan)
     currents = currents_of_samples([flows] if isinstance(flows, FlowEstimate) else flows)
     legs, projection = legs_of_plan(plan, currents.flow), currents.flow.grid.projection
     start = np.array(to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64)
-    flight = fly_legs(currents, plan.vehicle, start, legs)
+    flight = fly_legs(currents, plan.vehicle, start, legs, currents.clock(plan.start_time_ns))
     ends, met = flight.place[:, flight.ends], flight.place[:, np.searchsorted(flight.time, plan.goal_times - 1e-6)]
     goals = np.column_stack(to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T))
     miss = np.linalg.norm(met - goals, axis=2)

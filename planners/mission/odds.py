@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planners.mission.feedback import Pilot
-from planners.mission.flight import Flight
+from planners.mission.flight import Flight, Sample
 from planners.mission.flights import MissionFlights, legs_of_plan, surfacing_ellipses
 from planners.mission.scenarios import currents_around, fly_samples, points_at, predict, summarise_flights
 from planners.mission.task import mission_task
 from planners.mission.values import MissionPlan, MissionRequest, MonteCarloSummary, Mooring
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +32,8 @@ class MissionOdds:
 
 
 def mission_odds(
-    flow: FlowEstimate | Sequence[FlowEstimate],
-    samples: Sequence[FlowEstimate],
+    flow: Sample,
+    samples: Sequence[Sample],
     plan: MissionPlan,
     request: MissionRequest,
     mooring: Mooring | None = None,
@@ -43,7 +42,8 @@ def mission_odds(
 
     Args:
         flow: The estimate, or estimates for increasing times: what the pilot knows of the current.
-        samples: Three flows or more on its nodes, as ``flow.sample`` of the first draws them. What they differ by persists.
+        samples: Three or more on its nodes, as for ``plan_scenarios``: those that change are flown as they are, what others differ by from
+            the first estimate persists.
         plan: The mission.
         request: What it was planned for.
         mooring: That it stays near; it counts as reached where the flight does.
@@ -83,6 +83,7 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
     """
     corrected, violating = odds.corrected, 1.0 - odds.corrected.safe
     status, verb = plan.status, "stay within the radius" if plan.settings.weights.closest == 0.0 else "arrive"
+    verb = "surface last within the tolerance of where the plan ends" if status == "partial" else verb
     text = (
         f"{100.0 * corrected.reached:.0f} % of {odds.count} samples of the estimate {verb} with headings corrected at each surfacing, "
         f"{100.0 * odds.held.reached:.0f} % with headings held"

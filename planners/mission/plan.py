@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from planners.front.route import Route
 from planners.mission.attempt import GoalSteps
 from planners.mission.program import MissionGuess
 from planners.mission.reference_path import along_line, near_place
@@ -13,7 +14,6 @@ from planners.mission.search import solve_attempts
 from planners.mission.solve import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask, mission_task
 from planners.mission.values import Line, MissionPlan, MissionRequest, Mooring, Weights
-from planners.route.graph import Route
 from planners.route.region import locate
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

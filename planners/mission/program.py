@@ -1,35 +1,36 @@
 """A glider's mission as a nonlinear program: multiple shooting over its legs.
 
 The unknowns are the heading and the glide angle of each leg, the place and the time of its end, and slack variables. Places are in
-kilometres, times in hours, angles in radians: all of order one to a hundred. Latent velocities, places, depths, weights and limits are
-parameters, so that one graph serves every estimate on the same nodes.
+kilometres, times in hours, angles in radians: all of order one to a hundred. The functions and their derivatives are computed for all legs
+at once (``planners/shooting``); what is kept for further missions of the same shape is the order of their entries, and the solvers.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from planners.flow import graph_key
-from planners.mission.leg import leg_function, stage_latent
-from planners.mission.reference_path import ReferencePath, ReferencePathTerms
-from planners.route.hazards import plane_violations
-from planners.solver import HOUR, KM, MOST_ITERATIONS, OPTIONS, Program, Recent
-from planners.spline import FlowSpline
+from planners.mission.reference_path import REFERENCE_SLACK_COST, ReferencePath
+from planners.shooting.callbacks import Program
+from planners.shooting.frames import FrameMap
+from planners.shooting.functions import MissionCase, MissionFunctions, Reference
+from planners.shooting.layout import Layout
+from planners.shooting.schedule import schedule_of
+from planners.shooting.spline import FlowSpline
+from planners.shooting.stream import stream_of
+from planners.solver import HOUR, KM, MOST_ITERATIONS, Recent
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 
 # A kilometre beyond a half-plane costs as much as this many kilometres missed along one axis.
 _PLANE_COST = 4.0
-# Weight of slacks that are not to count, and the distance [km] below which a weighted distance is a smooth bowl.
-_SMALL, _BOWL = 1e-6, 1e-2
+# Weight of slacks that are not to count.
+_SMALL = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class MissionShape:
-    """What makes two missions share a graph.
+    """What makes two missions share a program.
 
     Attributes:
         n_legs: Number of legs.
@@ -56,16 +57,22 @@ class MissionShape:
         """Places of a leg at which half-planes and the reference path count."""
         return self.n_steps + int(self.drifts)
 
+    def layout(self, changing: bool) -> Layout:
+        """Return where the program's unknowns and constraints are, in a flow that changes or not."""
+        steps = self.goal_steps or (0,) * len(self.goal_legs)
+        goals = tuple((leg - 1, step) for leg, step in zip(self.goal_legs, steps, strict=True))
+        return Layout(self.n_legs, goals, self.n_places, self.n_planes, self.has_reference, changing)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionModel:
-    """What the graph of a mission is built from.
+    """What a mission is optimised in.
 
     Attributes:
-        flow: Any flow on the nodes; the latent velocities are parameters.
+        flow: Any flow of the same functions; the latent values are data.
         vehicle: The glider.
         shape: Numbers of legs, steps and goals.
-        times: As for ``field_function``.
+        times: Of the latent values, shape (T,) [s]; None for a flow that does not change.
         spline: Used instead of the flow.
     """
 
@@ -77,9 +84,12 @@ class MissionModel:
 
     @property
     def program(self) -> Program:
-        """The program, built once for models that share a graph."""
-        key = (*graph_key(self.flow), self.vehicle, self.shape, None if self.times is None else self.times.tobytes(), self.spline)
-        return _programs.get(key, lambda: _build(self))
+        """The program, made once for missions of one shape, in whatever flow."""
+        layout = self.shape.layout(self.times is not None)
+        projection = self.flow.grid.projection
+        return _programs.get(
+            (projection, self.vehicle, layout), lambda: Program(MissionFunctions(layout, FrameMap(projection, self.vehicle, layout.n_legs)))
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,6 +154,7 @@ class MissionSolution:
         objective: In the program's units.
         iterations: IPOPT's.
         return_status: IPOPT's.
+        through: shape (L, 2, 2), derivatives of the places where legs end by those where they begin; None where nothing was solved.
     """
 
     guess: MissionGuess
@@ -151,6 +162,7 @@ class MissionSolution:
     objective: float
     iterations: int
     return_status: str
+    through: Array | None
 
 
 _programs = Recent[Program](8)
@@ -169,9 +181,10 @@ def solve_mission(
         max_iterations: Of IPOPT.
     """
     program, shape = model.program, model.shape
-    solver = program.solver_for(warm_start, max_iterations)
+    solver = program.solver(warm_start, max_iterations)
     unknowns, lower, upper = _unknowns(model.vehicle, shape, data, guess)
-    answer = solver(x0=unknowns, p=_parameters(model, data), lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
+    program.functions.give(_case(model, data))
+    answer = solver(x0=unknowns, lbx=lower, ubx=upper, lbg=program.lower, ubg=program.upper)
     statistics = solver.stats()
     found = np.asarray(answer["x"]).ravel()
     legs = found[: 5 * shape.n_legs].reshape(shape.n_legs, 5)
@@ -181,6 +194,7 @@ def solve_mission(
         float(answer["f"]),
         int(statistics["iter_count"]),
         str(statistics["return_status"]),
+        program.functions.first(found)[1].places[:, -1, :, :2],
     )
 
 
@@ -200,57 +214,29 @@ def _unknowns(vehicle: Glider, shape: MissionShape, data: MissionData, guess: Mi
     return np.concatenate([legs.ravel(), slacks, np.zeros(n_slacks - slacks.size)]), lower, upper
 
 
-def _parameters(model: MissionModel, data: MissionData) -> Array:
-    flow, reference = model.flow, data.reference_path
-    miss_weights = [0.0, data.penalty] if data.distance_weight is None else [data.distance_weight, _SMALL]
-    parts = [data.start, [data.start_time], data.goals.ravel(), *data.depths, data.drifts, data.planes.ravel()]
-    parts += [[data.time_weight, data.miss_weight, data.penalty, *miss_weights]]
-    if reference is not None:
-        parts += [reference.origin / KM, reference.across.ravel(order="F")]
-        parts += [data.reference_weights.ravel(), data.reference_limits.ravel() / KM]
-    if model.spline is None:
-        parts += [stage_latent(data.latent, flow.levels, flow.depth_functions, depths).ravel(order="F") for depths in data.depths]
-    return np.concatenate([np.asarray(part) for part in parts])
+def _case(model: MissionModel, data: MissionData) -> MissionCase:
+    """Return the numbers of a mission as the program's functions take them."""
+    shape, flow, reference = model.shape, model.flow, data.reference_path
+    depths = [data.depths[profile] for profile in shape.profiles]
+    schedule = schedule_of(depths, data.drifts, shape.drifts, flow.levels, flow.depth_functions, model.times)
+    planes = np.concatenate([data.planes[..., :2], data.planes[..., 2:] / KM], axis=-1)
+    linear, each = (0.0, data.penalty) if data.distance_weight is None else (data.distance_weight, _SMALL)
+    return MissionCase(
+        stream_of(flow, data.latent) if model.spline is None else model.spline,
+        schedule,
+        schedule.lengths,
+        data.drifts if shape.drifts else np.zeros(shape.n_legs),
+        data.start,
+        data.start_time,
+        data.goals,
+        planes,
+        data.time_weight,
+        (data.miss_weight, linear, each),
+        data.penalty * _PLANE_COST,
+        None if reference is None else _reference(reference, data),
+    )
 
 
-def _build(model: MissionModel) -> Program:
-    shape, n_times = model.shape, 1 if model.times is None else model.times.size
-    n_legs, n_steps, n_goals, n_planes = shape.n_legs, shape.n_steps, len(shape.goal_legs), shape.n_planes
-    start, start_time, goals = ca.MX.sym("start", 2), ca.MX.sym("start_time"), ca.MX.sym("goals", 2, n_goals)
-    drifts, weights, profiles = ca.MX.sym("drifts", n_legs), ca.MX.sym("weights", 5), range(max(shape.profiles) + 1)
-    depths = [ca.MX.sym("depths", n_steps + 1) for _ in profiles]
-    latent = [ca.MX.sym("latent", len(model.flow.latent) if model.spline is None else 0, (2 * n_steps + 2) * n_times) for _ in profiles]
-    planes = [ca.MX.sym("planes", 3, n_planes * shape.n_places) for _ in range(n_legs)]
-    legs = [ca.MX.sym("leg", 5) for _ in range(n_legs)]
-    slacks: Any = ca.MX.sym("slacks", 4, n_goals)
-    plane_slack = ca.MX.sym("plane_slack", int(n_planes > 0))
-    reference = ReferencePathTerms(n_legs, shape.n_places if shape.has_reference else 0)
-    leg = leg_function(model.flow, model.vehicle, n_steps, model.times, shape.drifts, model.spline)
-    place, time = start, ca.MX.zeros(1)
-    equal, limited, tracks = [], [], []
-    for k, profile in enumerate(shape.profiles):
-        heading, angle = legs[k][3], legs[k][4]
-        places, end_time = leg(place, start_time + time * HOUR, heading, angle, depths[profile], drifts[k], latent[profile])
-        equal.append(ca.vertcat(places[:, -1] / KM - legs[k][:2], (end_time - start_time) / HOUR - legs[k][2]))
-        if n_planes:
-            limited.append(plane_violations(places / KM, planes[k], n_planes) - plane_slack)
-        reference.add(k, places / KM)
-        tracks.append(places)
-        place, time = legs[k][:2] * KM, legs[k][2]
-    misses = [slacks[:2, g] - slacks[2:, g] for g in range(n_goals)]
-    for g, (number, step) in enumerate(zip(shape.goal_legs, shape.goal_steps or (0,) * n_goals, strict=True)):
-        at = legs[number - 1][:2] if step == 0 else tracks[number - 1][:, step - 1] / KM
-        equal.append(at - goals[:, g] / KM - misses[g])
-    miss_cost = weights[1] * sum(ca.sumsqr(miss) for miss in misses)
-    miss_cost += weights[3] * sum(ca.sqrt(ca.sumsqr(miss) + _BOWL**2) for miss in misses)
-    slack_cost = _PLANE_COST * ca.sum1(plane_slack) + reference.slack_cost
-    program: dict[str, Any] = {
-        "x": ca.veccat(*legs, slacks, reference.slack, plane_slack),
-        "p": ca.veccat(start, start_time, goals, *depths, drifts, *planes, weights, *reference.parameters, *latent),
-        "f": weights[0] * time + miss_cost + weights[4] * ca.sum1(ca.vec(slacks)) + weights[2] * slack_cost + reference.cost,
-        "g": ca.vertcat(*equal, *limited, *reference.excess),
-    }
-    n_equal = 3 * n_legs + 2 * n_goals
-    n_limited = (n_planes + int(shape.has_reference)) * shape.n_places * n_legs
-    lower = np.concatenate([np.zeros(n_equal), np.full(n_limited, -np.inf)])
-    return Program(ca.nlpsol("mission", "ipopt", program, OPTIONS), lower, np.zeros(n_equal + n_limited), program)
+def _reference(path: ReferencePath, data: MissionData) -> Reference:
+    """Return a reference path as the program's functions take it."""
+    return Reference(path.origin / KM, path.across, data.reference_weights, data.reference_limits / KM, data.penalty * REFERENCE_SLACK_COST)

@@ -1,15 +1,13 @@
 """The reference path of a mission: a place, or the line between two, that its track is to stay near."""
 
 from dataclasses import dataclass
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from replay_kit.core.arrays import Array
 
-# A kilometre beyond the allowed distance costs as much as this many kilometres beyond a half-plane.
-_SLACK_COST = 0.2
+#: A kilometre beyond the allowed distance costs as much as this many hours of the penalty of a kilometre missed.
+REFERENCE_SLACK_COST = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,40 +68,3 @@ def along_line(begin: Array, end: Array, weight: float, width: float) -> Referen
     along = (end - begin) / np.linalg.norm(end - begin)
     normal = np.array([along[1], -along[0]])
     return ReferencePath("the line", begin, np.outer(normal, normal), width, weight, False, 0.0)
-
-
-class ReferencePathTerms:
-    """The terms of a reference path in a mission's program: cost and limit of the distance of each place.
-
-    Attributes:
-        parameters: Origin [km], projection, weight and limit [km] of each place.
-        slack: The unknown [km] by which the limits are exceeded.
-        slack_cost: Cost of the slack, in kilometres beyond a half-plane.
-        cost: Of all places.
-        excess: Must be 0 or less, one column per leg.
-    """
-
-    def __init__(self, n_legs: int, n_places: int) -> None:
-        """Make the symbols of ``n_legs`` legs with ``n_places`` places each; without places there are no terms."""
-        size = int(n_places > 0)
-        self.parameters = (
-            ca.MX.sym("origin", 2 * size),
-            ca.MX.sym("across", 2 * size, 2 * size),
-            ca.MX.sym("reference_weights", n_legs * n_places),
-            ca.MX.sym("reference_limits", n_legs * n_places),
-        )
-        self.slack, self.n_places = ca.MX.sym("reference_slack", size), n_places
-        self.slack_cost = _SLACK_COST * ca.sum1(self.slack)
-        self.cost: Any = ca.MX(1, 1)
-        self.excess: list[Any] = []
-
-    def add(self, leg: int, places: Any) -> None:
-        """Add the places of a leg, shape (2, n_places) [km]."""
-        if self.n_places == 0:
-            return
-        origin, across, weights, limits = self.parameters
-        of_leg = slice(leg * self.n_places, (leg + 1) * self.n_places)
-        squared = ca.sum1((across @ (places - ca.repmat(origin, 1, self.n_places))) ** 2).T
-        self.cost += ca.dot(weights[of_leg], squared)
-        # divided by the limit, so that a far one is as well scaled as a near one
-        self.excess.append((squared - (limits[of_leg] + self.slack) ** 2) / limits[of_leg])

@@ -66,11 +66,27 @@ def _statistics(task: MissionTask, attempts: list[Attempt], finite: list[Attempt
         "tried": "; ".join(_tried(attempt) for attempt in attempts),
         "longest_met_h": max(feasible, default=float("nan")),
     }
+    above = _above_bound(task, best)
+    if best.bound is not None and np.isfinite(best.bound.time):
+        statistics |= {"bound_h": best.bound.time / 3600.0}
+    if above is not None:
+        statistics |= {"above_bound_percent": above}
     if task.reference_path is not None:
         statistics |= {"farthest_m": best.deviation[0], "rms_m": best.deviation[1]}
     if task.spline is not None:
         statistics |= {"spline_error": task.spline.largest_error, "spline_rms_error": task.spline.rms_error}
     return statistics
+
+
+def _above_bound(task: MissionTask, attempt: Attempt) -> float | None:
+    """Return how much later than any vehicle of its speed could a mission arrives [%]; None where the bound does not hold or is 0."""
+    bound = attempt.bound
+    # shallower dives than those asked for meet another mean current
+    full = all(max(leg) >= task.settings.depth or k + 1 in attempt.goals.legs for k, leg in enumerate(attempt.yo_depths))
+    if bound is None or not 0.0 < bound.time < np.inf or not full or not goals_met(task, attempt):
+        return None
+    last = float(attempt.flight.time[attempt.goals.points(attempt.flight)[-1]])
+    return 100.0 * (last / bound.time - 1.0)
 
 
 def _tried(attempt: Attempt) -> str:
@@ -106,6 +122,9 @@ def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
         lasts = _hours(task, float(flight.time[-1]))
         parts.append(f"{farthest:.0f} m from {reference.name} at most, {rms:.0f} m in the root mean square, for {lasts}")
         short += "" if farthest <= reference.limit else f", farther than {reference.limit:g} m"
+    above = _above_bound(task, attempt)
+    if above is not None and counts:
+        parts.append(f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make")
     n_legs = len(flight.ends)
     text = f"{n_legs} leg{'s' * (n_legs != 1)}; {', '.join(parts)}"
     if attempt.violation is not None:
@@ -113,7 +132,17 @@ def _outcome(task: MissionTask, attempt: Attempt, goal_times: Array) -> str:
         text += f"; not safe: crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} in leg {at.leg} after {_hours(task, at.time)}"
     if task.is_late:
         text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
-    return f"{text}{short}; {_binding(task, attempt, n_legs)}" if short else text
+    return f"{text}{short}{_out_of_reach(task, attempt)}; {_binding(task, attempt, n_legs)}" if short else text
+
+
+def _out_of_reach(task: MissionTask, attempt: Attempt) -> str:
+    """Return which goal is out of reach, and how near one can come to it; empty where none is known to be."""
+    bound = attempt.bound
+    if bound is None or bound.goal < 0:
+        return ""
+    name = "the goal" if len(task.goals) == 1 else f"goal {bound.goal + 1}"
+    nearest, when = f"about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
+    return f"; {name} is out of reach: within {_hours(task, bound.most)} no vehicle of this speed comes nearer than {nearest}, after {when}"
 
 
 def _hours(task: MissionTask, seconds: float) -> str:

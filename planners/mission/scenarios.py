@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr
 
+from planners.flow import graph_key
 from planners.mission.attempt import Attempt, best_of, is_feasible
 from planners.mission.check import clearances
 from planners.mission.feedback import Pilot, fly_corrected
-from planners.mission.flight import Currents, Flight, Legs, currents_of, currents_of_samples, fly_legs
+from planners.mission.flight import Currents, Flight, Legs, Sample, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import legs_of_plan
 from planners.mission.leg import fly_midpoints
 from planners.mission.program import MissionGuess
@@ -53,8 +54,8 @@ class _Trial:
 
 
 def plan_scenarios(
-    flow: FlowEstimate | Sequence[FlowEstimate],
-    samples: Sequence[FlowEstimate],
+    flow: Sample,
+    samples: Sequence[Sample],
     request: MissionRequest,
     *,
     allowed: float = 0.1,
@@ -66,7 +67,8 @@ def plan_scenarios(
 
     Args:
         flow: The estimate, or estimates for increasing times.
-        samples: Flows on its nodes, as ``flow.sample`` of the first draws them: about twenty or more. What they differ by persists.
+        samples: Flows on its nodes: about twenty or more. Those that change are flown as they are, of each its flows at the same
+            increasing times, as ``sample_through`` draws them; what others, as ``flow.sample`` of the first draws them, differ by persists.
         request: As for ``plan_mission``; the margin of its settings is the least one.
         allowed: Share of the samples that may violate a constraint.
         pilot: Who corrects the mission at each surfacing; None when its headings are held whatever the current.
@@ -101,8 +103,8 @@ def plan_scenarios(
 
 
 def fly_scenarios(
-    flow: FlowEstimate | Sequence[FlowEstimate],
-    samples: Sequence[FlowEstimate],
+    flow: Sample,
+    samples: Sequence[Sample],
     plan: MissionPlan,
     *,
     pilot: Pilot | None = None,
@@ -113,7 +115,7 @@ def fly_scenarios(
 
     Args:
         flow: The estimate, or estimates for increasing times: what a pilot knows of the current.
-        samples: Flows on its nodes, as ``flow.sample`` of the first draws them. What they differ by persists.
+        samples: As for ``plan_scenarios``.
         plan: The mission.
         pilot: Who corrects it at each surfacing; None when its headings are held whatever the current.
         no_go: Areas that must not be entered.
@@ -171,17 +173,27 @@ def predict(task: MissionTask, legs: Legs) -> Flight:
 
 def fly_samples(task: MissionTask, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None) -> Flight:
     """Return the flights of legs in K currents, by the midpoint method; a pilot leads them where the prediction goes."""
+    known, met = (one.since(task.request.start_time_ns) for one in (task.currents, currents))
     if pilot is None:
-        return fly_legs(currents, task.vehicle, task.start[:2], legs, task.start_time, fly_midpoints)
-    known, met = (one if one.times is None else replace(one, times=one.times - task.start_time) for one in (task.currents, currents))
+        return fly_legs(met, task.vehicle, task.start[:2], legs, 0.0, fly_midpoints)
     return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight
 
 
-def currents_around(flow: FlowEstimate | Sequence[FlowEstimate], samples: Sequence[FlowEstimate]) -> Currents:
-    """Return the samples' currents, all on the nodes of the estimate; where it changes, so do they, and their errors persist."""
+def currents_around(flow: Sample, samples: Sequence[Sample]) -> Currents:
+    """Return the samples' currents, all on the nodes of the estimate.
+
+    Samples that change are flown as they are. Where the estimate changes and they do not, they change as it does: what they differ by
+    from its first time persists.
+    """
     if not samples:
         raise PlanError("a plan for samples of the estimate needs some; draw them with flow.sample(20, seed)")
-    both = currents_of_samples([flow if isinstance(flow, FlowEstimate) else flow[0], *samples])
+    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    if not isinstance(samples[0], FlowEstimate):
+        changing = currents_of_samples(samples)
+        if graph_key(changing.flow) != graph_key(first):
+            raise PlanError("the samples are not on the nodes, levels, kernel and depth functions of the estimate; draw them from it")
+        return changing
+    both = currents_of_samples([first, *samples])
     if isinstance(flow, FlowEstimate):
         return replace(both, latent=both.latent[1:])
     known = currents_of(flow)

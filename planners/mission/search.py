@@ -1,36 +1,53 @@
-"""The search for the best number of legs: a route from the graph, the nonlinear program from it, fewer or more legs than it suggests.
+"""The search for the best number of legs: a route from the front, the nonlinear program from it, fewer or more legs than it suggests.
 
-1. Route. The quickest way through the current averaged over the dives, by Dijkstra's search over a graph with 32 neighbours a point. It
-gives the number of legs and the initial guess, and leads round land. A goal that the graph finds out of reach is approached with 24 legs
-at most.
+1. Bound. The earliest arrival of any vehicle of this speed (``arrival.py``): a mission whose bound is later than its most legs take is not
+solved. It follows the way that comes nearest to the goal, each leg aimed where the glider comes up, and says how near that can be.
 
-2. Legs. That number of legs is solved, then fewer as long as the goals are still met, else more, each where the glide is flattest. Least
-energy counts the pump's work of each number of dives; with a given number it is least time. A goal at the surface is met where a leg
-ends, one below it by the dive that passes its depth, on the way down or up, whichever is nearer to when the route does; the last one by a
-dive that ends there.
+2. Route. The quickest way past all goals through the current averaged over the dives, round all obstacles; or, where that takes hardly
+longer, one farther from them. It gives the number of legs and the initial guess.
 
-3. Constraints. When the path crosses land, an area, shallows or the region's edge, each step's end must lie within the half-planes that
-touch the three nearest of them; they are placed anew around each path found until there is no more gain.
+3. Legs. n legs, as many as the route's time takes, are solved; then fewer as long as the goals are still met and the bound leaves room for
+them; else n + 1, n + 2, 1.25 n, 1.5 n, 2 n. Least energy counts the pump's work of each number of dives; with a given number it is least
+time. A goal at the surface is met where a leg ends, one below it by the dive that passes its depth, on the way down or up, whichever is
+nearer to when the route does; the last one by a dive that ends there.
 
-4. Bottom. Where no way round shallows is found, or the mission begins or ends in them, the quickest route through all water is cut into
+4. Constraints. When the path crosses land, an area, shallows or the region's edge, each step's end must lie within the half-planes that
+touch the three nearest of them; they are placed anew around each path found until there is no more gain. Where obstacles make the route
+slower than it would be without them, that is done at once.
+
+5. Bottom. Where no way round shallows is found, or the mission begins or ends in them, the quickest route through all water is cut into
 legs that turn above the bottom along them (``turning.py``).
 
-5. Check. The path is integrated again, by Runge-Kutta with steps half as long, and its segments are checked exactly.
+6. Habit. A pilot who heads at the goal at each surfacing is flown in the same current; where that is quicker, its course is solved from.
 
-Where not even a vehicle twice as fast, over land and through all areas, would arrive in the time of the most legs, each solve has 900
-iterations divided by the number of legs, or 20, and half-planes are placed once or twice, which is enough to find how close the mission
-comes. Elsewhere nothing is cut short, because missions sometimes reach goals that the graph finds out of reach.
+7. Check. The path is integrated again, by Runge-Kutta with steps half as long, and its segments are checked exactly.
+
+The rest of an earlier plan is solved first; where the route takes clearly less time, its number of legs is tried too.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from planners.front.bound import Bound
+from planners.mission.arrival import (
+    Passage,
+    Water,
+    bound_of,
+    initial_guess,
+    is_bent,
+    longest_time,
+    passage_past_goals,
+    water_of,
+    widest_passage,
+)
 from planners.mission.attempt import Attempt, GoalSteps, best_of, goals_met, is_feasible
+from planners.mission.course import Target, along_route, habit
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
-from planners.mission.task import MissionTask, find_route, initial_guess, is_out_of_reach, route_graph_of, turns_of
+from planners.mission.task import MissionTask, turns_of
 from planners.mission.turning import solve_turning
 from planners.mission.values import MissionPlan
 from planners.route.hazards import Ring
@@ -39,12 +56,12 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.progress import announce
 
-# Legs tried beyond those that a route suggests, besides one for each goal.
-_MORE_LEGS = 1
-# Legs with which a goal is approached that the graph finds out of reach: more of them only crawl against a current.
+# Legs with which a goal is approached that no route reaches: more of them only crawl against a current.
 _LEGS_OUT_OF_REACH = 24
-# Multiples of the likely number of legs that are tried where fewer violate a constraint.
-_SHORTER = 1.5, 2.0
+# Multiples of the likely number of legs that are tried where one or two more do not hold either.
+_SHORTER = 1.25, 1.5, 2.0
+# The rest of an earlier plan that takes so many times as long as the route is reconsidered.
+_RECONSIDERED = 1.02
 
 
 def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[Attempt]:
@@ -52,7 +69,7 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
 
     Args:
         task: The problem.
-        warm: An earlier plan; when the rest of it is feasible, it is the only attempt.
+        warm: An earlier plan, whose rest is tried first.
 
     Raises:
         PlanError: The miss distance has no weight, so that there is no goal to plan for.
@@ -61,29 +78,45 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
         raise PlanError(
             "a weight of 0 for the miss distance leaves no goal to plan for; give a larger weight, or none to meet it at any cost"
         )
-    attempts = [] if warm is None else _rest_of(task, warm)
-    if any(is_feasible(task, attempt) for attempt in attempts):
-        return attempts
     if not task.is_finite:
         return []
-    places = np.vstack([task.start, task.goals])[:, :2]
+    water, bound = bound_of(task) if _is_bounded(task) else (water_of(task), None)
+    if bound is not None and bound.goal >= 0:
+        return [replace(_approach(task, water, bound), bound=bound)]
+    attempts = [] if warm is None else _rest_of(task, warm)
+    if any(is_feasible(task, attempt) for attempt in attempts):
+        attempts += _reconsidered(task, water, attempts[0])
+    else:
+        attempts += _solve_anew(task, water, bound)
+    attempts += _from_habit(task, water, attempts)
+    return [replace(attempt, bound=bound) for attempt in attempts]
+
+
+def _is_bounded(task: MissionTask) -> bool:
+    """Return whether the earliest arrival bounds a mission: its goals must be met, by dives to one depth."""
+    return not (task.settings.weighs_distance or task.reference_path is not None)
+
+
+def _solve_anew(task: MissionTask, water: Water, bound: Bound | None) -> list[Attempt]:
+    """Return the attempts that begin at routes of the front."""
+    attempts, places = list[Attempt](), np.vstack([task.start, task.goals])[:, :2]
     if task.bottom.limit_at(places).min() >= task.settings.depth:
-        attempts += _search_at_full_depth(task)
+        attempts += _search_at_full_depth(task, water, bound)
     if _goes_on(task, attempts) and task.bottom.shallowest < task.settings.depth:
         # no way leads round the shallows, or none is quick enough: dives turn above them
-        attempts += solve_turning(task, task.rings)
+        attempts += solve_turning(task, water, task.rings)
     return attempts
 
 
-def _search_at_full_depth(task: MissionTask) -> list[Attempt]:
+def _search_at_full_depth(task: MissionTask, water: Water, bound: Bound | None) -> list[Attempt]:
     """Return the attempts whose dives all have the depth of the settings."""
-    attempts = _search(task, task.rings)
+    attempts = _search(task, water, task.rings, bound)
     if _goes_on(task, attempts) and any(ring.surface_only for ring in task.rings):
         # an area too wide to be passed under water between two surfacings must be rounded
-        attempts += _search(task, tuple(replace(ring, surface_only=False) for ring in task.rings))
+        attempts += _search(task, water, tuple(replace(ring, surface_only=False) for ring in task.rings), bound)
     if _goes_on(task, attempts) and any(ring.drawn for ring in task.rings):
-        # in a strong current the graph has too few edges to pass close by an area; half-planes may bend the route through it clear
-        attempts += _search(task, tuple(ring for ring in task.rings if not ring.drawn), once=True)
+        # half-planes may bend a route through an area clear of it where they do not hold one round it
+        attempts += _search(task, water, tuple(ring for ring in task.rings if not ring.drawn), bound, once=True)
     return attempts
 
 
@@ -92,40 +125,113 @@ def _goes_on(task: MissionTask, attempts: list[Attempt]) -> bool:
     return not any(is_feasible(task, attempt) for attempt in attempts) and (not attempts or not task.is_late)
 
 
-def _search(task: MissionTask, rings: tuple[Ring, ...], once: bool = False) -> list[Attempt]:
+def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bound | None, once: bool = False) -> list[Attempt]:
     """Return the attempts with the number of legs that a route clear of rings suggests and, unless once is enough, with fewer or more."""
-    settings, graph = task.settings, route_graph_of(task, rings)
-    route, passed = find_route(task, graph, settings.max_duration)
-    longest_leg = task.leg_time(task.vehicle.angles[0])
-    if not route.arrives and settings.legs is None:
-        route, passed = find_route(task, graph, min(settings.max_duration, _LEGS_OUT_OF_REACH * longest_leg))
-    likely = int(np.clip(np.ceil(passed[-1] / longest_leg - 1e-6), len(task.goals), settings.max_legs))
-    brief = not route.arrives and is_out_of_reach(task)
-
-    def attempt(legs: tuple[int, ...], fewer: bool = False) -> Attempt:
-        announce(f"planning: {legs[-1]} legs")
-        guess = initial_guess(task, route, graph, route.times[-1] * np.arange(legs[-1] + 1) / legs[-1])
-        return solve_legs(task, guess, goal_steps_of(task, passed, legs), route, fewer=fewer, brief=brief)
-
-    attempts = [attempt(goal_legs_of(passed, settings.legs or likely))]
-    if settings.legs is not None or not route.arrives or once or task.is_late:
+    settings, passage = task.settings, passage_past_goals(task, water, rings)
+    bent = passage.route.arrives and is_bent(task, water, passage)
+    solve = _solver(task, water, widest_passage(task, water, rings, passage) if bent else passage, bent)
+    likely = likely_legs(task, passage)
+    if not passage.route.arrives and settings.legs is None:
+        likely = min(likely, _LEGS_OUT_OF_REACH)
+    passed = passage.passed
+    attempts = [solve(goal_legs_of(passed, settings.legs or likely), False)]
+    if settings.legs is not None or not passage.route.arrives or once or task.is_late:
         return attempts
-    for n_legs in range(likely - 1, len(task.goals) - 1, -1):
+    for n_legs in range(likely - 1, _fewest_legs(task, bound) - 1, -1):
         if task.is_late or not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
             break
-        attempts.append(attempt(goal_legs_of(passed, n_legs), fewer=True))
+        attempts.append(solve(goal_legs_of(passed, n_legs), True))
     last = attempts[0]
-    for _ in range(likely, min(likely + _MORE_LEGS + len(task.goals), settings.max_legs)):
+    for n_legs in _more_legs(task, likely):
         if task.is_late or any(done.violation is None and goals_met(task, done) for done in attempts):
             break
-        last = attempt(add_leg(last.goals.legs, last.legs.angles))
+        next_one = n_legs == last.goals.legs[-1] + 1
+        last = solve(add_leg(last.goals.legs, last.legs.angles) if next_one else goal_legs_of(passed, n_legs), False)
         attempts.append(last)
-    # shorter legs can follow turns of the route that long ones cut off
-    for n_legs in (round(factor * likely) for factor in _SHORTER if any(done.violation for done in attempts)):
-        wanted = not task.is_late and not any(is_feasible(task, done) for done in attempts)
-        if wanted and last.goals.legs[-1] < n_legs <= settings.max_legs:
-            attempts.append(attempt(goal_legs_of(passed, n_legs)))
     return attempts
+
+
+def _solver(task: MissionTask, water: Water, passage: Passage, bent: bool) -> Callable[[tuple[int, ...], bool], Attempt]:
+    """Return the function that solves a passage with the goals met in given legs, where fewer than are known to be enough are told."""
+    route = passage.route
+
+    def solve(legs: tuple[int, ...], fewer: bool) -> Attempt:
+        announce(f"planning: {legs[-1]} legs")
+        guess = initial_guess(task, route, water, route.times[-1] * np.arange(legs[-1] + 1) / legs[-1])
+        return solve_legs(task, guess, goal_steps_of(task, passage.passed, legs), route, fewer=fewer, bent=bent)
+
+    return solve
+
+
+def likely_legs(task: MissionTask, passage: Passage) -> int:
+    """Return the number of legs that the time of a passage takes."""
+    longest = task.leg_time(task.vehicle.angles[0])
+    return int(np.clip(np.ceil(passage.passed[-1] / longest - 1e-6), len(task.goals), task.settings.max_legs))
+
+
+def _fewest_legs(task: MissionTask, bound: Bound | None) -> int:
+    """Return the least number of legs that can arrive: one for each goal, and as many as the bound's time takes."""
+    longest, drift = task.leg_time(task.vehicle.angles[0]), task.settings.surface_time
+    return max(len(task.goals), 1 if bound is None else int(np.ceil((bound.time + drift) / longest - 1e-6)))
+
+
+def _more_legs(task: MissionTask, likely: int) -> list[int]:
+    """Return the numbers of legs that are tried where the likely one does not hold, in turn."""
+    one_by_one = range(likely + 1, likely + 2 + len(task.goals))
+    wanted = sorted({*one_by_one, *(int(np.ceil(factor * likely)) for factor in _SHORTER)})
+    return [n_legs for n_legs in wanted if n_legs <= task.settings.max_legs]
+
+
+def _approach(task: MissionTask, water: Water, bound: Bound) -> Attempt:
+    """Return the mission that comes nearest to a goal out of reach: along the route of the front, or heading at the goal itself."""
+    passage = passage_past_goals(task, water, task.rings)
+    route, settings, goal = passage.route, task.settings, task.goals[bound.goal, :2]
+    n_legs = max(settings.legs or min(likely_legs(task, passage), _LEGS_OUT_OF_REACH), len(task.goals))
+    ahead = task.leg_time(task.vehicle.angles[0])
+
+    def on_route(_at: Array, now: float, _goal: int) -> Array:
+        # the last leg heads at the goal
+        return np.asarray(goal if now + ahead >= route.times[-1] else route.at(np.array([now + ahead]))[0])
+
+    def at_goal(_at: Array, _now: float, number: int) -> Array:
+        return np.asarray(task.goals[number, :2])
+
+    def flown(target: Target) -> Attempt:
+        course = along_route(task, water, n_legs, target)
+        while course.violation is not None and settings.legs is None and course.violation.leg > len(task.goals):
+            course = along_route(task, water, course.violation.leg - 1, target)
+        return course
+
+    announce(f"planning: goal {bound.goal + 1} is out of reach")
+    return best_of(task, [flown(on_route), flown(at_goal)])
+
+
+def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attempt]:
+    """Return the attempts from a new route where that is clearly quicker than the rest of an earlier plan."""
+    if task.settings.legs is not None or task.reference_path is not None or task.settings.weights.time == 0.0:
+        return []
+    passage = passage_past_goals(task, water, task.rings)
+    likely, legs = likely_legs(task, passage), len(rest.legs.headings)
+    if not passage.route.arrives or float(rest.flight.time[-1]) <= _RECONSIDERED * passage.passed[-1] or likely >= legs:
+        return []
+    solve, found = _solver(task, water, passage, is_bent(task, water, passage)), list[Attempt]()
+    for n_legs in (likely, likely + 1):
+        if n_legs < legs and not any(is_feasible(task, attempt) for attempt in found):
+            found.append(solve(goal_legs_of(passage.passed, n_legs), False))
+    return found
+
+
+def _from_habit(task: MissionTask, water: Water, attempts: list[Attempt]) -> list[Attempt]:
+    """Return the course of a pilot who heads at the goal at each surfacing, and what is solved from it, where it is better than all."""
+    if task.settings.legs is not None or not _is_bounded(task) or task.settings.objective == "closest":
+        return []
+    # a course that takes longer than the best attempt is not flown to its end
+    feasible = [float(attempt.flight.time[-1]) for attempt in attempts if is_feasible(task, attempt)]
+    latest = min([longest_time(task), *feasible])
+    flown = habit(task, water, min(int(latest / task.leg_time(task.vehicle.angles[1])) + 1, task.settings.max_legs), latest)
+    if flown is None or not is_feasible(task, flown) or best_of(task, [*attempts, flown]) is not flown:
+        return []
+    return [flown, solve_legs(task, flown.guess, flown.goals, None)]
 
 
 def goal_legs_of(passed: Array, n_legs: int) -> tuple[int, ...]:

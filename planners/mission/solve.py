@@ -1,23 +1,22 @@
 """One number of legs solved: by IPOPT from a guess, flown densely, and held to half-planes when its path violates a constraint."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planners.front.route import Route
 from planners.mission.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
 from planners.mission.check import check
-from planners.mission.flight import Legs, fly_legs, refine_steps
+from planners.mission.flight import Legs, refine_steps
 from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, MissionSolution, solve_mission
 from planners.mission.safety_margin import SafetyMargin
+from planners.mission.solved_flight import fly_solution
 from planners.mission.task import REFINED, MissionTask, turns_of
-from planners.route.graph import Route
 from planners.route.hazards import half_planes
 from planners.solver import HOUR, KM, MOST_ITERATIONS
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.lattice import StreamFunctionLattice
 
 # Hours that a kilometre of miss distance costs: more than any current takes to carry a glider over it.
 _PENALTY = 50.0
@@ -41,14 +40,19 @@ _SAME = 1.0
 _FAR_OFF = 2.0
 # A goal met this well is met [m].
 _MET = 5.0
-# Coefficients up to which the whole lattice is a parameter; beyond, the part within so many kernel lengths around the guess.
-_SMALL_LATTICE, _SURROUNDINGS = 3000, 6.0
 # Farther than any region is wide [m].
 _FAR = 1e6
 
 
 def solve_legs(
-    task: MissionTask, guess: MissionGuess, goals: GoalSteps, route: Route | None, *, fewer: bool = False, brief: bool = False
+    task: MissionTask,
+    guess: MissionGuess,
+    goals: GoalSteps,
+    route: Route | None,
+    *,
+    fewer: bool = False,
+    brief: bool = False,
+    bent: bool = False,
 ) -> Attempt:
     """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path violates a constraint.
 
@@ -60,6 +64,7 @@ def solve_legs(
             is nearly optimal.
         fewer: Whether more legs are known to meet the goals: an attempt that misses them by far is then not refined.
         brief: Whether the goals are known to be out of reach: iterations are then limited.
+        bent: Whether obstacles are known to lie in the way: nothing is then solved without half-planes, unless that misses the goals.
     """
     n_legs, settings = len(guess.headings), task.settings
     most = int(np.clip(_EFFORT_BRIEF // n_legs, _LEAST_ITERATIONS, MOST_ITERATIONS)) if brief else MOST_ITERATIONS
@@ -67,6 +72,10 @@ def solve_legs(
     # where the miss distance is weighed against other costs, a goal that is not met is no failure
     closest, weighed = settings.objective == "closest", settings.weighs_distance or task.reference_path is not None
     unreachable = route is not None and not route.arrives and not weighed
+    if bent and not unreachable:
+        found = _solve_within_half_planes(problem, fly_guess(problem, guess), guess, _points_along(problem, guess, route), closest)
+        if found.violation is None and (weighed or bool(np.all(found.miss <= settings.tolerance))):
+            return found
     solution = _solve(problem, guess, closest=closest or unreachable, warm_start=route is None)
     best = _fly(problem, solution, 0)
     if unreachable and not closest:
@@ -85,6 +94,11 @@ def solve_legs(
     return (
         best if best.violation is None else _solve_within_half_planes(problem, best, guess, _points_along(problem, guess, route), closest)
     )
+
+
+def fly_guess(problem: LegsProblem, guess: MissionGuess) -> Attempt:
+    """Return a guess flown as it is."""
+    return _fly(problem, MissionSolution(guess, 0.0, np.inf, 0, "not solved", None), 0)
 
 
 def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> Attempt:
@@ -166,31 +180,12 @@ def _solve(
         task.reference_path,
         *_reference_weights_and_limits(task, guess.angles, shape, problem.depths, reference_weight),
     )
-    flow, rows, within = _around(task, guess)
-    model = MissionModel(flow, task.vehicle, shape, task.currents.times, task.spline)
-    solution = solve_mission(
-        model, replace(data, latent=data.latent[rows]), guess, warm_start=warm_start, max_iterations=problem.max_iterations
-    )
-    if within(solution.guess.places):
+    options: dict[str, Any] = {"warm_start": warm_start, "max_iterations": problem.max_iterations}
+    model = MissionModel(task.flow, task.vehicle, shape, task.currents.times, task.spline)
+    solution = solve_mission(model, data, guess, **options)
+    if task.spline is None or task.spline.covers(solution.guess.places):
         return solution
-    model = replace(model, flow=task.flow)
-    return solve_mission(model, data, guess, warm_start=warm_start, max_iterations=problem.max_iterations)
-
-
-def _around(task: MissionTask, guess: MissionGuess) -> tuple[FlowEstimate, NDArray[np.intp] | slice, Callable[[Array], bool]]:
-    """Return the flow around a guess, which of the latent values are its own, and whether all of some places, shape (n, 2), are there.
-
-    On a lattice the optimiser then takes the parameters of the mission's surroundings, not those of the whole region.
-    """
-    functions = task.flow.horizontal
-    if not isinstance(functions, StreamFunctionLattice) or functions.size <= _SMALL_LATTICE:
-        return task.flow, slice(None), lambda _: True
-    margin = _SURROUNDINGS * np.array([functions.kernel.length_east, functions.kernel.length_north])
-    known = np.concatenate([task.start[None, :2], task.goals[:, :2], guess.places])
-    low, high = known.min(axis=0) - margin, known.max(axis=0) + margin
-    part, rows = functions.cut(low, high)
-    flow = replace(task.flow.mean_flow(), horizontal=part, latent=task.flow.latent[rows], modes=np.empty((rows.size, 0)))
-    return flow, rows, lambda places: bool(np.all((places >= low) & (places <= high)))
+    return solve_mission(replace(model, spline=None), data, guess, **options)
 
 
 def _weights(task: MissionTask) -> tuple[float, float | None, float]:
@@ -239,7 +234,7 @@ def _fly(problem: LegsProblem, solution: MissionSolution, iterations: int) -> At
     """Return a solution flown densely and checked, after so many iterations of earlier solves."""
     task, goals, guess = problem.task, problem.goals, solution.guess
     legs = Legs(guess.headings, guess.angles, tuple(refine_steps(steps, REFINED) for steps in problem.depths), problem.drifts)
-    flight = fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
+    flight = fly_solution(task.currents, task.vehicle, task.start[:2], legs, task.start_time, solution)
     miss = np.linalg.norm(flight.place[0, goals.points(flight)] - task.goals[:, :2], axis=1)
     reference = task.reference_path
     deviation = (0.0, 0.0) if reference is None else reference.farthest_and_rms(flight.time, flight.place[0], flight.ends)

@@ -1,4 +1,4 @@
-"""One mission in the local frame: its places, hazards and depth profiles, and an initial guess from a route."""
+"""One mission in the local frame: its places, hazards and depth profiles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,32 +6,26 @@ from math import inf
 from time import monotonic
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.mission.flight import Currents, currents_of
 from planners.mission.leg import leg_depths, step_stops, steps_needed
-from planners.mission.program import MissionGuess
 from planners.mission.reference_path import ReferencePath
 from planners.mission.values import MissionRequest, MissionSettings
 from planners.route.bottom import DEPTH_TOLERANCE, Bottom, bottom_of, fixed_rings
-from planners.route.graph import Route, RouteGraph, build_route_graph
 from planners.route.hazards import Ring, check_outside
 from planners.route.region import Region, locate, region_of
-from planners.route.table import tabulate
-from planners.spline import FlowSpline, spline_of
+from planners.shooting.spline import FlowSpline, spline_of
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import true_north_halfway
 
 # Dense steps for each of the optimiser's.
 REFINED = 2
-# Speed ratio of a vehicle that has every doubt in its favour.
-_MUCH_FASTER = 2.0
 # Glide angles among which the one of a given leg time is chosen.
 _ANGLES = 64
+# Least distance around start and goals that the spline of the flow covers [m].
+_AROUND = 1e5
 # Dives that turn above this are of no use [m].
 LEAST_DIVE = 10.0
 
@@ -121,12 +115,13 @@ class MissionTask:
 
     def n_steps(self, yo_depths: tuple[YoDepths, ...]) -> int:
         """Return the number of steps that is enough for each leg."""
-        return max(steps_needed(leg, self.stops, self.settings.steps) for leg in yo_depths)
+        return max(steps_needed(leg, self.stops, self.settings.steps) for leg in dict.fromkeys(yo_depths))
 
     def depths(self, yo_depths: tuple[YoDepths, ...]) -> tuple[Array, ...]:
         """Return the depths [m] of each leg's steps."""
         n_steps = self.n_steps(yo_depths)
-        return tuple(leg_depths(leg, self.stops, n_steps) for leg in yo_depths)
+        profiles = {leg: leg_depths(leg, self.stops, n_steps) for leg in dict.fromkeys(yo_depths)}
+        return tuple(profiles[leg] for leg in yo_depths)
 
     def goal_steps(self, goal_legs: tuple[int, ...], n_legs: int, within: Array) -> tuple[int, ...]:
         """Return after which step of its leg each goal is met, counted from 1; 0 for the leg's end.
@@ -183,14 +178,23 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     rings = fixed_rings(region, request.no_go, bottom)
     for name, point in zip(["start", *names], [start, *goals], strict=True):
         _check_place(rings, bottom, name, point)
-    if settings.spline and currents.times is not None:
-        raise PlanError("a spline represents one estimate, not a flow that changes in time; plan such a mission without it")
     # a region that is less deep everywhere needs no search for how deep each dive may be
     depth = min(settings.depth, max(bottom.deepest, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2])))
     request = replace(request, settings=replace(settings, depth=depth))
     clock, deadline = time_on_clock(currents, request.start_time_ns), monotonic() + settings.time_limit
     task = MissionTask(request, currents, region, rings, bottom, start, goals, clock, deadline=deadline)
-    return replace(task, spline=spline_of(currents.flow, settings.spline)) if settings.spline and task.is_finite else task
+    if not settings.spline or not task.is_finite:
+        return task
+    return replace(task, spline=spline_of(currents.flow, currents.latent[0], settings.spline, *_surroundings(region, start, goals)))
+
+
+def _surroundings(region: Region, start: Array, goals: Array) -> tuple[Array, Array]:
+    """Return the corners of a box, shape (2,) [m] each, that a mission from a start past goals hardly ever leaves."""
+    known = np.concatenate([start[None, :2], goals[:, :2]])
+    low, high = known.min(axis=0), known.max(axis=0)
+    around = np.maximum(_AROUND, 0.5 * np.max(high - low))
+    outline = np.array([[f(axis) for axis in (region.grid.east, region.grid.north)] for f in (np.min, np.max)])
+    return np.maximum(low - around, outline[0]), np.minimum(high + around, outline[1])
 
 
 def _check_place(rings: tuple[Ring, ...], bottom: Bottom, name: str, point: Array) -> None:
@@ -220,69 +224,4 @@ def _check_request(request: MissionRequest, region: Region) -> None:
 
 def time_on_clock(currents: Currents, time_ns: int) -> float:
     """Return a time [ns, UTC] on the clock of the currents' times [s]; 0 for currents that do not change, and for no time."""
-    first = currents.flow.time_ns
-    return 0.0 if currents.times is None or first is None or time_ns == 0 else (time_ns - first) / 1e9
-
-
-def route_graph_of(
-    task: MissionTask, rings: tuple[Ring, ...], *, depth: float | None = None, speed_ratio: float = 1.0, over_land: bool = False
-) -> RouteGraph:
-    """Return the graph of the mean current over the mission's dives, at its beginning.
-
-    Args:
-        task: The problem.
-        rings: What the route keeps clear of.
-        depth: Of the water that it needs [m]; None for that of the settings.
-        speed_ratio: Speed of the route's vehicle over that of the glider.
-        over_land: Whether the route may cross land.
-    """
-    flow, table = task.flow, tabulate(task.flow, task.region)
-    angle, depths = task.vehicle.angles[0], np.linspace(0.0, task.settings.depth, 101)
-    if flow.depth_functions.kind == "hat":
-        by_level = depth_weights(flow.depth_functions, depths, table.depths).mean(axis=0)
-    else:
-        nearest = np.argmin(np.abs(table.depths[None] - depths[:, None]), axis=1)
-        by_level = np.bincount(nearest, minlength=table.depths.size) / depths.size
-    drift_share = task.settings.surface_time / task.leg_time(angle)
-    shares = (1.0 - drift_share) * by_level + drift_share * (np.arange(table.depths.size) == 0)
-    along = float(task.vehicle.speeds(np, angle)[0])
-    depth = task.settings.depth if depth is None else depth
-
-    def wet(points: Array) -> NDArray[np.bool_]:
-        return np.full(len(points), True) if over_land else task.bottom.limit_at(points) >= depth
-
-    shallows = () if over_land else task.bottom.rings(depth)
-    return build_route_graph(table, shares, (*rings, *shallows), wet, speed_ratio * (1.0 - drift_share) * along)
-
-
-def is_out_of_reach(task: MissionTask) -> bool:
-    """Return whether even a much faster vehicle without constraints would not pass all goals within the largest number of legs.
-
-    The graph only knows the mean current over the dives: that it finds no route for the glider itself proves nothing.
-    """
-    if task.settings.weighs_distance or task.reference_path is not None:
-        return False
-    longest = (task.settings.legs or task.settings.max_legs) * task.leg_time(task.vehicle.angles[0])
-    return not find_route(task, route_graph_of(task, (), speed_ratio=_MUCH_FASTER, over_land=True), longest)[0].arrives
-
-
-def find_route(task: MissionTask, graph: RouteGraph, longest: float) -> tuple[Route, Array]:
-    """Return the quickest route past all goals, none of its parts longer than ``longest`` [s], and when it passes each goal [s]."""
-    points, times, passed, arrives = [task.start[None, :2]], [np.zeros(1)], [], True
-    for goal in task.goals:
-        route = graph.route(points[-1][-1], goal[:2], longest)
-        points.append(route.points[1:])
-        times.append(times[-1][-1] + route.times[1:])
-        passed.append(float(times[-1][-1]))
-        arrives = arrives and route.arrives
-    return Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed)
-
-
-def initial_guess(task: MissionTask, route: Route, graph: RouteGraph, ends: Array) -> MissionGuess:
-    """Return the route cut into legs at some times, shape (L + 1,) [s], with the headings that follow it in the mean current."""
-    places, durations = route.at(ends), np.diff(ends)
-    through = np.diff(places, axis=0) / np.maximum(durations, 1.0)[:, None] - graph.current_at(0.5 * (places[1:] + places[:-1]))
-    turns = (None,) * durations.size if task.turns is None else task.turns
-    angles = [task.angle_of(float(duration), turn) for duration, turn in zip(durations, turns, strict=True)]
-    turn = true_north_halfway(task.region.grid.projection, places[:-1], places[1:])
-    return MissionGuess(places[1:], np.arctan2(through[:, 0], through[:, 1]) - turn, np.array(angles))
+    return currents.clock(time_ns)

@@ -5,10 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from planners.front.route import Route
+from planners.mission.arrival import Water, initial_guess, passage_past_goals
 from planners.mission.attempt import Attempt, GoalSteps, is_feasible
 from planners.mission.solve import solve_legs
-from planners.mission.task import LEAST_DIVE, MissionTask, find_route, initial_guess, route_graph_of
-from planners.route.graph import Route, RouteGraph
+from planners.mission.task import LEAST_DIVE, MissionTask
 from planners.route.hazards import Ring
 from replay_kit.core.arrays import Array
 
@@ -23,30 +24,31 @@ _PACES = 1.0, 0.9, 0.8, 0.65
 _Cut = tuple[Array, tuple[float, ...], tuple[int, ...]]
 
 
-def solve_turning(task: MissionTask, rings: tuple[Ring, ...]) -> list[Attempt]:
+def solve_turning(task: MissionTask, water: Water, rings: tuple[Ring, ...]) -> list[Attempt]:
     """Return the attempts along the quickest route through all water deep enough for the least dive, its dives turning above the bottom.
 
     Args:
         task: The problem.
+        water: What the vehicle meets.
         rings: What the route keeps clear of at any depth.
     """
-    attempts, graph = list[Attempt](), route_graph_of(task, rings, depth=LEAST_DIVE)
-    route, passed = find_route(task, graph, task.settings.max_duration)
+    attempts, passage = list[Attempt](), passage_past_goals(task, water, rings, depth=LEAST_DIVE)
+    route, passed = passage.route, passage.passed
     for pace in _PACES:
         cut = _cut(task, route, passed, pace)
         if cut is None or (attempts and task.is_late) or any(is_feasible(task, attempt) for attempt in attempts):
             break
-        attempts.append(_solve_cut(task, graph, route, cut))
+        attempts.append(_solve_cut(task, water, route, cut))
         if task.settings.legs is not None:
             break
     return attempts
 
 
-def _solve_cut(task: MissionTask, graph: RouteGraph, route: Route, cut: _Cut) -> Attempt:
+def _solve_cut(task: MissionTask, water: Water, route: Route, cut: _Cut) -> Attempt:
     """Return the attempt with the legs of a route that is cut."""
     ends, turns, goal_legs = cut
     limited = replace(task, turns=turns)
-    guess = initial_guess(limited, route, graph, ends)
+    guess = initial_guess(limited, route, water, ends)
     goals = GoalSteps(goal_legs, limited.goal_steps(goal_legs, len(turns), np.ones(len(goal_legs))))
     # half-planes are placed along a route whose legs take equal times
     times = np.union1d(route.times, ends)

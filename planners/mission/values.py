@@ -14,7 +14,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.plan import Place
 
-MissionStatus = Literal["reached", "uncertain", "unreachable", "unsafe", "failed"]
+MissionStatus = Literal["reached", "uncertain", "partial", "unreachable", "unsafe", "failed"]
 Objective = Literal["time", "energy", "closest"]
 
 
@@ -61,8 +61,8 @@ class MissionSettings:
         margin: Distance kept from land, areas, shallows and the edge of the region [m].
         clearance: Least height of the dives above the bottom of the bathymetry [m].
         steps: Steps of the optimiser per dive and climb, besides one per level crossed.
-        spline: Coefficients per kernel length of a B-spline of the flow that the optimiser uses, about 3; 0 for the flow itself. Its error
-            is in ``statistics``, and the plan is checked in the flow itself.
+        spline: Coefficients per kernel length of a B-spline of the flow that the optimiser uses; 0 for the flow itself. Its error is in
+            ``statistics``, and the plan is checked in the flow itself.
         time_limit: After which no other number of legs, way or margin is tried [s]; what is being solved is finished.
     """
 
@@ -77,7 +77,7 @@ class MissionSettings:
     margin: float = 50.0
     clearance: float = 20.0
     steps: int = 1
-    spline: int = 0
+    spline: int = 4
     time_limit: float = inf
 
     def __post_init__(self) -> None:
@@ -174,7 +174,7 @@ class MissionPlan:
     Attributes:
         status: ``reached`` when every goal is met within the tolerance, ``unreachable`` when the best path found does not,
             ``unsafe`` when the path violates a constraint, ``failed`` when there is no path; ``uncertain`` when samples of the estimate
-            say that it arrives less often than asked for.
+            say that it arrives less often than asked for; ``partial`` when it ends at a horizon before the goal.
         start: Where it begins.
         goals: Where it should go, in order.
         start_time_ns: [ns, UTC].

@@ -6,24 +6,27 @@ free depths the optimum often lies on a level, where hat functions bend and no g
 the rest is solved at the depths found.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planners.flow import latent_over_time
+from planners.front.current import current_lattice, spacing_over
+from planners.front.front import sea_of, spread
+from planners.front.obstacles import as_complex, obstacles_of
+from planners.front.relax import relax
 from planners.path.program import AuvProblem, PathSolution, solve_path
 from planners.path.settings import AuvSettings, PathRequest
 from planners.route.bottom import Bottom, bottom_of, fixed_rings
-from planners.route.graph import build_route_graph
 from planners.route.hazards import Ring, check_outside, first_crossing
 from planners.route.region import locate, region_of
-from planners.route.table import tabulate
 from planners.solver import HOUR
-from planners.track import fly_glide
+from planners.track import fly_glide, time_since
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place
 
@@ -67,21 +70,24 @@ class AuvPlan:
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
 
 
-def plan_path(flow: FlowEstimate, request: PathRequest) -> AuvPlan:
+def plan_path(flow: FlowEstimate | Sequence[FlowEstimate], request: PathRequest) -> AuvPlan:
     """Return the best path found, of those begun at the route of a graph search and at a straight line.
 
     Args:
-        flow: The current, held constant in time.
+        flow: The current, or its estimates for increasing times, between which it is linear; constant before the first and after the last.
         request: Start, goal, vehicle, settings and constraints.
 
     Raises:
         PlanError: The start or the goal is outside of the region, on land, in an area, below the vehicle's limit or below the bottom
-            less the clearance, or the flow is not a number.
+            less the clearance, the flow is not a number, or its estimates are not of one region and of increasing times.
     """
     start, goal, settings = request.start, request.goal, request.settings
-    region = region_of(flow.grid, request.vehicle.max_depth)
+    flows = (flow,) if isinstance(flow, FlowEstimate) else tuple(flow)
+    if len(flows) > 1:
+        latent_over_time(flows)
+    region = region_of(flows[0].grid, request.vehicle.max_depth)
     begin, end = locate(region, start, "start"), locate(region, goal, "goal")
-    if not np.all(np.isfinite(flow.latent)):
+    if not all(np.all(np.isfinite(one.latent)) for one in flows):
         raise PlanError("the current is not a number; check the estimate's latent velocities")
     # a free path has no surfacings: every area counts at all depths
     areas = tuple(replace(area, surface_only=False) for area in request.no_go)
@@ -91,7 +97,8 @@ def plan_path(flow: FlowEstimate, request: PathRequest) -> AuvPlan:
     fixed, deep = fixed_rings(region, areas, bottom), float(max(begin[2], end[2]))
     for name, point in (("start", begin), ("goal", end)):
         check_outside(fixed, name, point)
-    problem = AuvProblem(flow, region, (*fixed, *bottom.rings(deep)), bottom, request.vehicle, settings, begin, end)
+    rings, times = (*fixed, *bottom.rings(deep)), (flows[1:], request.start_time_ns)
+    problem = AuvProblem(flows[0], region, rings, bottom, request.vehicle, settings, begin, end, *times)
 
     def made(guess: Array, free: bool, held: tuple[Array, float] | None = None) -> AuvPlan:
         return _to_plan(problem, start, goal, solve_path(problem, guess, free, held))
@@ -100,7 +107,7 @@ def plan_path(flow: FlowEstimate, request: PathRequest) -> AuvPlan:
     for guess in (route, np.linspace(begin, end, 100)):
         # first at the depths of the guess, which is a smooth problem; then at free ones; then at those that came of it
         plans.append(made(guess, free=False))
-        if settings.free_depth and flow.levels.size > 1:
+        if settings.free_depth and flows[0].levels.size > 1:
             plans.append(made(made(plans[-1].track, free=True).track, free=False))
     if any(plan.status == "unsafe" for plan in plans):
         # the route is clear; the depths are those found without it, and the deeper they are the more is land
@@ -137,23 +144,30 @@ _COST = {"time": "duration", "energy": "energy"}
 
 def _route(problem: AuvProblem) -> Array:
     """Return the quickest route in the current of the two depths, shape (n, 3) [m], its points at equal times."""
-    table, begin, end = tabulate(problem.flow, problem.region), problem.begin, problem.end
-    nearest = [int(np.argmin(np.abs(table.depths - depth))) for depth in (begin[2], end[2])]
-    shares, deepest = np.bincount(nearest, minlength=table.depths.size) / 2.0, max(begin[2], end[2])
-
-    def wet(points: Array) -> NDArray[np.bool_]:
-        return np.asarray(problem.bottom.limit_at(points) >= deepest)
-
-    route = build_route_graph(table, shares, problem.rings, wet, problem.vehicle.speed).route(
-        begin[:2], end[:2], problem.settings.max_duration
+    flow, begin, end, settings = problem.flow, problem.begin, problem.end, problem.settings
+    depths = np.array([begin[2], end[2]])
+    times, latent = problem.over_time
+    since = np.zeros(1) if times is None else times - time_since(flow, problem.start_time_ns)
+    shares = depth_weights(flow.depth_functions, depths, flow.levels).mean(axis=0)
+    places = as_complex(np.vstack([begin, end])[:, :2])
+    sea = sea_of(
+        current_lattice(flow, latent, since, spacing_over(flow), shares),
+        problem.vehicle.speed,
+        places,
+        obstacles_of(problem.rings, settings.margin, places),
     )
+    first = sea.current.places.size
+    front = spread(sea, np.array([first]), np.zeros(1), settings.max_duration, np.array([first + 1]))
+    arrives = bool(np.isfinite(front.times[first + 1]))
+    route = front.route_to(first + 1 if arrives else front.nearest_to(complex(places[1])), 0.0, arrives)
+    route = relax(sea, route, 0.0)
     times = np.linspace(0.0, route.times[-1], 100)
     return np.column_stack([route.at(times), np.linspace(begin[2], end[2], 100)])
 
 
 def _to_plan(problem: AuvProblem, start: Place, goal: Place, solution: PathSolution) -> AuvPlan:
     settings, vehicle, through, duration = problem.settings, problem.vehicle, solution.velocity, solution.duration
-    time, track = _fly(problem.flow, settings, problem.begin, through, duration)
+    time, track = _fly(problem, through, duration)
     what = _crossed(problem.bottom, problem.rings, track)
     miss = float(np.linalg.norm(track[-1] - problem.end))
     met = miss <= settings.tolerance
@@ -166,12 +180,14 @@ def _to_plan(problem: AuvProblem, start: Place, goal: Place, solution: PathSolut
     return AuvPlan(status, start, goal, through, duration, energy, miss, time, track, message, statistics)
 
 
-def _fly(flow: FlowEstimate, settings: AuvSettings, begin: Array, through: Array, duration: float) -> tuple[Array, Array]:
+def _fly(problem: AuvProblem, through: Array, duration: float) -> tuple[Array, Array]:
     """Return (time [s], track [m]) of the pieces flown densely."""
-    steps, each = _REFINED * settings.steps, duration / len(through)
-    time, track = [np.zeros(1)], [begin[None]]
+    steps, each = _REFINED * problem.settings.steps, duration / len(through)
+    time, track = [np.zeros(1)], [problem.begin[None]]
+    began_ns = problem.start_time_ns or problem.flow.time_ns or 0
     for k, velocity in enumerate(through):
-        flown = fly_glide(flow, track[-1][-1], velocity, np.linspace(0.0, each, steps + 1))
+        clock = np.linspace(0.0, each, steps + 1)
+        flown = fly_glide(problem.currents, track[-1][-1], velocity, clock, began_ns + round(k * each * 1e9))
         time.append(k * each + flown.time[1:])
         track.append(flown.position[1:])
     return np.concatenate(time), np.concatenate(track)

@@ -62,6 +62,7 @@ class PathRequest:
         settings: How the path is planned.
         no_go: Areas that must not be entered.
         bathymetry: Bottom depth; without one, the lowest level that is wet in the forecast limits the depth.
+        start_time_ns: When it begins [ns, UTC], for a current that changes; 0 for its first time.
     """
 
     start: Place
@@ -70,3 +71,4 @@ class PathRequest:
     settings: AuvSettings = field(default_factory=AuvSettings)
     no_go: tuple[NoGo, ...] = ()
     bathymetry: Bathymetry | None = None
+    start_time_ns: int = 0

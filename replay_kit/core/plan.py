@@ -23,7 +23,7 @@ class Place:
     depth: float
 
 
-PlanStatus = Literal["reached", "uncertain", "unreachable", "unsafe", "failed"]
+PlanStatus = Literal["reached", "uncertain", "partial", "unreachable", "unsafe", "failed"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +68,8 @@ class Plan:
 
     Attributes:
         status: ``reached`` when the predicted path passes the goal within the tolerance, ``unreachable`` when the best path found
-            does not, ``unsafe`` when it or too many samples violate a constraint, ``uncertain`` when too few samples arrive, ``failed``
-            when the solver gave no usable path.
+            does not, ``unsafe`` when it or too many samples violate a constraint, ``uncertain`` when too few samples arrive, ``partial``
+            when it ends at a horizon before the goal, ``failed`` when the solver gave no usable path.
         start: Where it begins.
         goal: Where it should pass.
         start_time_ns: [ns, UTC].

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _LAST_NS = 2**63 - 1
+_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
 
 
 def parse_time(text: str) -> int:
@@ -33,6 +34,18 @@ def parse_time(text: str) -> int:
     if not 0 <= time_ns <= _LAST_NS:
         raise ConfigError(f"'{text}' is outside 1970..2262; write a time of the mission such as 2018-11-16T00:00:00Z")
     return time_ns
+
+
+def parse_duration(text: str) -> float:
+    """Return a duration [s] written as a number and its unit: ``90s``, ``30min``, ``6h`` or ``3d``.
+
+    Raises:
+        ConfigError: The text is no such duration.
+    """
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(s|min|h|d)\s*", text)
+    if found is None:
+        raise ConfigError(f"'{text}' is no duration; write a number and its unit, such as 90s, 30min, 6h or 3d")
+    return float(found[1]) * _UNITS[found[2]]
 
 
 def to_time_ns(time: Any) -> "NDArray[np.int64]":

@@ -11,15 +11,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from planners import Glider
+from planners import Glider, MissionSettings
 from planners.flow import field_function
-from planners.mission.leg import leg_depths, leg_function, stage_latent, steps_needed
+from planners.mission.leg import leg_depths, steps_needed
 from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, _programs, solve_mission
+from planners.shooting.spline import _splines, spline_of
 from planners.solver import HOUR, KM, OPTIONS
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.benchmarks.estimator import row
 from tests.benchmarks.measure import seconds
+from tests.reference.leg import leg_function, stage_latent
 
 Row = dict[str, Any]
 N = 10
@@ -127,6 +129,7 @@ def draw_case(flow: FlowEstimate, rng: np.random.Generator) -> Case:
 
 def _anew(case: Case) -> Solved:
     _programs.clear()
+    _splines.clear()
     return solve_here(case)
 
 
@@ -136,8 +139,11 @@ def solve_here(case: Case) -> Solved:
     planes = np.zeros((N, shape.n_places, 0, 3))
     data = MissionData(case.start, 0.0, case.goal[None], (case.depths,), np.zeros(N), planes, 1.0, 0.0, 50.0, case.flow.latent)
 
+    corners = case.flow.nodes.min(axis=0), case.flow.nodes.max(axis=0)
+
     def solve(guess: MissionGuess, warm_start: bool) -> Any:
-        return solve_mission(MissionModel(case.flow, _VEHICLE, shape), data, guess, warm_start=warm_start)
+        spline = spline_of(case.flow, case.flow.latent, MissionSettings().spline, *corners)
+        return solve_mission(MissionModel(case.flow, _VEHICLE, shape, spline=spline), data, guess, warm_start=warm_start)
 
     answer = solve(MissionGuess(case.places, np.full(N, case.heading), np.full(N, _FIRST)), False)
     return Solved(answer.objective, np.rad2deg(answer.guess.headings), lambda: solve(answer.guess, True))

@@ -1,6 +1,6 @@
 """``plan``: a glider's mission on an estimate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +26,7 @@ from replay_kit.core.paths import check_paths
 
 if TYPE_CHECKING:
     from replay_kit.workflows.planning.mission import PlannedMission
+    from replay_kit.workflows.planning.request import PlanJob
 
 
 # Exit code of a plan that is not safe enough to be handed to a vehicle.
@@ -47,6 +48,23 @@ class Places:
         ),
     ] = None
     bathymetry: Annotated[Path | None, option("--bathymetry", "Depth of the bottom on a grid.", metavar="FILE.nc")] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Times:
+    """When the mission begins, and how far it is planned."""
+
+    start_time: Annotated[
+        str | None, option("--start-time", "When the mission begins, ISO 8601 UTC. Default: the time of the estimate.", metavar="TIME")
+    ] = None
+    depart: Annotated[
+        str | None,
+        option("--depart", "Departures that are compared, from T0 to T1; the best by the objective is planned.", metavar="T0,T1,STEP"),
+    ] = None
+    horizon: Annotated[
+        str | None,
+        option("--horizon", "Plan no further than this after the start, such as 72h, and say what is left then.", metavar="DURATION"),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +103,7 @@ class Method:
     ] = None
     spline: Annotated[
         int, option("--spline", "Points per kernel length of the B-spline used for the optimisation; 0 uses the estimate itself.", least=0)
-    ] = 0
+    ] = 4
     risk: Annotated[
         float | None,
         option("--risk", "Keep a margin such that at most this share of the samples violates a constraint.", metavar="SHARE"),
@@ -145,6 +163,7 @@ def plan(
         Path, argument("FLOW", "Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.")
     ],
     places: Annotated[Places, TO_INPUTS],
+    times: Annotated[Times, TO_OPTIONS] = Times(),
     aim: Annotated[Aim, TO_OPTIONS] = Aim(),
     method: Annotated[Method, TO_OPTIONS] = Method(),
     settings: Settings,
@@ -155,31 +174,15 @@ def plan(
     if sum(str(path) == "-" for path in streams) > 1:
         raise ConfigError("--geojson, --csv and --json: only one of them can have standard output; give the others files")
     check_paths([*flows, settings.file, places.no_go, places.bathymetry], [outputs.out, outputs.waypoints, *streams], outputs.overwrite)
-    start, goals = place(places.start, "--start"), tuple(place(text, "--goal") for text in places.goal)
     least, most = _pair(method.angles, "--angles", "MIN,MAX") or (None, None)
     config = settings.load(planner={"min_angle": least, "max_angle": most})
 
     from replay_kit.workflows.planning.mission import make_mission
     from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason, write_mission
-    from replay_kit.workflows.planning.request import MissionKind, PlanJob
 
-    kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
-    job = PlanJob(
-        flows,
-        start,
-        goals,
-        kind=kind,
-        no_go=places.no_go,
-        bathymetry=places.bathymetry or config.planner.bathymetry_path,
-        spline=method.spline,
-        risk=method.risk,
-        waypoints=outputs.waypoints is not None,
-        waypoint_tolerance=outputs.waypoint_tolerance,
-        arrive=method.arrive,
-        time_limit=method.time_limit,
-        battery=method.battery,
-    )
-    job.check()
+    job = _job(flows, places, times, aim, method, outputs)
+    if job.bathymetry is None:
+        job = replace(job, bathymetry=config.planner.bathymetry_path)
     with progress():
         planned = make_mission(job, config.planner)
     console, unsafe = console_beside(*streams), unsafe_reason(planned, job)
@@ -190,11 +193,38 @@ def plan(
         return _UNSAFE
     _write(planned, outputs)
     if outputs.out is not None:
-        write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, aim, method, kind.cross_track_weight), config)
+        write_mission(outputs.out, outputs.overwrite, planned, job, _asked(places, times, aim, method, job.kind.cross_track_weight), config)
     return 0 if unsafe is None else _UNSAFE
 
 
-def _asked(places: Places, aim: Aim, method: Method, line_weight: float | None) -> dict[str, object]:
+def _job(flows: tuple[Path, ...], places: Places, times: Times, aim: Aim, method: Method, outputs: Outputs) -> "PlanJob":
+    """Return the mission asked for, checked."""
+    from replay_kit.workflows.planning.request import MissionKind, PlanJob, departures_of, horizon_of, start_time_of
+
+    kind = MissionKind(_pair(aim.mooring, "--mooring", "RADIUS,HOURS"), aim.surfacings_only, aim.line, aim.line_weight, aim.objective)
+    job = PlanJob(
+        flows,
+        place(places.start, "--start"),
+        tuple(place(text, "--goal") for text in places.goal),
+        kind=kind,
+        no_go=places.no_go,
+        bathymetry=places.bathymetry,
+        spline=method.spline,
+        risk=method.risk,
+        waypoints=outputs.waypoints is not None,
+        waypoint_tolerance=outputs.waypoint_tolerance,
+        arrive=method.arrive,
+        time_limit=method.time_limit,
+        battery=method.battery,
+        start_time_ns=None if times.start_time is None else start_time_of(times.start_time),
+        departures_ns=() if times.depart is None else departures_of(times.depart),
+        horizon=None if times.horizon is None else horizon_of(times.horizon),
+    )
+    job.check()
+    return job
+
+
+def _asked(places: Places, times: Times, aim: Aim, method: Method, line_weight: float | None) -> dict[str, object]:
     """Return what was asked for beyond the configuration, as it was given."""
     return {
         "start": places.start,
@@ -207,6 +237,9 @@ def _asked(places: Places, aim: Aim, method: Method, line_weight: float | None) 
         "time_limit": method.time_limit,
         "surfacings_only": aim.surfacings_only,
         "line_weight": line_weight,
+        "start_time": times.start_time,
+        "depart": times.depart,
+        "horizon": times.horizon,
     }
 
 

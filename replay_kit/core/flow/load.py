@@ -19,6 +19,7 @@ from replay_kit.core.flow.horizontal import HorizontalFunctions, HorizontalKerne
 from replay_kit.core.flow.hybrid import HybridCovariance
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.lossless import EXACT_TIME, FORMAT, LATTICE, NODE_KERNEL, READ_VERSIONS
+from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.paths import as_path
@@ -153,7 +154,15 @@ def _evolution(dataset: xr.Dataset, values: dict[str, Array]) -> Evolution:
         local_scale=float(attrs["local_scale"]),
     )
     time_ns = int(attrs["evolution_time"]) if "evolution_time" in attrs else None
-    return Evolution(process, values["offset"], unknown_mean, lambda: cov, time_ns)
+    return Evolution(process, values["offset"], unknown_mean, lambda: cov, time_ns, _oscillation(attrs, values))
+
+
+def _oscillation(attrs: Mapping[str, Any], values: dict[str, Array]) -> Oscillation | None:
+    """Return what oscillates beside the slow current; None where nothing is known to, as before it was saved."""
+    if "oscillation_omega" not in values:
+        return None
+    omega, cosine, sine = (values[f"oscillation_{name}"] for name in ("omega", "cosine", "sine"))
+    return Oscillation(omega, cosine, sine, float(attrs["oscillation_scale"]), int(attrs["oscillation_time"]))
 
 
 def _time_ns(dataset: xr.Dataset) -> int | None:

@@ -104,6 +104,8 @@ def to_lossless(flow: FlowField) -> xr.Dataset:
         process = evolution.process
         attrs |= {name: np.float64(getattr(process, name)) for name in ("trajectory_scale", "local_scale")}
         variables["forecast_time"].attrs |= {"units": CF_TIME["units"], EXACT_TIME: " ".join(map(str, process.times_ns))}
+        if evolution.oscillation is not None:
+            attrs |= {"oscillation_scale": np.float64(evolution.oscillation.scale), "oscillation_time": str(evolution.oscillation.time_ns)}
         if evolution.time_ns is not None:
             attrs["evolution_time"] = str(evolution.time_ns)
     return xr.Dataset(variables, attrs=attrs)
@@ -162,6 +164,10 @@ def _evolution(evolution: Evolution) -> _Values:
         "unknown_mean": (("unknown",), evolution.mean, "mean of the unknowns, those of mixtures first"),
         "unknown_cov": _half(evolution.covariance(), "unknown", "covariance of the unknowns"),
     }
+    if (known := evolution.oscillation) is not None:
+        values["oscillation_omega"] = ("oscillation",), known.omega, "rad/s, angular velocity of each oscillation"
+        for name, array in (("cosine", known.cosine), ("sine", known.sine)):
+            values[f"oscillation_{name}"] = ("oscillation", "component", "depth"), array, f"m/s, local, of its {name}"
     return {name: value for name, value in values.items() if value[1].size}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import DepthFunctions, depth_weights
+from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.estimator.update.biases import Biases
 
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
@@ -60,6 +61,26 @@ class Oscillations:
             else:
                 blocks += [self.root if component == of_pair else nothing, nothing]
         return np.hstack(blocks) if blocks else np.empty((self.knots.size, 0))
+
+    def known(self, unknowns: Array, levels: Array, scale: float, time_ns: int) -> Oscillation | None:
+        """Return what oscillates as later times need it; None where nothing does. Steady currents are no part of it.
+
+        Args:
+            unknowns: shape (size,), their means.
+            levels: shape (Z,) [m].
+            scale: Time over which the phase is forgotten [s].
+            time_ns: Of the unknowns [ns, UTC].
+        """
+        turning = np.flatnonzero(self.omega)
+        if turning.size == 0 or self.knots.size == 0:
+            return None
+        now = unknowns.reshape(self.omega.size, 2, self.knots.size)
+        quarter_later = np.stack([now[:, 1], -now[:, 0]], axis=1)
+        at_levels, factors = self.weights(levels), [self.factor(c).reshape(self.knots.size, self.omega.size, 2, -1) for c in (0, 1)]
+        cosine, sine = (
+            np.stack([np.einsum("zk,kqpj,qpj->qz", at_levels, factor, each) for factor in factors], axis=1) for each in (now, quarter_later)
+        )
+        return Oscillation(self.omega[turning], cosine[turning], sine[turning], scale, time_ns)
 
     def at(self, rows: Array, seconds: float) -> Array:
         """Return rows, shape (size,), for unknowns given at another time, ``seconds`` later when negative."""

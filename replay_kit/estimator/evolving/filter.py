@@ -9,6 +9,7 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evolution import Evolution
+from replay_kit.core.flow.oscillation import Oscillation
 from replay_kit.core.observation import Innovation, Measurement, PathMean, Reason
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.evolving.group import group_innovation, step_group
@@ -180,13 +181,25 @@ class EvolvingEstimator(Estimator[EvolvingState]):
         return {name: (float(mean), float(std)) for name, (mean, std) in zip(biases.names, values, strict=True)}
 
     def flow(self, state: EvolvingState) -> FlowEstimate:
-        """Return the current estimate of a state, at its time, without oscillations; its covariance is computed when first asked for."""
+        """Return the current estimate of a state, at its time, without oscillations; its covariance is computed when first asked for.
+
+        Its model of time knows what oscillates.
+        """
         basis, process = self.basis, self.operator.process
         part = slice(0, process.size)
-        evolution = Evolution(process, basis.offset, state.mean[part], lambda: state.cov[part, part], state.time_ns)
+        evolution = Evolution(
+            process, basis.offset, state.mean[part], lambda: state.cov[part, part], state.time_ns, self._oscillation(state)
+        )
         still = FlowEstimate(basis.grid, basis.horizontal, basis.depth_functions, basis.offset, basis.modes, np.empty((0, 0)), None)
         flow = evolution.flow(still, self._time(state))
         return replace(flow, time_ns=None) if state.time_ns is None and self.time_ns is None else flow
+
+    def _oscillation(self, state: EvolvingState) -> Oscillation | None:
+        part = self.state_space.parts["oscillations"]
+        if state.time_ns is None or part.start == part.stop:
+            return None
+        scale = float(self.state_space.scales[part.start])
+        return self.operator.oscillations.known(state.mean[part], self.basis.grid.levels, scale, state.time_ns)
 
     @property
     def basis_size(self) -> tuple[int | None, int | None]:

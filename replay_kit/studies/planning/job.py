@@ -33,6 +33,8 @@ class PlanningJob:
         allowed: Share of the samples that may enter an area.
         masks: Random cases with islands and areas.
         replans: Missions replanned at each surfacing.
+        crossings: Missions of days in a sea that changes.
+        crossing: Least and largest distance from their start to their goal [m].
         seed: Of all random draws.
     """
 
@@ -49,12 +51,14 @@ class PlanningJob:
     allowed: float = 0.1
     masks: int = 200
     replans: int = 40
+    crossings: int = 40
+    crossing: tuple[float, float] = (80e3, 120e3)
     seed: int = 0
 
     def check(self, known: Collection[str]) -> None:
         """Raise ConfigError when an option is wrong."""
         check_names("--study", self.studies, known)
-        counts = ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks", "replans", "noise")
+        counts = ("pairs", "pings", "legs", "scenarios", "samples", "fresh", "masks", "replans", "crossings", "noise")
         check_positive(**{name: getattr(self, name) for name in counts})
         check_not_negative(seed=self.seed)
 

@@ -2,12 +2,13 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.studies.jobs.progress import EXPECTED_FAILURES, Advance, Progress, reason_of
 from replay_kit.studies.planning.arrivals import glides, missions
+from replay_kit.studies.planning.changing import changing
 from replay_kit.studies.planning.infeasible import infeasible
 from replay_kit.studies.planning.job import PlanningJob, PlanningResult, StudyReport
 from replay_kit.studies.planning.masked import masked
@@ -38,11 +39,17 @@ STUDIES: Mapping[str, Study] = {
     "odds": Study(odds, lambda job: job.pairs),
     "infeasible": Study(infeasible, lambda job: 10),
     "replanning": Study(replanning, lambda job: job.replans),
+    "changing": Study(changing, lambda job: job.crossings),
 }
 
 
 def run_planning(
-    ensemble: Ensemble, truth: Ensemble | None, config: EstimatorConfig, job: PlanningJob, progress: Progress | None = None
+    ensemble: Ensemble,
+    truth: Ensemble | None,
+    config: EstimatorConfig,
+    job: PlanningJob,
+    progress: Progress | None = None,
+    series: tuple[Ensemble, ...] = (),
 ) -> Iterator[PlanningResult]:
     """Yield the chosen studies so far, on a truth or on each member left out in turn.
 
@@ -54,6 +61,7 @@ def run_planning(
         config: Everything but the preset.
         job: What to study.
         progress: Called with steps done, steps in all, and what is being run.
+        series: The forecast at all of its times, for the study of a sea that changes.
 
     A study that fails for a reason of ``EXPECTED_FAILURES`` states it in its report; the others go on.
 
@@ -62,6 +70,7 @@ def run_planning(
     """
     job.check(STUDIES)
     world = build_world(ensemble, truth, config, job, Advance(sum(STUDIES[name].steps(job) for name in job.studies), progress))
+    world = replace(world, series=series)
     reports: list[StudyReport] = []
     seconds: dict[str, float] = {}
     truths = tuple(withheld.case.truth.source for withheld in world.truths)

@@ -32,7 +32,7 @@ METHODS = ("default", "naive3d", "ensemble_mean", "nearest")
 #: Everything that plans are made on.
 FLOWS = (TRUTH, AVERAGED, *METHODS)
 # Least and greatest glide angle of a mission [degrees].
-_ANGLES = (15.0, 35.0)
+ANGLES = (15.0, 35.0)
 _Made = TypeVar("_Made")
 _Planned = TypeVar("_Planned", bound=Plan | planners.MissionPlan)
 # The naive basis has the paper's errors of a bin, under which it was published.
@@ -112,12 +112,14 @@ class World:
         truths: One for each member left out, or one of its own.
         job: The options.
         advance: Counts steps of what is being run.
+        series: The forecast at all of its times, for the study of a sea that changes; empty where it is not made.
     """
 
     ensemble: Ensemble
     truths: tuple[Withheld, ...]
     job: PlanningJob
     advance: Advance
+    series: tuple[Ensemble, ...] = ()
 
     def shares(self, count: int) -> tuple[int, ...]:
         """Return the number of cases of each truth when a count is spread over the truths as evenly as possible."""
@@ -147,7 +149,7 @@ class World:
     @property
     def glider(self) -> planners.Glider:
         """The vehicle of missions."""
-        return planners.Glider(SPEED, None, *_ANGLES)
+        return planners.Glider(SPEED, None, *ANGLES)
 
 
 def timed(make: Callable[[], _Made]) -> tuple[_Made, float]:

@@ -1,7 +1,8 @@
 """Plans on an estimate: the planners behind the protocol that a replay calls, and the mission that ``plan`` makes.
 
 ``adapters`` binds glides and missions to ``[planner]``; ``inputs`` reads estimates, no-go areas and the depth of the bottom; ``request`` is
-what a mission is asked for, checked; ``mission`` plans it and flies it through samples of the estimate; ``outputs`` writes it.
+what a mission is asked for, checked; ``currents`` what is known of the current at its times; ``mission`` plans it and
+flies it through samples of the estimate; ``outputs`` writes it.
 """
 
 from replay_kit.workflows.planning.adapters import GlidePlanner, MissionPlanner, planner_of

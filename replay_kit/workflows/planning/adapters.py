@@ -2,28 +2,32 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 import planners
+from planners.mission.flight import Sample
 from planners.mission.flights import fly_mission, surfacing_ellipses
+from planners.mission.horizon import first_legs
 from planners.output.mission import as_glide
 from planners.route.region import locate, region_of
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import distance, to_geographic
+from replay_kit.core.geodesy import distance
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.seabed import Seabed
 from replay_kit.core.surfacing import Ellipse, Surfacing
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
+from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.planning.request import ACCEPTED_RISK, ARRIVING
 from replay_kit.workflows.planning.seabed import depth_along, seabed_of
 from replay_kit.workflows.replay.planner import Planner, PlanResult
 
 # The estimates that a mission is planned on reach over so many times the way through still water.
-_AHEAD = 1.5
+_AHEAD = 2.0
 
 
 def planner_of(config: PlannerConfig, region: Grid) -> Planner:
@@ -147,9 +151,10 @@ class MissionPlanner:
         request = planners.MissionRequest(
             start, (goal,), vehicle=self.vehicle, settings=settings, bathymetry=self.bathymetry, start_time_ns=start_time_ns
         )
-        currents = self._over_time(flow, start, goal, start_time_ns)
+        known, seconds = KnownCurrent((flow,), self.flow_step), self.span(start, (goal,))
+        currents = known.flow(start_time_ns, seconds)
         mission = planners.plan_mission(currents, request, warm=before)
-        drawn = flow.sample(self.samples, self.seed) if self.samples and len(mission.headings_deg) else ()
+        drawn = known.samples(start_time_ns, seconds, self.samples if len(mission.headings_deg) else 0, self.seed)
         odds = planners.mission_odds(currents, drawn, mission, request) if drawn else None
         judged = mission if odds is None else planners.with_odds(mission, odds, ARRIVING, ACCEPTED_RISK)
         made = over_bottom(as_glide(judged, flow.grid.projection, odds), self.bathymetry, flow.grid.projection)
@@ -166,49 +171,25 @@ class MissionPlanner:
             )
 
     def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
-        """Return how far from its goal [m] a mission ends when it is flown in a flow."""
-        return float(fly_mission(flow, planned.memory).miss[0, -1])
+        """Return how far from its goal [m] a mission ends when it is flown in a flow, as it changes where it does."""
+        mission: planners.MissionPlan = planned.memory
+        met = KnownCurrent((flow,), self.flow_step).flow(mission.start_time_ns, mission.duration)
+        return float(fly_mission([met], mission).miss[0, -1])
 
-    def _over_time(self, flow: FlowEstimate, start: Place, goal: Place, start_time_ns: int) -> FlowEstimate | Sequence[FlowEstimate]:
-        """Return the estimate for the time of the mission: one that does not change, or several."""
-        if flow.later is None or flow.time_ns is None:
-            return flow
-        step = int(self.flow_step * 1e9)
-        after = flow.at(start_time_ns + step)
-        if np.array_equal(after.latent, flow.latent):
-            return flow
+    def span(self, start: Place, goals: Sequence[Place]) -> float:
+        """Return for how long a mission may need the current [s]: some times the way through still water, at most its longest duration."""
         along = float(self.vehicle.speeds(np, self.vehicle.angles[0])[0])
-        ahead = float(distance(start.longitude, start.latitude, goal.longitude, goal.latitude)) / along
-        steps = int(np.ceil(min(_AHEAD * ahead, self.settings.max_duration) / self.flow_step))
-        now = flow if flow.time_ns == start_time_ns else flow.at(start_time_ns)
-        return [now, after, *(flow.at(start_time_ns + k * step) for k in range(2, steps + 1))]
+        places = [start, *goals]
+        way = sum(float(distance(a.longitude, a.latitude, b.longitude, b.latitude)) for a, b in pairwise(places))
+        return min(_AHEAD * way / along, self.settings.max_duration)
 
 
-def _next_surfacing(projection: Projection, mission: planners.MissionPlan, drawn: Sequence[FlowEstimate]) -> Surfacing | None:
+def _next_surfacing(projection: Projection, mission: planners.MissionPlan, drawn: Sequence[Sample]) -> Surfacing | None:
     """Return where the first leg ends at the surface, with an ellipse where there are samples; None when no leg does."""
     if len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
         return None
-    first = _first_leg(mission)
-    at = [float(np.interp(first.surfacing_times[0], mission.track_time, mission.track[:, k])) for k in (0, 1)]
-    longitude, latitude = to_geographic(projection, *at)
-    time_ns = mission.start_time_ns + round(float(first.surfacing_times[0]) * 1e9)
+    first = first_legs(mission, 1, projection)
+    (longitude, latitude), seconds = first.surfacings[0], float(first.surfacing_times[0])
+    time_ns = mission.start_time_ns + round(seconds * 1e9)
     ellipse = Ellipse(*surfacing_ellipses(fly_mission(drawn, first), first)[0].tolist()) if drawn else None
     return Surfacing(time_ns, float(longitude), float(latitude), ellipse)
-
-
-def _first_leg(mission: planners.MissionPlan) -> planners.MissionPlan:
-    """Return the mission of the first leg alone, up to when it reaches the surface: without the drift."""
-    drift = mission.settings.surface_time if len(mission.headings_deg) > 1 else 0.0
-    surfaces = mission.surfacing_times[:1] - drift
-    return replace(
-        mission,
-        headings_deg=mission.headings_deg[:1],
-        glide_angles_deg=mission.glide_angles_deg[:1],
-        pitches_deg=mission.pitches_deg[:1],
-        yo_depths=mission.yo_depths[:1],
-        surfacings=mission.surfacings[:1],
-        surfacing_times=surfaces,
-        goals=mission.goals[-1:],
-        goal_legs=(1,),
-        goal_times=surfaces,
-    )

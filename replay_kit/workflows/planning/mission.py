@@ -1,5 +1,6 @@
 """``plan``: a mission on an estimate, and its figures in samples of the estimate."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
@@ -13,22 +14,59 @@ from planners import (
     MissionSettings,
     NoGo,
     Pilot,
+    best_departure,
+    cut_at_horizon,
     mission_odds,
+    plan_departures,
     plan_scenarios,
     waypoints_of,
     with_odds,
 )
+from planners.mission.flight import Sample
+from planners.mission.horizon import to_its_end
 from planners.mission.waypoints import Waypoints
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.progress import announce
+from replay_kit.core.text import time_text
 from replay_kit.workflows.planning.adapters import MissionPlanner
 from replay_kit.workflows.planning.areas import area_notes, read_areas
 from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
+from replay_kit.workflows.planning.currents import KnownCurrent, known_current
 from replay_kit.workflows.planning.inputs import read_flow
 from replay_kit.workflows.planning.request import JUDGING, PlanJob, objective_of
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """One of several departures that were compared.
+
+    Attributes:
+        start_time_ns: When it begins [ns, UTC].
+        status: Of its mission.
+        duration: [s].
+        energy: [J].
+        legs: Their number.
+        miss: Of the last goal [m].
+        reached: Share of the samples that arrive with headings corrected at each surfacing; None without samples.
+    """
+
+    start_time_ns: int
+    status: str
+    duration: float
+    energy: float
+    legs: int
+    miss: float
+    reached: float | None
+
+    @classmethod
+    def of(cls, plan: MissionPlan, reached: float | None) -> "Departure":
+        """Return the departure of a mission, with the share of the samples that arrive."""
+        count, miss = len(plan.headings_deg), float(plan.closest_approach[-1])
+        return cls(plan.start_time_ns, plan.status, plan.duration, plan.energy, count, miss, reached)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +83,7 @@ class PlannedMission:
         no_go: Areas that it keeps out of.
         bathymetry: Bottom that it stays above; None without.
         region: Of the estimate.
+        departures: That were compared, in order; none where only one was planned.
     """
 
     plan: MissionPlan
@@ -56,6 +95,7 @@ class PlannedMission:
     no_go: tuple[NoGo, ...]
     bathymetry: Bathymetry | None
     region: Grid
+    departures: tuple[Departure, ...] = ()
 
     @property
     def ellipses(self) -> Array | None:
@@ -72,43 +112,105 @@ def make_mission(job: PlanJob, config: PlannerConfig) -> PlannedMission:
 
     Raises:
         ConfigError: Options do not go together.
-        PlanError: A goal cannot be planned for, or a file of areas is unusable.
+        PlanError: A goal cannot be planned for, a file of areas is unusable, the files of the current do not follow each other, or a time
+            is outside of the forecast.
         ForecastError: The bathymetry is unusable.
     """
     announce("reading the estimate")
-    estimates = [read_flow(path) for path in job.flows]
-    count, certain = _sample_count(estimates[0], config)
+    known = known_current([(path, read_flow(path)) for path in job.flows], config.flow_step)
+    count, certain = _sample_count(known.first, config)
     job.check_samples(count)
+    request = _request(job, config, known)
+    grid, notes = known.first.grid, () if job.no_go is None else area_notes(job.no_go, known.first.grid)
+    if request.bathymetry is not None:
+        notes += bathymetry_notes(request.bathymetry, grid)
+    begin_ns, seconds = request.start_time_ns, _seconds(job, config, request)
+    flow, drawn = known.flow(begin_ns, seconds), known.samples(begin_ns, seconds, count, config.seed)
+    made, compared = _planned(job, request, flow, drawn)
+    if compared:
+        request = replace(request, start_time_ns=made.start_time_ns)
+    few = None
+    if job.waypoints and len(made.headings_deg):
+        few = waypoints_of(flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry)
+    notes += known.notes(made.start_time_ns, made.start_time_ns + round(made.duration * 1e9))
+    if certain:
+        made = replace(made, message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known")
+    planned = PlannedMission(made, grid.projection, None, None, few, notes, request.no_go, request.bathymetry, grid)
+    if not drawn or len(made.headings_deg) == 0:
+        return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
+    announce("flying the samples")
+    judged, odds = _judged(job, request, (flow, drawn), made)
+    departures = tuple(_departure(job, request, (flow, drawn), plan) for plan in compared)
+    return replace(planned, plan=judged, odds=odds, samples=_figures(odds, job), departures=departures)
+
+
+def _request(job: PlanJob, config: PlannerConfig, known: KnownCurrent) -> MissionRequest:
+    """Return what is asked of the planner, its times checked against the forecast."""
     vehicle, settings = mission_settings(config, job.kind.objective, job.spline)
     settings = replace(settings, time_limit=inf if job.time_limit is None else job.time_limit)
-    request = MissionRequest(
+    begin_ns = (job.departures_ns or (job.start_time_ns or known.first.time_ns or 0,))[0]
+    for name, time_ns in (("--start-time", job.start_time_ns), *(("--depart", one) for one in job.departures_ns)):
+        if time_ns is not None:
+            known.check_time(name, time_ns)
+    if job.departures_ns and not known.changes:
+        raise PlanError(
+            f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, in which all "
+            "departures are the same; give the result of a replay through a forecast's times, or several files"
+        )
+    last = known.ends_ns
+    if job.horizon is not None and last is not None and begin_ns + job.horizon * 1e9 > last:
+        raise PlanError(
+            f"--horizon: expected at most {(last - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last)}, got "
+            f"{job.horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
+        )
+    return MissionRequest(
         job.start,
         job.goals,
         vehicle=vehicle,
         settings=settings,
         no_go=() if job.no_go is None else read_areas(job.no_go),
-        bathymetry=None if job.bathymetry is None else read_bathymetry(job.bathymetry, estimates[0].grid),
-        start_time_ns=estimates[0].time_ns or 0,
+        bathymetry=None if job.bathymetry is None else read_bathymetry(job.bathymetry, known.first.grid),
+        start_time_ns=begin_ns,
     )
-    grid, notes = estimates[0].grid, () if job.no_go is None else area_notes(job.no_go, estimates[0].grid)
-    if request.bathymetry is not None:
-        notes += bathymetry_notes(request.bathymetry, grid)
-    flow, drawn = estimates[0] if len(estimates) == 1 else estimates, estimates[0].sample(count, config.seed) if count else ()
-    if job.risk is None:
-        made = job.kind.plan(flow, request)
-    else:
-        made, _ = plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())
-    few = None
-    if job.waypoints and len(made.headings_deg):
-        few = waypoints_of(flow, made, job.waypoint_tolerance, no_go=request.no_go, bathymetry=request.bathymetry)
-    if certain:
-        made = replace(made, message=f"{made.message}; the estimate states no uncertainty: how likely that is is not known")
-    if not drawn or len(made.headings_deg) == 0:
-        return PlannedMission(made, grid.projection, None, None, few, notes, request.no_go, request.bathymetry, grid)
-    announce("flying the samples")
-    odds = mission_odds(flow, drawn, made, request, None if job.kind.mooring is None else job.kind.stay)
-    judged = with_odds(made, odds, job.arrive, job.accepted_risk)
-    return PlannedMission(judged, grid.projection, odds, _figures(odds, job), few, notes, request.no_go, request.bathymetry, grid)
+
+
+def _seconds(job: PlanJob, config: PlannerConfig, request: MissionRequest) -> float:
+    """Return for how long the current is needed [s]: that of the mission, from the first departure to the last arrival."""
+    if job.kind.mooring is not None:
+        return job.kind.stay.duration
+    bound = replace(MissionPlanner.of(config), settings=request.settings)
+    between = (job.departures_ns[-1] - job.departures_ns[0]) / 1e9 if job.departures_ns else 0.0
+    return min(between + bound.span(job.start, job.goals), inf if job.horizon is None else job.horizon)
+
+
+def _planned(job: PlanJob, request: MissionRequest, flow: Sample, drawn: Sequence[Sample]) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
+    """Return the mission, and the plans of all departures where several are compared."""
+    if job.departures_ns:
+        plans = plan_departures(flow, request, job.departures_ns)
+        return plans[best_departure(plans)], plans
+    made = job.kind.plan(flow, request) if job.risk is None else plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())[0]
+    if job.horizon is None:
+        return made, ()
+    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    return cut_at_horizon(made, job.horizon, first.grid.projection), ()
+
+
+def _judged(
+    job: PlanJob, request: MissionRequest, currents: tuple[Sample, Sequence[Sample]], made: MissionPlan
+) -> tuple[MissionPlan, MissionOdds]:
+    """Return a mission with its odds in its status and message, and the odds; one that was cut is to come to where it was cut."""
+    flown = to_its_end(made) if made.status == "partial" else made
+    asked = replace(request, goals=flown.goals, start_time_ns=made.start_time_ns)
+    odds = mission_odds(*currents, flown, asked, None if job.kind.mooring is None else job.kind.stay)
+    return with_odds(made, odds, job.arrive, job.accepted_risk), odds
+
+
+def _departure(job: PlanJob, request: MissionRequest, currents: tuple[Sample, Sequence[Sample]], made: MissionPlan) -> Departure:
+    """Return the row of one departure, with its odds."""
+    if len(made.headings_deg) == 0:
+        return Departure.of(made, None)
+    judged, odds = _judged(job, request, currents, made)
+    return Departure.of(judged, odds.corrected.reached)
 
 
 def _sample_count(estimate: FlowEstimate, config: PlannerConfig) -> tuple[int, bool]:

@@ -33,6 +33,8 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
         battery: Energy that the vehicle has [MJ]; None when it is not stated.
     """
     made, figures = planned.plan, planned.samples
+    if planned.departures:
+        _print_departures(planned, console)
     console.print(f"{made.status}: {made.message}", soft_wrap=True)
     for note in planned.notes:
         console.print(f"note: {note}", soft_wrap=True)
@@ -51,6 +53,56 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
         )
     columns = "leg", "heading", "glide angle", "pitch", "depth [m]", "after [h]", "UTC", "surfacing at"
     print_table(console, None, columns, (_leg_cells(row, made.start_time_ns) for row in legs_table(made, None)))
+
+
+def _print_departures(planned: PlannedMission, console: Console) -> None:
+    """Print the departures that were compared, the one that is planned marked."""
+    rows = departures_table(planned)
+    columns = "departure", "status", "arrival", "hours", "energy [kJ]", "legs", *(("arrive",) if planned.samples is not None else ()), ""
+    print_table(console, "Departures compared", columns, (_departure_cells(row) for row in rows))
+
+
+def _departure_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    arrival = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
+    share = () if row["reached"] is None else (f"{100.0 * row['reached']:.0f} %",)
+    return (
+        row["departure"],
+        row["status"],
+        arrival,
+        f"{row['duration_s'] / 3600.0:.2f}",
+        f"{row['energy_j'] / 1e3:.0f}",
+        str(row["legs"]),
+        *share,
+        ", ".join(row["best"]),
+    )
+
+
+def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
+    """Return the departures that were compared, one row each, for ``--json`` and for results.
+
+    ``best`` names what a departure is best at: ``planned``, the one of the mission, and ``arrives first``. ``arrival`` is null where the
+    goal is not reached.
+    """
+    arriving = [one for one in planned.departures if one.status in ("reached", "uncertain")]
+    first = min(arriving, key=lambda one: one.start_time_ns + one.duration * 1e9, default=None)
+    rows = []
+    for one in planned.departures:
+        arrival = time_text(one.start_time_ns + round(one.duration * 1e9)) if one in arriving else None
+        best = ["planned"] if one.start_time_ns == planned.plan.start_time_ns else []
+        rows.append(
+            {
+                "departure": time_text(one.start_time_ns),
+                "status": one.status,
+                "arrival": arrival,
+                "duration_s": one.duration,
+                "energy_j": one.energy,
+                "legs": one.legs,
+                "miss_m": one.miss,
+                "reached": one.reached,
+                "best": [*best, *(["arrives first"] if one is first else [])],
+            }
+        )
+    return rows
 
 
 def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
@@ -86,7 +138,8 @@ def unsafe_reason(planned: PlannedMission, job: PlanJob) -> str | None:
 def mission_json(planned: PlannedMission) -> dict[str, Any]:
     """Return a mission for ``--json``: the planners' figures, ``samples`` and ``waypoints``, null where there are none."""
     few = None if planned.waypoints is None else waypoint_json(planned.waypoints)
-    return {**to_json(planned.plan, planned.ellipses), "samples": planned.samples, "waypoints": few, "notes": list(planned.notes)}
+    more = {"samples": planned.samples, "waypoints": few, "notes": list(planned.notes)}
+    return {**to_json(planned.plan, planned.ellipses), **more, "departures": departures_table(planned)}
 
 
 def mission_geojson(planned: PlannedMission) -> str:
@@ -126,6 +179,8 @@ def write_mission(
     mission = planned.plan
     legs = {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
     about = {**plan_metadata(read, options), "mission": {"status": mission.status, "message": mission.message}, "legs": legs}
+    if planned.departures:
+        about["departures"] = {row["departure"]: json.dumps(row) for row in departures_table(planned)}
     with ResultWriter(path, overwrite) as writer:
         writer.start(planned.projection, mission.start_time_ns, about, run_settings_toml(_effective_config(config, job, planned)))
         if planned.bathymetry is not None:

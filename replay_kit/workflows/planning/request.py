@@ -1,16 +1,16 @@
 """What the command ``plan`` is asked for, with the options that exclude each other refused."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import get_args
 
 from planners import Line, MissionPlan, MissionRequest, Mooring, Weights, plan_line, plan_mission, plan_mooring
+from planners.mission.flight import Sample
 from planners.mission.values import Objective
 from replay_kit.core.errors import ConfigError, PlanError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import Place
+from replay_kit.core.time import parse_duration, parse_time
 
 # Share of the samples that may violate a constraint where none is stated.
 ACCEPTED_RISK = 0.1
@@ -18,6 +18,8 @@ ACCEPTED_RISK = 0.1
 ARRIVING = 0.9
 # Samples in which a plan is judged where no number is stated.
 JUDGING = 40
+# Departures that are compared at most.
+_MOST_DEPARTURES = 100
 # Cost of an hour one kilometre off the line, in hours, when that is not stated.
 _LINE_WEIGHT = 10.0
 
@@ -76,7 +78,7 @@ class MissionKind:
             if refused:
                 raise ConfigError(message)
 
-    def plan(self, flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRequest) -> MissionPlan:
+    def plan(self, flow: Sample, request: MissionRequest) -> MissionPlan:
         """Return the mission of this kind.
 
         Args:
@@ -108,6 +110,9 @@ class PlanJob:
         arrive: Share of the samples that must arrive for the plan to be called ``reached``.
         time_limit: Of the search [s]; None for none.
         battery: Energy that the vehicle has [MJ]; None when it is not stated.
+        start_time_ns: When it begins [ns, UTC]; None for the time of the first file.
+        departures_ns: Times at which it may begin, which are compared [ns, UTC]; empty for one.
+        horizon: Since its start, after which no leg of the plan ends [s]; None for none.
     """
 
     flows: tuple[Path, ...]
@@ -116,13 +121,16 @@ class PlanJob:
     kind: MissionKind = MissionKind()
     no_go: Path | None = None
     bathymetry: Path | None = None
-    spline: int = 0
+    spline: int = 4
     risk: float | None = None
     waypoints: bool = False
     waypoint_tolerance: float | None = None
     arrive: float = ARRIVING
     time_limit: float | None = None
     battery: float | None = None
+    start_time_ns: int | None = None
+    departures_ns: tuple[int, ...] = ()
+    horizon: float | None = None
 
     @property
     def accepted_risk(self) -> float:
@@ -139,10 +147,24 @@ class PlanJob:
             raise ConfigError("--waypoint-tolerance: expected --waypoints beside it")
         if not 0.0 <= self.arrive <= 1.0:
             raise ConfigError(f"--arrive: expected a share from 0 to 1, got {self.arrive:g}")
-        for name, value in (("--time-limit", self.time_limit), ("--battery", self.battery)):
+        for name, value in (("--time-limit", self.time_limit), ("--battery", self.battery), ("--horizon", self.horizon)):
             if value is not None and not 0.0 < value < inf:
                 raise ConfigError(f"{name}: expected a number above 0, got {value:g}")
         self.kind.check(len(self.goals), self.risk, self.waypoints)
+        self._check_times()
+
+    def _check_times(self) -> None:
+        moored_or_lined, compares = self.kind.mooring is not None or self.kind.line, bool(self.departures_ns)
+        refusals = (
+            (compares and self.start_time_ns is not None, "--depart and --start-time: expected one of them; leave out the other"),
+            (compares and self.risk is not None, "--depart and --risk: compare departures first, then plan the best with --start-time"),
+            (compares and self.horizon is not None, "--depart and --horizon: departures are compared by whole missions; leave out one"),
+            (moored_or_lined and (compares or self.horizon is not None), "--mooring and --line: expected no --depart and no --horizon"),
+            (self.horizon is not None and self.waypoints, "--horizon: expected no --waypoints; they lead to the goal"),
+        )
+        for refused, message in refusals:
+            if refused:
+                raise ConfigError(message)
 
     def check_samples(self, count: int) -> None:
         """Refuse a risk that does not go with the number of samples.
@@ -172,3 +194,55 @@ def objective_of(text: str) -> Objective | Weights:
     except (TypeError, ValueError, PlanError) as error:
         known = ", ".join(get_args(Objective))
         raise ConfigError(f"--objective: expected one of {known}, or weights time=A,energy=B,closest=C, got {text!r}") from error
+
+
+def departures_of(text: str) -> tuple[int, ...]:
+    """Return the departures [ns, UTC] of ``--depart T0,T1,STEP``: from the first to the last, so far apart.
+
+    Raises:
+        ConfigError: These are no two times and a duration above 0, the last is before the first, or they are too many.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 3:
+        raise ConfigError(f"--depart: expected T0,T1,STEP as in 2026-05-01T00:00Z,2026-05-03T00:00Z,12h, got '{text}'")
+    try:
+        first, last = (parse_time(part) for part in parts[:2])
+        step = parse_duration(parts[2])
+    except ConfigError as error:
+        raise ConfigError(f"--depart: {error}") from error
+    step_ns = round(step * 1e9)
+    if step_ns <= 0:
+        raise ConfigError(f"--depart: expected a step above 0, got '{parts[2]}'; write one such as 6h")
+    if last < first:
+        raise ConfigError(f"--depart: expected the first departure before the last, got '{parts[0]}' and '{parts[1]}'; swap them")
+    count = (last - first) // step_ns + 1
+    if count > _MOST_DEPARTURES:
+        raise ConfigError(f"--depart: expected at most {_MOST_DEPARTURES} departures, got {count}; choose a longer step")
+    return tuple(first + k * step_ns for k in range(count))
+
+
+def horizon_of(text: str) -> float:
+    """Return the seconds of ``--horizon``, such as ``72h``.
+
+    Raises:
+        ConfigError: It is no duration above 0.
+    """
+    try:
+        seconds = parse_duration(text)
+    except ConfigError as error:
+        raise ConfigError(f"--horizon: {error}") from error
+    if seconds <= 0.0:
+        raise ConfigError(f"--horizon: expected a duration above 0, got '{text}'; write one such as 72h")
+    return seconds
+
+
+def start_time_of(text: str) -> int:
+    """Return the time [ns, UTC] of ``--start-time``.
+
+    Raises:
+        ConfigError: It is no time.
+    """
+    try:
+        return parse_time(text)
+    except ConfigError as error:
+        raise ConfigError(f"--start-time: {error}") from error

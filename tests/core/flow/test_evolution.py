@@ -9,7 +9,7 @@ import pytest
 
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.evolution import Evolution, constant
+from replay_kit.core.flow.evolution import Evolution, constant, sample_through
 from replay_kit.core.flow.load import load, load_bytes
 from replay_kit.core.flow.lossless import save_bytes
 from replay_kit.core.flow.process import ProcessModel
@@ -130,3 +130,39 @@ def test_files_of_version_3_open_with_the_kernel_of_the_grid_s_nodes(tmp_path: P
     loaded = load(tmp_path / "flow.nc")
     assert_equal_flows(loaded, flow)
     assert_equal_flows(loaded.at(TIME_NS + HOUR), flow.at(TIME_NS + HOUR))
+
+
+def test_currents_drawn_through_time_have_the_estimate_s_moments_and_the_process_s_correlation() -> None:
+    flow, times = evolving(3, 1), [TIME_NS, TIME_NS + 3 * HOUR, TIME_NS + 9 * HOUR]
+    evolution, count = flow.later, 4_000
+    assert isinstance(evolution, Evolution)
+    drawn = sample_through(flow, times, count, 5)
+    assert (len(drawn), [one.time_ns for one in drawn[0]], drawn[0][0].later) == (count, times, None)
+    latent = np.array([[one.latent.ravel() for one in through] for through in drawn])
+    expected = [flow.at(time_ns) for time_ns in times]
+    loading = [np.einsum("mr,nzr->nmz", flow.modes, evolution.process.loading(time_ns)).reshape(4, -1) for time_ns in times]
+    decayed = [np.exp(-hours / np.array([50.0] * 3 + [10.0])) for hours in (0.0, 3.0, 9.0)]
+    for k, one in enumerate(expected):
+        scale = np.sqrt(np.diag(loading[k].T @ (covariance_of(evolution, decayed[k])) @ loading[k]))
+        np.testing.assert_allclose(latent[:, k].mean(axis=0), one.latent.ravel(), atol=5.0 * scale.max() / np.sqrt(count))
+        # between the first time and a later one only the decay of the unknowns counts
+        cross = loading[0].T @ (evolution.covariance() * decayed[k]) @ loading[k]
+        found = (latent[:, 0] - latent[:, 0].mean(axis=0)).T @ (latent[:, k] - latent[:, k].mean(axis=0)) / count
+        np.testing.assert_allclose(found, cross, atol=0.1 * np.abs(cross).max() + 0.06 * scale.max() ** 2)
+        own = np.var(latent[:, k], axis=0)
+        np.testing.assert_allclose(own, scale**2, rtol=0.2, atol=5e-3 * scale.max() ** 2)
+    same = sample_through(flow, times, 2, 5)
+    np.testing.assert_array_equal(same[1][2].latent, sample_through(flow, times, 2, 5)[1][2].latent)
+
+
+def covariance_of(evolution: Evolution, kept: np.ndarray) -> np.ndarray:
+    return np.outer(kept, kept) * evolution.covariance() + np.diag(1.0 - kept**2)
+
+
+def test_currents_drawn_from_an_estimate_that_does_not_change_hold_at_all_times() -> None:
+    flow = replace(synthetic_flow(), later=constant)
+    for through, one in zip(sample_through(flow, [TIME_NS, TIME_NS + HOUR], 2, 3), flow.sample(2, 3), strict=True):
+        assert [each.time_ns for each in through] == [TIME_NS, TIME_NS + HOUR]
+        np.testing.assert_array_equal([each.latent for each in through], [one.latent] * 2)
+    with pytest.raises(EstimatorError, match="needs an estimate with a covariance"):
+        sample_through(flow.mean_flow(), [TIME_NS], 2, 3)

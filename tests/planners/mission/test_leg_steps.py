@@ -7,9 +7,11 @@ import pytest
 
 from planners import Glider
 from planners.mission.flight import Legs, currents_of, currents_of_samples, fly_legs, refine_steps
-from planners.mission.leg import DRIFT_STEPS, fly_midpoints, fly_steps, leg_depths, leg_function, stage_latent, step_stops, steps_needed
+from planners.mission.leg import fly_midpoints, fly_steps, leg_depths, step_stops, steps_needed
+from planners.shooting.schedule import DRIFT_STEPS
 from replay_kit.core.flow.depth import depth_weights
 from tests.planners.flow_samples import LEVELS, eddying_flow
+from tests.reference.leg import leg_function, stage_latent
 
 GLIDER, HERE = Glider(), np.array([3e3, -4e3])
 DAY_NS = 86_400 * 10**9

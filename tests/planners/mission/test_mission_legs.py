@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, NoGo, plan_mission
+from planners.front.route import Route
 from planners.mission.attempt import GoalSteps
 from planners.mission.flight import currents_of
 from planners.mission.program import MissionGuess
 from planners.mission.solve import solve_legs
 from planners.mission.task import mission_task, time_on_clock
-from planners.route.graph import Route
 from planners.vehicle import Glider
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 

@@ -2,18 +2,17 @@
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings
+from planners.front.route import Route
 from planners.mission.attempt import GoalSteps, LegsProblem
 from planners.mission.flight import Flight
 from planners.mission.program import MissionData, MissionGuess, MissionModel, MissionShape, _unknowns, solve_mission
-from planners.mission.reference_path import ReferencePathTerms, along_line, near_place
+from planners.mission.reference_path import along_line, near_place
 from planners.mission.solve import _points_along, _reference_weights_and_limits
 from planners.mission.task import REFINED, MissionTask, mission_task
-from planners.route.graph import Route
 from planners.solver import HOUR, KM
 from tests.planners.flow_samples import place, still_flow
 
@@ -99,29 +98,6 @@ def test_half_planes_are_kept_rather_than_the_goal_and_what_is_trespassed_by_is_
     assert found.plane_violation == pytest.approx(hop - 300.0, abs=5.0)
     # a kilometre beyond costs as much as four kilometres missed
     assert found.objective == pytest.approx(50.0 * (4.0 * (hop - 300.0) + 3e3 - hop) / KM, rel=0.01)
-
-
-@pytest.mark.parametrize(
-    "guide", [near_place(np.array([500.0, -300.0]), 2e3, HOUR, False), along_line(np.ones(2), np.array([3e3, 4e3]), 1.0, 2e3)]
-)
-def test_a_guide_costs_the_squared_distance_of_each_place_by_its_weight_and_limits_it(guide) -> None:
-    rng = np.random.default_rng(2)
-    places = rng.uniform(-3e3, 3e3, (2, 3, 2))
-    weights, limits, stray = rng.uniform(0.1, 1.0, (2, 3)), rng.uniform(500.0, 2e3, (2, 3)), 0.7
-    terms = ReferencePathTerms(2, 3)
-    for leg in range(2):
-        terms.add(leg, ca.DM(places[leg].T / KM))
-    evaluate = ca.Function("terms", [*terms.parameters, terms.slack], [terms.cost, ca.horzcat(*terms.excess), terms.slack_cost])
-    cost, beyond, excess_deviation = evaluate(guide.origin / KM, guide.across, weights.ravel(), limits.ravel() / KM, stray)
-    away = np.array([guide.distances(leg) for leg in places]) / KM
-    assert float(cost) == pytest.approx(np.sum(weights * away**2), rel=1e-12)
-    np.testing.assert_allclose(np.asarray(beyond).T, (away**2 - (limits / KM + stray) ** 2) / (limits / KM), rtol=1e-10)
-    # a kilometre astray is a fifth of a kilometre's trespass
-    assert float(excess_deviation) == pytest.approx(0.2 * 0.7)
-    nothing = ReferencePathTerms(2, 0)
-    nothing.add(0, ca.DM(places[0].T))
-    assert (nothing.excess, nothing.slack.numel()) == ([], 0)
-    assert float(ca.evalf(nothing.cost)) == 0.0
 
 
 def test_guides_weigh_hours_and_distances_as_they_were_asked_to() -> None:

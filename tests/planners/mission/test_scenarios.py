@@ -10,7 +10,7 @@ from planners import MissionRequest, MissionSettings, Pilot, fly_scenarios, plan
 from planners.mission.check import check, clearances
 from planners.mission.feedback import aim, fly_corrected
 from planners.mission.flight import Flight, currents_of, currents_of_samples, fly_legs
-from planners.mission.flights import legs_of_plan
+from planners.mission.flights import fly_mission, legs_of_plan
 from planners.mission.safety_margin import SafetyMargin, tolerance_factor
 from planners.mission.scenarios import _with_n_legs, most_violations_allowed, passes_binomial_test, points_at, summarise_flights
 from planners.mission.search import solve_attempts
@@ -219,3 +219,25 @@ def test_one_sample_has_no_spread_and_two_have_little_to_tell():
         assert np.mean(held) == pytest.approx(0.99, abs=0.002)
     # all of a normal distribution has no bound
     assert np.isfinite(tolerance_factor(20, 1.0))
+
+
+def test_samples_that_change_are_flown_as_they_change_and_on_the_clock_of_the_mission():
+    day = 86400 * 10**9
+    first, other = replace(FLOW, time_ns=day), replace(uniform_flow(-0.05, 0.04), time_ns=2 * day)
+    changing = [first, other]
+    plan = plan_mission(changing, MissionRequest(START, (GOAL,), settings=SETTINGS, start_time_ns=day + day // 4))
+    assert plan.closest_approach[0] < 50.0
+    # in the changing current that was planned on a mission with held headings arrives; in the first one alone it does not
+    still = [first, replace(first, time_ns=2 * day)]
+    told, frozen = (fly_scenarios(changing, [sample], plan) for sample in (changing, still))
+    assert told.miss_median < 50.0 < 500.0 < frozen.miss_median
+    np.testing.assert_allclose(fly_mission([changing], plan).miss[0], plan.closest_approach, atol=1.0)
+    assert fly_mission([changing, still], plan).miss[1, 0] > 500.0
+    # the same where the clock of the samples begins later than that of the estimate
+    middle = replace(first, latent=0.9 * first.latent + 0.1 * other.latent, time_ns=day + day // 10)
+    later = fly_scenarios(changing, [[middle, other]], plan)
+    assert later.miss_median == pytest.approx(told.miss_median, abs=1.0)
+    with pytest.raises(PlanError, match="sample 1 holds for other times"):
+        fly_scenarios(changing, [changing, [*still, replace(first, time_ns=3 * day)]], plan)
+    with pytest.raises(PlanError, match="not on the nodes"):
+        fly_scenarios(changing, [[replace(eddying_flow(1), time_ns=day), replace(eddying_flow(1), time_ns=2 * day)]], plan)

@@ -1,7 +1,10 @@
 """Free paths against Zermelo's solutions, their depth, their energy, and what they may not cross."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from planners import Auv, AuvPlan, AuvSettings, PathRequest, plan_path
 from planners.path.plan import _crossed
@@ -41,6 +44,35 @@ def test_as_quick_as_zermelo(name: str):
     assert found.duration == pytest.approx(exact(), rel=1e-3)
     assert found.closest_approach < 5.0
     assert np.linalg.norm(found.velocity_through_water, axis=1).max() <= 1.0 + 1e-6
+
+
+def test_as_quick_as_can_be_in_a_uniform_current_that_changes():
+    hour, base = 3600 * 10**9, 10**15
+    velocities = np.array([[0.3, -0.4], [-0.5, 0.3], [-0.5, 0.3]])
+    flows = [
+        replace(fitted_flow(lambda x, y, u=u, v=v: (0.0 * x + u, 0.0 * y + v)), time_ns=base + k * 8 * hour)
+        for k, (u, v) in enumerate(velocities)
+    ]
+    begins = base + 2 * hour
+    asked = PathRequest(place(flows[0], *BEGIN, 50.0), place(flows[0], *END, 50.0), start_time_ns=begins)
+    found = plan_path(flows, asked)
+
+    def carried(seconds: float) -> Array:
+        # the integral of a current that is linear from the second hour on until the eighth, and constant afterwards
+        clock = np.linspace(7200.0, 7200.0 + seconds, 4001)
+        current = np.column_stack([np.interp(clock, 8 * 3600.0 * np.arange(3), values) for values in velocities.T])
+        return np.trapezoid(current, clock, axis=0)
+
+    exact = brentq(lambda seconds: np.linalg.norm(END - BEGIN - carried(seconds)) - seconds, 1e4, 2e5)
+    assert found.status == "reached"
+    assert found.duration == pytest.approx(exact, rel=2e-3)
+    assert found.closest_approach < 20.0
+    # in the current of its start it is slower, or quicker, by far
+    assert abs(plan_path(flows[0], asked).duration / exact - 1.0) > 0.03
+    with pytest.raises(PlanError, match="expected increasing times"):
+        plan_path(flows[::-1], asked)
+    with pytest.raises(PlanError, match="not on the nodes"):
+        plan_path([flows[0], replace(still_flow(), time_ns=base + hour)], asked)
 
 
 def test_least_energy_goes_at_the_most_frugal_speed():

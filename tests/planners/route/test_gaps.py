@@ -7,7 +7,8 @@ import pytest
 from pyproj import Geod
 
 from planners import MissionRequest, MissionSettings, NoGo, plan_mission
-from planners.mission.task import find_route, mission_task, route_graph_of
+from planners.mission.arrival import passage_past_goals, water_of
+from planners.mission.task import mission_task
 from planners.route.hazards import first_crossing, no_go_rings
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
@@ -61,7 +62,7 @@ def _beside_a_sliver() -> MissionRequest:
 def test_a_route_leads_round_areas_with_a_sliver_between_them_and_through_no_edge_of_theirs() -> None:
     asked = _beside_a_sliver()
     task = mission_task(FLOW, asked)
-    route, _ = find_route(task, route_graph_of(task, task.rings), 1e6)
+    route = passage_past_goals(task, water_of(task), task.rings).route
     assert route.arrives
     legs = np.array(list(pairwise(route.points)))
     drawn = [ring for ring in task.rings if ring.drawn]

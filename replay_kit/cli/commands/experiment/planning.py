@@ -25,7 +25,9 @@ class Truths(OneTruth):
 class Sizes:
     """What is planned, and how many of each."""
 
-    study: Annotated[str | None, parts("glides, missions, scenarios, masked, odds, infeasible, replanning")] = None
+    study: Annotated[
+        str | None, parts("glides, missions, scenarios, masked, odds, infeasible, replanning, and changing for a forecast of several times")
+    ] = None
     pairs: Annotated[int, option("--pairs", "Number of starts and goals of glides, missions and odds, over all truths.", least=1)] = 100
     pings: Annotated[int, option("--pings", "Number of pings of each estimate.", least=1)] = 450
     legs: Annotated[int, option("--legs", "Number of dives of a mission.", least=1)] = 10
@@ -33,6 +35,7 @@ class Sizes:
     fresh: Annotated[int, option("--fresh", "Number of further samples that these and odds are flown through.", least=1)] = 500
     masks: Annotated[int, option("--masks", "Number of random cases with islands and areas.", least=1)] = 200
     replans: Annotated[int, option("--replans", "Number of missions planned anew at each surfacing.", least=1)] = 40
+    crossings: Annotated[int, option("--crossings", "Number of missions of days in a sea that changes.", least=1)] = 40
     noise: Noise = 0.09
     seed: Annotated[int, option("--seed", "Seed of everything that is drawn.", least=0)] = 0
 
@@ -63,10 +66,11 @@ def planning(
     check_paths(read, [outputs.json_file], outputs.overwrite)
     config = settings.load()
 
+    from replay_kit.forecast import read_series
     from replay_kit.studies import planning as study
     from replay_kit.workflows.fleet.workers import calls_made_by
 
-    possible = [name for name in study.STUDIES if truths.truth is None or name != study.WITHOUT_TRUTH]
+    possible = [name for name in study.STUDIES if name != study.THROUGH_TIME and (truths.truth is None or name != study.WITHOUT_TRUTH)]
     chosen = tuple(possible) if sizes.study is None else tuple(sizes.study.split(","))
     check_paths(read, [*study.replaced_files(out, chosen), outputs.json_file], outputs.overwrite)
     job = study.PlanningJob(
@@ -80,14 +84,16 @@ def planning(
         fresh=sizes.fresh,
         masks=sizes.masks,
         replans=sizes.replans,
+        crossings=sizes.crossings,
         seed=sizes.seed,
     )
     # before anything is read or made
     job.check(study.STUDIES)
     members, withheld = truths.read(config.forecast)
+    series = read_series(truths.ensemble, config.forecast) if study.THROUGH_TIME in chosen else ()
 
     with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads) as advance:
-        for result in study.run_planning(members, withheld, config.estimator, job, advance):
+        for result in study.run_planning(members, withheld, config.estimator, job, advance, series):
             # made before the first study, so that a folder that cannot be made is reported at once
             out.mkdir(exist_ok=True)
             if result.reports:

@@ -17,6 +17,7 @@ _BELOW = 2.5
 _STATUS = {
     "reached": "the predicted path passes the goal within the tolerance",
     "uncertain": "the predicted path passes the goal, but fewer samples of the estimate than asked for arrive",
+    "partial": "the predicted path ends at the horizon that was asked for, before the goal",
     "unsafe": "the predicted path, or more samples of the estimate than accepted, violates a constraint",
     "unreachable": "the best path found does not pass the goal within the tolerance",
     "failed": "no usable path was found",

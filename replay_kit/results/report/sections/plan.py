@@ -1,5 +1,6 @@
 """The plans: where to steer, the depth profile over the bottom, and how predicted surfacings turned out."""
 
+import json
 from html import escape
 
 import numpy as np
@@ -27,7 +28,13 @@ def plan_section(contents: Contents) -> Section:
         figures.append(waypoint)
     if len(contents.result.surfacings):
         figures.append(_surfacings(contents))
-    html = last_plan_html(contents, plan) + _legs_html(plan) + _plans_html(contents) + _figures_of_surfacings(contents)
+    html = (
+        last_plan_html(contents, plan)
+        + _departures_html(contents)
+        + _legs_html(plan)
+        + _plans_html(contents)
+        + _figures_of_surfacings(contents)
+    )
     return Section("plan", "Plan", html, figures, what_is_missing(plan))
 
 
@@ -48,6 +55,25 @@ def _legs_html(plan: LastPlan) -> str:
         )
     heads = ["leg", "heading [° true]", "glide angle [°]", "depth [m]", "surfaces after [h]", "longitude", "latitude"]
     return table_html(heads, rows, "Legs of the last plan") if rows else ""
+
+
+def _departures_html(contents: Contents) -> str:
+    """Return the departures that were compared; nothing where there was one."""
+    rows = [json.loads(row) for row in contents.record.metadata.get("departures", {}).values()]
+    cells = [
+        [
+            row["departure"],
+            escape(row["status"]),
+            row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km",
+            f"{row['duration_s'] / 3600.0:.2f}",
+            f"{row['energy_j'] / 1e3:.0f}",
+            "" if row["reached"] is None else f"{100.0 * row['reached']:.0f} %",
+            ", ".join(row["best"]),
+        ]
+        for row in rows
+    ]
+    heads = ["departure (UTC)", "status", "arrival (UTC)", "lasts [h]", "energy [kJ]", "samples that arrive", ""]
+    return table_html(heads, cells, "Departures compared") if rows else ""
 
 
 def _plans_html(contents: Contents) -> str:

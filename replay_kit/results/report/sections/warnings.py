@@ -17,6 +17,7 @@ _NEUTRAL = ("modes a level", "prior: ", "no goal was given", "could not be decod
 _VERBS = {
     "reached": "Steer",
     "uncertain": "The plan is uncertain: too few samples of the estimate arrive. It is to steer",
+    "partial": "The plan ends at its horizon, before the goal. It is to steer",
     "unsafe": "The plan is unsafe: change the goal or the constraints before a vehicle follows it. It is to steer",
 }
 

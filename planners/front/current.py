@@ -1,0 +1,127 @@
+"""The current that a vehicle meets on average, on a lattice and at some times; vectors are complex, east + i north."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.depth import depth_weights
+from replay_kit.core.flow.estimate import FlowEstimate
+
+Complex = NDArray[np.complex128]
+
+# Points a kernel length of the table that the lattice is interpolated from by cubic splines: an error of some 1e-3 of the current.
+_PER_LENGTH = 4.0
+# Points of the lattice, about, and lines a kernel length at most; intervals of the table between two of them.
+_POINTS, _LINES, _DIVISIONS = 7400, 10.0, 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurrentLattice:
+    """A current in a table around the points of a regular lattice: linear between entries and times, constant beyond them.
+
+    Attributes:
+        origin: shape (2,), east and north of the first point [m].
+        spacing: Between points, along both axes [m].
+        times: shape (T,), increasing [s].
+        values: shape (T, n d + 1, m d + 1), east + i north [m/s], at d intervals between points.
+        divisions: d.
+    """
+
+    origin: Array
+    spacing: float
+    times: Array
+    values: Complex
+    divisions: int = 1
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of points along north and east."""
+        rows, columns = self.values.shape[1:]
+        return (rows - 1) // self.divisions + 1, (columns - 1) // self.divisions + 1
+
+    @property
+    def places(self) -> Complex:
+        """The points, shape (n_north n_east,) [m], east + i north."""
+        rows, columns = np.divmod(np.arange(self.shape[0] * self.shape[1]), self.shape[1])
+        return np.asarray(complex(*self.origin) + self.spacing * (columns + 1j * rows))
+
+    @property
+    def fastest(self) -> float:
+        """Greatest speed of the current at a point [m/s]."""
+        return float(np.max(np.abs(self.values)))
+
+    def at(self, places: Complex, times: Array) -> Complex:
+        """Return the current [m/s] at places, shape (n,) [m], and times, shape (n,) [s]."""
+        rows, columns = self.values.shape[1:]
+        scale = self.divisions / self.spacing
+        east = np.clip((places.real - self.origin[0]) * scale, 0.0, columns - 1.000001)
+        north = np.clip((places.imag - self.origin[1]) * scale, 0.0, rows - 1.000001)
+        column, row = east.astype(np.intp), north.astype(np.intp)
+        east -= column
+        north -= row
+        corner, flat = row * columns + column, self.values.reshape(-1)
+        if self.times.size == 1:
+            return _between(flat, corner, columns, east, north)
+        number = np.interp(times, self.times, np.arange(self.times.size, dtype=np.float64))
+        slot = np.minimum(number.astype(np.intp), self.times.size - 2)
+        number -= slot
+        corner += slot * (rows * columns)
+        before = _between(flat, corner, columns, east, north)
+        return before + number * (_between(flat, corner + rows * columns, columns, east, north) - before)
+
+
+def _between(flat: Complex, corner: NDArray[np.intp], columns: int, east: Array, north: Array) -> Complex:
+    """Return values between the points whose lower left corners are given, bilinear."""
+    lower, upper = flat.take(corner), flat.take(corner + columns)
+    lower += east * (flat.take(corner + 1) - lower)
+    upper += east * (flat.take(corner + columns + 1) - upper)
+    return lower + north * (upper - lower)
+
+
+def spacing_over(flow: FlowEstimate, finer: float = 1.0) -> float:
+    """Return the spacing of a lattice over a flow's region [m]: by its size, but no finer than the current is smooth.
+
+    Args:
+        flow: Its region and kernel.
+        finer: How many times more lines than usual.
+    """
+    grid, kernel = flow.grid, flow.horizontal.kernel
+    area = float(np.ptp(grid.east) * np.ptp(grid.north))
+    return max(float(np.sqrt(area / _POINTS)), min(kernel.length_east, kernel.length_north) / _LINES) / finer
+
+
+def current_lattice(flow: FlowEstimate, latent: Array, times: Array, spacing: float, by_depth: Array) -> CurrentLattice:
+    """Return the mean current over a flow's region on a lattice.
+
+    Args:
+        flow: Its region, levels and functions.
+        latent: shape (M, Z T), its latent values, all levels of the first time first.
+        times: shape (T,), increasing [s]; of a flow that does not change one, of any value.
+        spacing: Of the lattice [m].
+        by_depth: shape (Z,), the mean's weight of each level.
+    """
+    grid, kernel = flow.grid, flow.horizontal.kernel
+    low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
+    intervals = np.maximum(np.ceil((high - low) / spacing - 1e-9).astype(int), 1)
+    mean = np.stack([part @ by_depth for part in np.split(latent, times.size, axis=1)], axis=1)
+    coarse = np.maximum(np.ceil((high - low) / [kernel.length_east, kernel.length_north] * _PER_LENGTH).astype(int) + 1, 4)
+    at = [np.linspace(low[axis], low[axis] + spacing * intervals[axis], coarse[axis]) for axis in (0, 1)]
+    points = np.stack(np.meshgrid(*at), axis=-1).reshape(-1, 2)
+    table = flow.horizontal.velocity(points, mean).reshape(2, coarse[1], coarse[0], times.size).transpose(0, 3, 1, 2)
+    to_east, to_north = (_splines(coarse[axis], _DIVISIONS * intervals[axis] + 1) for axis in (0, 1))
+    u, v = to_north @ table @ to_east.T
+    return CurrentLattice(low, spacing, times, u + 1j * v, _DIVISIONS)
+
+
+def _splines(count: int, finer: int) -> Array:
+    """Return the matrix, shape (finer, count), that interpolates values at even points at more of them by a cubic spline."""
+    return np.asarray(CubicSpline(np.arange(count), np.eye(count))(np.linspace(0.0, count - 1.0, finer)))
+
+
+def shares_of_levels(flow: FlowEstimate, depth: float, drift_share: float) -> Array:
+    """Return the weight of each level, shape (Z,), in the mean over dives to a depth [m] and drifts of a share of the time."""
+    dive = depth_weights(flow.depth_functions, np.linspace(0.0, depth, 101), flow.levels).mean(axis=0)
+    return np.asarray((1.0 - drift_share) * dive + drift_share * depth_weights(flow.depth_functions, np.zeros(1), flow.levels)[0])

@@ -1,0 +1,235 @@
+"""The current that a mission meets: an estimate that changes at its own rate, files of several times, or one time that is held."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from math import ceil, inf, log
+from pathlib import Path
+
+import numpy as np
+
+from planners.flow import graph_key
+from planners.mission.flight import Sample
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evolution import Evolution, sample_through
+from replay_kit.core.flow.oscillation import Oscillation
+from replay_kit.core.flow.process import ProcessModel
+from replay_kit.core.text import time_text
+from replay_kit.estimator.basis.embedding import embed
+
+_NS = 1_000_000_000
+# Flows of an estimate that changes come in multiples of this number of steps: a program serves all sequences of one length.
+_STEPS = 4
+# Flows in each period of an oscillation.
+_A_PERIOD = 8
+# Half the distance, in kernel lengths, over which the current's rotation is taken.
+_STENCIL = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class KnownCurrent:
+    """What is known of the current at the times of a mission.
+
+    Attributes:
+        estimates: One, or several that hold for increasing times.
+        flow_step: Between the flows that an estimate which changes is planned on [s].
+    """
+
+    estimates: tuple[FlowEstimate, ...]
+    flow_step: float
+
+    @property
+    def first(self) -> FlowEstimate:
+        """The only estimate, or the earliest."""
+        return self.estimates[0]
+
+    @property
+    def process(self) -> ProcessModel | None:
+        """How the only estimate changes; None where it does not, or there are several."""
+        later = self.first.later
+        if len(self.estimates) > 1 or not isinstance(later, Evolution) or self.first.time_ns is None:
+            return None
+        known = later.trimmed().process
+        return known if known.times_ns.size > 1 or np.isfinite(known.scales).any() or later.oscillation is not None else None
+
+    @cached_property
+    def changes(self) -> bool:
+        """Whether the current changes."""
+        first = self.first
+        if len(self.estimates) > 1 or isinstance(first.later, Evolution) or first.later is None or first.time_ns is None:
+            return len(self.estimates) > 1 or self.process is not None
+        after = first.at(first.time_ns + round(self.flow_step * _NS))
+        return not np.array_equal(after.latent, first.latent)
+
+    @property
+    def ends_ns(self) -> int | None:
+        """Time of the last thing that a forecast says [ns, UTC]; None where one time alone is known."""
+        if len(self.estimates) > 1:
+            return self.estimates[-1].time_ns
+        return int(self.process.times_ns[-1]) if self.process is not None and self.process.times_ns.size > 1 else None
+
+    def flow(self, begin_ns: int, seconds: float) -> Sample:
+        """Return the current as planners take it: one flow that does not change, or flows for increasing times.
+
+        Args:
+            begin_ns: From when on it is needed [ns, UTC].
+            seconds: For how long; afterwards the last flow holds.
+        """
+        if len(self.estimates) > 1:
+            return self.estimates
+        if not self.changes:
+            return self.first
+        later, now = self.first.later, self.first.time_ns or begin_ns
+        times = _times(self.process, self._step, begin_ns, seconds)
+        # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
+        slow = [later.flow(self.first, time) if time < now and isinstance(later, Evolution) else self.first.at(time) for time in times]
+        return [replace(flow, latent=flow.latent + self._oscillating(time)) for flow, time in zip(slow, times, strict=True)]
+
+    def samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Sample]:
+        """Return samples of the current: of an estimate that changes drawn through time, of others drawn once.
+
+        Args:
+            begin_ns: As in ``flow``.
+            seconds: As in ``flow``.
+            count: Their number; 0 for none.
+            seed: Of the draws.
+        """
+        if count == 0:
+            return ()
+        if self.process is None:
+            return self.first.sample(count, seed)
+        now = self.first.time_ns or begin_ns
+        times = [max(time_ns, now) for time_ns in _times(self.process, self._step, begin_ns, seconds)]
+        drawn = sample_through(self.first, times, count, seed)
+        if self.oscillation is None:
+            return drawn
+        added = [self._oscillating(time) for time in times]
+        return [[replace(flow, latent=flow.latent + more) for flow, more in zip(through, added, strict=True)] for through in drawn]
+
+    @property
+    def oscillation(self) -> Oscillation | None:
+        """What oscillates beside the slow current of the only estimate."""
+        return self.first.later.oscillation if len(self.estimates) == 1 and isinstance(self.first.later, Evolution) else None
+
+    @property
+    def _step(self) -> float:
+        """Longest time between flows [s]: between an oscillation's, linear, its amplitude errs by 8 % at most."""
+        return self.flow_step if self.oscillation is None else min(self.flow_step, self.oscillation.shortest_period / _A_PERIOD)
+
+    @cached_property
+    def _uniform(self) -> Array:
+        return uniform_currents(self.first)
+
+    def _oscillating(self, time_ns: int) -> Array | float:
+        """Return the latent values of what oscillates at a time [ns, UTC], shape (M, Z); 0 where nothing does."""
+        return 0.0 if self.oscillation is None else self._uniform @ self.oscillation.velocity(time_ns)
+
+    def check_time(self, name: str, time_ns: int) -> None:
+        """Raise PlanError for a time [ns, UTC] at which the forecast says nothing; ``name`` is that of the option.
+
+        Where one time alone is known, its current is held and any time will do.
+        """
+        last = self.ends_ns
+        if last is None or self.first.time_ns is None or self.first.time_ns <= time_ns <= last:
+            return
+        raise PlanError(
+            f"{name}: expected a time within the forecast, {time_text(self.first.time_ns)} to {time_text(last)}, got {time_text(time_ns)}; "
+            "choose a time between, or give the estimate of a longer forecast"
+        )
+
+    def notes(self, begin_ns: int, end_ns: int) -> tuple[str, ...]:
+        """Return what is not known of the current during a mission [ns, UTC], as sentences; none where a forecast covers it."""
+        last = self.ends_ns
+        if last is None:
+            return (self._of_one_time(),)
+        over = (end_ns - max(last, begin_ns)) / 3.6e12
+        if over <= 0.0:
+            return ()
+        return (f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",)
+
+    def _of_one_time(self) -> str:
+        hours = self.hours_known
+        when = "a time that is not stated" if self.first.time_ns is None else time_text(self.first.time_ns)
+        if self.process is not None:
+            return (
+                f"the forecast has one time, {when}: the estimate returns to it at the ensemble's rate of change, at which the samples "
+                f"part; beyond {hours:.0f} h this is a guess, as less than half of what was measured counts there"
+            )
+        if not np.isfinite(hours):
+            return f"the current is frozen at {when}; for how long that holds is not known, as it does not turn anywhere"
+        return (
+            f"the current is frozen at {when}; beyond {hours:.0f} h this is a guess: the ensemble's rate of change is not known, and in "
+            "that time its eddies turn by one radian"
+        )
+
+    @property
+    def hours_known(self) -> float:
+        """Hours beyond which a current of one time is a guess.
+
+        Where the ensemble's rate of change is known, until the correlation with what was measured has fallen to a half: from there on the
+        frozen current errs more than the ensemble mean does. Elsewhere the turnover time of the eddies, 1 over the root mean square of
+        the vorticity (Vallis 2017, Atmospheric and Oceanic Fluid Dynamics, chapter 11).
+        """
+        if self.process is not None:
+            return self.process.local_scale * log(2.0) / 3600.0
+        rotation = float(np.sqrt(np.mean(_vorticity(self.first) ** 2)))
+        return 1.0 / (3600.0 * rotation) if rotation > 1e-9 else inf
+
+
+def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) -> KnownCurrent:
+    """Return the current of the estimates in some files, of which several must hold for increasing times.
+
+    Args:
+        files: Each with its estimate.
+        flow_step: Between the flows that an estimate which changes is planned on [s].
+
+    Raises:
+        PlanError: A file's time is missing or not after the one before, or its region, levels or functions are others than the first's.
+    """
+    for (earlier, before), (path, flow) in pairwise(files):
+        if before.time_ns is None or flow.time_ns is None or flow.time_ns <= before.time_ns:
+            raise PlanError(
+                f"{path}: expected a time after that of {earlier}, {time_text(before.time_ns)}, got {time_text(flow.time_ns)}; give the "
+                "files in the order of their times, each time once"
+            )
+        if graph_key(flow) != graph_key(files[0][1]):
+            raise PlanError(
+                f"{path}: expected the region, levels and functions of {files[0][0]}, {files[0][1].grid}, got {flow.grid}; give "
+                "estimates of one forecast and region"
+            )
+    return KnownCurrent(tuple(flow for _, flow in files), flow_step)
+
+
+def uniform_currents(flow: FlowEstimate) -> Array:
+    """Return the latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2), of a flow's functions."""
+    return embed(flow.horizontal, flow.nodes, np.repeat(np.eye(2), len(flow.nodes), axis=0), EstimatorConfig().nugget)
+
+
+def _times(process: ProcessModel | None, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
+    """Return times [ns, UTC] that cover a mission, evenly spaced, among them those of the forecast where these are: there it bends.
+
+    Args:
+        process: With the times of the forecast; None where these are not known.
+        flow_step: Longest distance between them [s]; where the forecast's times are nearer to each other, theirs.
+        begin_ns: When the mission begins [ns, UTC].
+        seconds: For how long it may last.
+    """
+    step, anchor = round(flow_step * _NS), begin_ns
+    if process is not None:
+        step, anchor = int(np.diff(process.times_ns).min(initial=step)), int(process.times_ns[0])
+    first = anchor + (begin_ns - anchor) // step * step
+    steps = _STEPS * max(ceil((begin_ns + seconds * _NS - first) / step / _STEPS - 1e-9), 1)
+    return [first + k * step for k in range(steps + 1)]
+
+
+def _vorticity(flow: FlowEstimate) -> Array:
+    """Return dv/dx - du/dy at the nodes at each level, shape (N, Z) [1/s]."""
+    kernel, (east, north) = flow.horizontal.kernel, (values[:, None] for values in flow.nodes.T)
+    dx, dy = _STENCIL * kernel.length_east, _STENCIL * kernel.length_north
+    along = flow.velocity(east + dx, north, flow.levels)[..., 1] - flow.velocity(east - dx, north, flow.levels)[..., 1]
+    across = flow.velocity(east, north + dy, flow.levels)[..., 0] - flow.velocity(east, north - dy, flow.levels)[..., 0]
+    return np.asarray(along / (2.0 * dx) - across / (2.0 * dy))

@@ -1,0 +1,1 @@
+"""Tests of missions by multiple shooting."""
