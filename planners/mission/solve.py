@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from planners.mission.task import REFINED, MissionTask, turns_of
 from planners.route.hazards import half_planes
 from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
+from replay_kit.core.progress import announce
 
 # Hours that a kilometre of miss distance costs: more than any current takes to carry a glider over it.
 _PENALTY = 50.0
@@ -119,6 +119,7 @@ def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: Missio
     """Return the best path found within half-planes, placed along a path and anew along each path found until there is no more gain."""
     task, best, at, before, iterations = problem.task, free, guess, np.inf, free.iterations
     for again in range(_ROUNDS):
+        announce(f"planning: {problem.n_legs} legs, round {again + 1} along obstacles")
         solution = _solve(problem, at, _planes(problem, path), closest=closest, warm_start=again > 0)
         flown = _fly(problem, solution, iterations)
         iterations = flown.iterations
@@ -176,12 +177,24 @@ def _solve(
         task.reference_path,
         *_reference_weights_and_limits(task, guess.angles, shape, problem.depths, reference_weight),
     )
-    options: dict[str, Any] = {"warm_start": warm_start}
     model = MissionModel(task.flow, task.vehicle, shape, task.currents.times, task.spline)
-    solution = solve_mission(model, data, guess, **options)
-    if task.spline is None or task.spline.covers(solution.guess.places):
+    solution = solve_mission(model, data, guess, warm_start=warm_start)
+    if task.spline is None:
         return solution
-    return solve_mission(replace(model, spline=None), data, guess, **options)
+    covered = task.spline.covers(solution.guess.places)
+    if covered and _strays(problem, solution.guess.angles) <= _MET:
+        return solution
+    # once more in the flow itself
+    polished = solve_mission(replace(model, spline=None), data, solution.guess if covered else guess, warm_start=covered or warm_start)
+    return replace(polished, iterations=solution.iterations + polished.iterations)
+
+
+def _strays(problem: LegsProblem, angles: Array) -> float:
+    """Return how far the error of the spline may lead a mission astray [m]."""
+    assert problem.task.spline is not None
+    lengths = np.array([np.sum(np.abs(np.diff(steps))) for steps in problem.depths])
+    lasts = np.sum(lengths / np.asarray(problem.task.vehicle.speeds(np, angles)[1])) + np.sum(problem.drifts)
+    return float(lasts * problem.task.spline.largest_error)
 
 
 def _weights(task: MissionTask) -> tuple[float, float | None, float]:
