@@ -13,6 +13,7 @@ from replay_kit.core.finding import finding_json
 from replay_kit.results.losses import loss_json
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.summary_plan import outcomes_json, plan_json
+from replay_kit.results.surfacings.summary import surfacings_json
 from replay_kit.results.text import coded
 
 _STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
@@ -45,6 +46,7 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
             "seconds": dict(summary.seconds),
             "plan": plan,
             "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
+            "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing) if summary.surfacings else None,
             "truth": asdict(summary.truth) if summary.truth else None,
             "notes": list(summary.notes),
             "lost_pings": summary.lost_pings,

@@ -12,6 +12,7 @@ from replay_kit.results.mcap_writer import WINDOWS_RECORD
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import to_record
 from replay_kit.workflows.replay.consistency import conclusions
+from replay_kit.workflows.replay.dive_forecasts import next_surfacing
 from replay_kit.workflows.replay.inputs import open_truth
 from replay_kit.workflows.replay.prepared import Prepared
 from replay_kit.workflows.replay.scoring import score_against_truth
@@ -32,6 +33,8 @@ def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEst
         plan=None if planning.result is None else planning.result.plan,
         plan_note=planning.failure,
         outcomes=planning.outcomes,
+        surfacings=session.forecasts.outcomes,
+        next_surfacing=next_surfacing(session.forecasts),
         notes=tuple(notes),
         findings=found,
         doubts=blind + outside,

@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.page.section import Figure, Section, cm, column, number, table_html
+from replay_kit.results.report.sections.surfacings import surfacings_html
 from replay_kit.results.report.sections.trust_figures import calibration_figure, dives_figure, error_figure
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import thinned
@@ -35,7 +36,10 @@ def trust_section(contents: Contents) -> Section:
     dives = contents.summary.get("by_dive") or []
     if len(dives) > 1:
         figures.append(dives_figure(contents, dives))
-    return Section("trust", "Trust", _coverage_html(found) + _gate_html(contents) + _dives_html(contents, dives), figures, missing)
+    surfacings = surfacings_html(contents.summary.get("expected_surfacings"))
+    return Section(
+        "trust", "Trust", _coverage_html(found) + _gate_html(contents) + _dives_html(contents, dives) + surfacings, figures, missing
+    )
 
 
 def _coverage_html(found: Calibration) -> str:
