@@ -24,6 +24,7 @@ def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEst
     job, reports = inputs.job, [reader.report() for reader in inputs.readers]
     if not session.monitoring.explains_no_profile:
         session.statistics.require_usable(reports, inputs.forecasts.ensemble.grid)
+    session.statistics.require_left_out(session.config.measurements.without)
     flow = session.conclude()
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = session.planning, conclusions(session.monitoring, session.statistics, session.config)

@@ -12,6 +12,7 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.shared.notes import gather, short
 from replay_kit.logs.shared.stamps import ClockJump
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
+from replay_kit.measurements.events import left_out_rules
 from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow
 from replay_kit.workflows.replay.estimation import Step
 from replay_kit.workflows.replay.profile_counts import ProfileCounts, increment
@@ -104,6 +105,18 @@ class RunStatistics:
         """Return the statistics with what merging the logs found: late messages, stamps far from their neighbours, jumps of clocks."""
         counts = replace(self.messages, late=merged.late, astray=merged.astray, jumps=merged.jumps)
         return RunStatistics(counts, self.profiles)
+
+    def require_left_out(self, rules: Sequence[str]) -> None:
+        """Raise MeasurementError when a rule of ``measurements.without`` has left nothing out: the answer would be that of the whole log."""
+        applied = {rule for _, reason in self.messages.skipped for rule in left_out_rules(reason)}
+        for rule in rules:
+            if rule not in applied:
+                dives = sorted(dive for dive in self.profiles.dives if dive > 0)
+                held = f"dives {dives[0]}..{dives[-1]} with measurements" if dives else "no dive with measurements"
+                raise MeasurementError(
+                    f"--without {rule}: expected something of the log to leave out, but it holds nothing of that; "
+                    f"besides what was left out it has {held}; leave the rule out, or name dives of the log"
+                )
 
     def require_usable(self, reports: Sequence[LogReport], grid: Grid) -> None:
         """Raise MeasurementError when no profile was used; the message lists what was found instead."""
