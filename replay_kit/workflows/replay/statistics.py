@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from replay_kit.core.errors import MeasurementError
+from replay_kit.core.evidence import Evidence
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import PathMean
@@ -107,7 +108,7 @@ class RunStatistics:
         return RunStatistics(counts, self.profiles)
 
     def require_left_out(self, rules: Sequence[str]) -> None:
-        """Raise MeasurementError when a rule of ``measurements.without`` has left nothing out: the answer would be that of the whole log."""
+        """Raise MeasurementError when a rule of ``measurements.without`` has left nothing out: the answer would be the whole log's."""
         applied = {rule for _, reason in self.messages.skipped for rule in left_out_rules(reason)}
         for rule in rules:
             if rule not in applied:
@@ -206,6 +207,7 @@ class RunStatistics:
             rms_after=total.rms(total.after),
             rms_prior=total.rms(total.prior),
             nis_per_dof=total.nis_per_dof,
+            evidence=Evidence(counts.evidence) if counts.evidence else None,
             by_dive=tuple(
                 DiveRow(dive, sums.profiles, sums.bins, sums.rms(sums.predicted), sums.rms(sums.prior), sums.nis_per_dof)
                 for dive, sums in sorted(counts.dives.items())
