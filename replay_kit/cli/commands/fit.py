@@ -31,7 +31,7 @@ def fit(
 
     from replay_kit.forecast import read_ensemble
     from replay_kit.workflows.fit import fit_json, fit_prior, print_fit, write_fit
-    from replay_kit.workflows.fleet.cluster import calls_made_by
+    from replay_kit.workflows.fleet.workers import calls_made_by
 
     members = read_ensemble(ensemble, config.forecast)
     with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads):

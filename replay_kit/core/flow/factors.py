@@ -12,8 +12,10 @@ rule; Journel and Huijbregts 1978, Mining Geostatistics): with rows H that have 
 U' n stands for what their perturbations add.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -135,3 +137,46 @@ def whole_of(half: Array) -> Array:
     matrix[..., rows, columns] = half
     matrix[..., columns, rows] = half
     return matrix
+
+
+@runtime_checkable
+class FactoredCovariance(Protocol):
+    """A covariance kept in factors."""
+
+    def __call__(self, levels: Levels | None) -> Array:
+        """Return the covariance of some levels' weights, None for all, as one matrix, shape (L r, L r)."""
+        ...
+
+    def of_sum(self, levels: Levels) -> Array:
+        """Return the covariance of the sum of some levels' weights, shape (r, r)."""
+        ...
+
+    def of_combinations(self, design: Array) -> Array:
+        """Return the covariance of combinations of the weights, shape (m, m); ``design`` of shape (m, Z, r)."""
+        ...
+
+    def factors(self) -> CovarianceFactors | None:
+        """Return the factors to keep; None where the matrix has fewer elements."""
+        ...
+
+
+#: A matrix, shape (Z r, Z r), or a function that returns that of some levels' weights, None for all.
+WeightCovariance = Array | Callable[[Levels | None], Array]
+
+
+def covariance_of_sum(covariance: WeightCovariance, levels: Levels, n_modes: int) -> Array:
+    """Return the covariance of the sum of some levels' weights, shape (r, r).
+
+    Args:
+        covariance: Of all weights.
+        levels: The levels.
+        n_modes: Number of modes r.
+    """
+    if isinstance(covariance, FactoredCovariance):
+        return covariance.of_sum(levels)
+    if callable(covariance):
+        blocks = covariance(levels).reshape(len(levels), n_modes, len(levels), n_modes)
+    else:
+        chosen = list(levels)
+        blocks = covariance.reshape(-1, n_modes, covariance.shape[0] // n_modes, n_modes)[chosen][:, :, chosen]
+    return np.asarray(blocks.sum(axis=(0, 2)))

@@ -11,7 +11,8 @@ from replay_kit.core.flow.depth import DepthFunctions, depth_weights
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator.baselines.columns import HATS
-from replay_kit.estimator.static.filter import FilterState, ReducedBasisEstimator, build_estimator
+from replay_kit.estimator.static.filter import ReducedBasisEstimator, build_estimator
+from replay_kit.estimator.static.state import FilterState
 
 _STEP = 1.0  # m, between the depths averaged; exact for hat functions, whose corners are among the depths
 

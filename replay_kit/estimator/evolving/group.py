@@ -1,30 +1,47 @@
 """Groups of profiles in the estimator through time: they count together at their mean time and place."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Observation
+from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.noise import BinNoise, bin_noise
 from replay_kit.estimator.evolving.observation_operator import ObservationOperator
 from replay_kit.estimator.evolving.state import EvolvingState
+from replay_kit.estimator.evolving.state_space import StateSpace
 from replay_kit.estimator.update.biases import BiasBins
 from replay_kit.estimator.update.group_screening import relative_velocities
 from replay_kit.estimator.update.group_step import GroupResult, ScreenedGroup, Stepped, results_of, screen_group, stack_of
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.posterior import predict_observation
-from replay_kit.estimator.update.superobservation import Column, ProfileStack, evaluate_group
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from replay_kit.estimator.evolving.filter import EvolvingEstimator
+from replay_kit.estimator.update.profile_stack import ProfileStack
+from replay_kit.estimator.update.superobservation import Column, evaluate_group
 
 _NS = 1e9
+
+
+class _Estimator(Protocol):
+    """What groups need of the estimator through time; the members are documented there."""
+
+    @property
+    def basis(self) -> Basis: ...
+    @property
+    def operator(self) -> ObservationOperator: ...
+    @property
+    def state_space(self) -> StateSpace: ...
+    @property
+    def gating(self) -> GatingConfig | None: ...
+    def is_late(self, state: EvolvingState, time_ns: int) -> bool: ...
+    def predict(self, state: EvolvingState, time_ns: int) -> EvolvingState: ...
+    def step(self, state: EvolvingState, observation: Measurement) -> tuple[EvolvingState, Innovation]: ...
+    def with_scale_jacobian(self, means: Array, cov: Array, jacobian: float) -> Array: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +71,7 @@ def column_operator(operator: ObservationOperator, screened: ScreenedGroup) -> C
     functions = operator.basis.depth_functions
     oscillations = operator.oscillations
 
-    def factors(profile: Observation, used: "NDArray[np.intp]") -> tuple[Array, BinNoise]:
+    def factors(profile: Observation, used: NDArray[np.intp]) -> tuple[Array, BinNoise]:
         depth = profile.depth[used]
         representation = np.interp(depth, grid.levels, operator.representation_std)
         noise = bin_noise(depth, profile.error_std[used], representation, profile.common_std, profile.correlation_depth)
@@ -80,7 +97,7 @@ def _mean_factor(operator: ObservationOperator, stack: ProfileStack) -> BiasBins
     return operator.biases.bins(depth, None if relative is None else relative.mean(axis=0)[None])
 
 
-def step_group(estimator: "EvolvingEstimator", state: EvolvingState, group: ProfileGroup) -> list[Stepped[EvolvingState]]:
+def step_group(estimator: _Estimator, state: EvolvingState, group: ProfileGroup) -> list[Stepped[EvolvingState]]:
     """Return what became of the profiles of a group."""
     screened = screen_group(group, state.last, estimator.basis.grid)
     if screened.used.size < 2 or estimator.is_late(state, min(profile.time_ns for profile in group.profiles)):
@@ -108,7 +125,7 @@ def step_group(estimator: "EvolvingEstimator", state: EvolvingState, group: Prof
     return results_of(GroupResult(screened, update, column, of_after, prior, inflation), (state, changed), state)
 
 
-def group_innovation(estimator: "EvolvingEstimator", state: EvolvingState, group: ProfileGroup) -> Array:
+def group_innovation(estimator: _Estimator, state: EvolvingState, group: ProfileGroup) -> Array:
     """Return measured minus predicted at a group's time, shape (n m, 2) [m/s], local axes, of all profiles; 0 for bins not usable."""
     of_group = column_operator(estimator.operator, screen_group(group, None, estimator.basis.grid))
     seconds = 0.0 if state.time_ns is None else max(of_group.time_ns - state.time_ns, 0) / _NS
@@ -117,7 +134,7 @@ def group_innovation(estimator: "EvolvingEstimator", state: EvolvingState, group
     return of_group.stack.misfit(np.broadcast_to(rows, of_group.stack.y.shape)).reshape(-1, 2)
 
 
-def _one_by_one(estimator: "EvolvingEstimator", state: EvolvingState, group: ProfileGroup) -> list[Stepped[EvolvingState]]:
+def _one_by_one(estimator: _Estimator, state: EvolvingState, group: ProfileGroup) -> list[Stepped[EvolvingState]]:
     found = []
     for profile in group.profiles:
         after, innovation = estimator.step(state, profile)

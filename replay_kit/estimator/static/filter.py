@@ -25,11 +25,11 @@ from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, 
 from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior
 from replay_kit.estimator.static.group import fitting_step, group_innovation, group_steps
 from replay_kit.estimator.static.spread import SpreadFit
-from replay_kit.estimator.update.biases import NAMES, BiasScore, significant_bias_notes, unit_bias_rows
+from replay_kit.estimator.static.state import FilterState
+from replay_kit.estimator.update.biases import NAMES, significant_bias_notes, unit_bias_rows
 from replay_kit.estimator.update.compression import ProfileRows, compress_profile
 from replay_kit.estimator.update.covariance import PosteriorCovariance
 from replay_kit.estimator.update.evaluation import evaluate_observation
-from replay_kit.estimator.update.gate import ConsistencyMonitor
 from replay_kit.estimator.update.group_step import Stepped
 from replay_kit.estimator.update.grouping import Grouping, ProfileGroup, current_gradient
 from replay_kit.estimator.update.observation_space import initial
@@ -37,34 +37,6 @@ from replay_kit.estimator.update.path_mean import PathRows, path_rows, predict_p
 from replay_kit.estimator.update.posterior import Posterior, PredictedObservation, PriorCrossCovariance, means
 from replay_kit.estimator.update.representation import inflated, select_representation
 from replay_kit.estimator.update.screening import Screened, is_duplicate, screen_measurement
-
-_NEW_MONITOR, _NO_SCORE = ConsistencyMonitor(), BiasScore()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FilterState:
-    """The estimate of the weights at one time.
-
-    Attributes:
-        posterior: Of the weights, in the representation that is cheaper at the time.
-        time_ns: Of the last observation used [ns, UTC]; None before the first.
-        monitor: Of the latest gate results.
-        last: The last measurement with a usable bin; an equal one that follows is a duplicate.
-        bias_score: Of systematic errors of the instrument.
-        spread: Amplitude of the prior's covariance; None as it is given.
-    """
-
-    posterior: Posterior
-    time_ns: int | None
-    monitor: ConsistencyMonitor = _NEW_MONITOR
-    last: Measurement | None = None
-    bias_score: BiasScore = _NO_SCORE
-    spread: SpreadFit | None = None
-
-    @property
-    def mean(self) -> Array:
-        """Mean of the weights, shape (Z r,), level after level; computed when first asked for."""
-        return self.posterior.mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)

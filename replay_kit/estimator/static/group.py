@@ -2,35 +2,58 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.depth import depth_weights
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.observation import Measurement
+from replay_kit.core.observation import Innovation, Measurement, Observation
+from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.basis.noise import BinNoise
+from replay_kit.estimator.prior.hybrid import Prior
 from replay_kit.estimator.static.spread import SpreadFit
+from replay_kit.estimator.static.state import FilterState
 from replay_kit.estimator.update.compression import ProfileRows
 from replay_kit.estimator.update.group_step import GroupResult, ScreenedGroup, Stepped, results_of, screen_group, stack_of
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.estimator.update.path_mean import PathRows
 from replay_kit.estimator.update.posterior import PriorCrossCovariance
+from replay_kit.estimator.update.profile_stack import ProfileStack
 from replay_kit.estimator.update.representation import inflated, select_representation
-from replay_kit.estimator.update.superobservation import Column, CombinedRows, ProfileStack, combined, evaluate_group
-
-if TYPE_CHECKING:
-    from replay_kit.estimator.static.filter import FilterState, ReducedBasisEstimator
+from replay_kit.estimator.update.screening import Screened
+from replay_kit.estimator.update.superobservation import Column, CombinedRows, combined, evaluate_group
 
 
-def group_steps(
-    estimator: "ReducedBasisEstimator", state: "FilterState", items: "Iterable[Measurement | ProfileGroup]"
-) -> "Iterator[Stepped[FilterState]]":
+class _Estimator(Protocol):
+    """What groups need of the static estimator; the members are documented there."""
+
+    @property
+    def basis(self) -> Basis: ...
+    @property
+    def prior(self) -> Prior: ...
+    @property
+    def prior_weights(self) -> Array: ...
+    @property
+    def error_std(self) -> float | None: ...
+    @property
+    def gating(self) -> GatingConfig | None: ...
+    def initial_with(self, spread: SpreadFit | None) -> FilterState: ...
+    def steps(self, state: FilterState, observations: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]: ...
+    def assimilated(self, state: FilterState, source: Iterable[Measurement]) -> Iterator[tuple[FilterState, Innovation]]: ...
+    def linearised(self, observation: Measurement) -> tuple[Screened, ProfileRows | PathRows | None]: ...
+    def noise(self, observation: Observation, used: NDArray[np.intp]) -> BinNoise: ...
+    def by_level(self, mean: Array) -> Array: ...
+
+
+def group_steps(estimator: _Estimator, state: FilterState, items: Iterable[Measurement | ProfileGroup]) -> Iterator[Stepped[FilterState]]:
     """Yield what became of measurements and groups of profiles; measurements between groups are assimilated in blocks."""
     waiting: list[Measurement] = []
 
-    def alone() -> "Iterator[Stepped[FilterState]]":
+    def alone() -> Iterator[Stepped[FilterState]]:
         nonlocal state
         for measurement, (after, innovation) in zip(waiting, estimator.steps(state, waiting), strict=True):
             yield Stepped(measurement, state, after, innovation)
@@ -49,9 +72,7 @@ def group_steps(
     yield from alone()
 
 
-def fitting_step(
-    estimator: "ReducedBasisEstimator", state: "FilterState", item: Measurement | ProfileGroup
-) -> "list[Stepped[FilterState]]":
+def fitting_step(estimator: _Estimator, state: FilterState, item: Measurement | ProfileGroup) -> list[Stepped[FilterState]]:
     """Return what became of a measurement or group, with the amplitude fitted if it is time, and the innovations before that."""
     stepped = _stepped(estimator, state, item)
     state, spread = stepped[-1].after, state.spread
@@ -69,7 +90,7 @@ def fitting_step(
     return [*stepped[:-1], stepped[-1]._replace(after=replace(state, spread=spread))]
 
 
-def _again(estimator: "ReducedBasisEstimator", state: "FilterState", before: SpreadFit, fitted: SpreadFit) -> "FilterState":
+def _again(estimator: _Estimator, state: FilterState, before: SpreadFit, fitted: SpreadFit) -> FilterState:
     """Return the state after all measurements so far under another amplitude."""
     if fitted.amplitude == before.amplitude or before.past is None:
         return state
@@ -82,14 +103,14 @@ def _again(estimator: "ReducedBasisEstimator", state: "FilterState", before: Spr
     return state
 
 
-def _stepped(estimator: "ReducedBasisEstimator", state: "FilterState", item: Measurement | ProfileGroup) -> "list[Stepped[FilterState]]":
+def _stepped(estimator: _Estimator, state: FilterState, item: Measurement | ProfileGroup) -> list[Stepped[FilterState]]:
     if isinstance(item, ProfileGroup):
         return step_group(estimator, state, item)
     after, innovation = next(estimator.assimilated(state, [item]))
     return [Stepped(item, state, after, innovation)]
 
 
-def step_group(estimator: "ReducedBasisEstimator", state: "FilterState", group: ProfileGroup) -> "list[Stepped[FilterState]]":
+def step_group(estimator: _Estimator, state: FilterState, group: ProfileGroup) -> list[Stepped[FilterState]]:
     """Return what became of the profiles of a group, with the prior's amplitude as it is."""
     screened = screen_group(group, state.last, estimator.basis.grid)
     if screened.used.size < 2:
@@ -120,7 +141,7 @@ def step_group(estimator: "ReducedBasisEstimator", state: "FilterState", group: 
     return results_of(GroupResult(screened, update, before, after, prior, inflation), (state, changed), state)
 
 
-def group_innovation(estimator: "ReducedBasisEstimator", state: "FilterState", group: ProfileGroup) -> Array:
+def group_innovation(estimator: _Estimator, state: FilterState, group: ProfileGroup) -> Array:
     """Return measured minus predicted by a state, shape (n m, 2) [m/s], local axes, of all profiles; 0 for bins not usable."""
     basis, stack = _stack(estimator, screen_group(group, None, estimator.basis.grid))
     column = _rows(basis, np.eye(estimator.basis.grid.levels.size)).matvec(estimator.by_level(state.mean))
@@ -128,7 +149,7 @@ def group_innovation(estimator: "ReducedBasisEstimator", state: "FilterState", g
     return stack.misfit(np.broadcast_to(rows, stack.y.shape)).reshape(-1, 2)
 
 
-def _one_by_one(estimator: "ReducedBasisEstimator", state: "FilterState", group: ProfileGroup) -> "list[Stepped[FilterState]]":
+def _one_by_one(estimator: _Estimator, state: FilterState, group: ProfileGroup) -> list[Stepped[FilterState]]:
     found = []
     for profile, (after, innovation) in zip(group.profiles, estimator.assimilated(state, group.profiles), strict=True):
         found.append(Stepped(profile, state, after, innovation))
@@ -136,7 +157,7 @@ def _one_by_one(estimator: "ReducedBasisEstimator", state: "FilterState", group:
     return found
 
 
-def _rows_of(estimator: "ReducedBasisEstimator", item: Measurement | ProfileGroup) -> ProfileRows | PathRows | None:
+def _rows_of(estimator: _Estimator, item: Measurement | ProfileGroup) -> ProfileRows | PathRows | None:
     """Return the rows of a measurement, or those of the profiles of a group as one, with their stated errors."""
     if not isinstance(item, ProfileGroup):
         return estimator.linearised(item)[1]
@@ -145,7 +166,7 @@ def _rows_of(estimator: "ReducedBasisEstimator", item: Measurement | ProfileGrou
     return _rows(basis, whole.r, whole)
 
 
-def _stack(estimator: "ReducedBasisEstimator", screened: ScreenedGroup) -> tuple[Array, ProfileStack]:
+def _stack(estimator: _Estimator, screened: ScreenedGroup) -> tuple[Array, ProfileStack]:
     """Return the modes' velocity at the middle of the usable profiles, shape (2, r), and these as arrays."""
     grid, functions = estimator.basis.grid, estimator.basis.depth_functions
     middle = ProfileGroup(tuple(screened.profiles[i] for i in screened.used))

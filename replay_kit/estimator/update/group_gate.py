@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +10,7 @@ from replay_kit.config.gating import GatingConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.observation import Decision
 from replay_kit.estimator.update import gate as single
-
-if TYPE_CHECKING:
-    from replay_kit.estimator.update.superobservation import ProfileStack
+from replay_kit.estimator.update.profile_stack import ProfileStack
 
 DECISIONS: tuple[Decision, ...] = ("accepted", "softened", "rejected")
 
@@ -62,7 +59,7 @@ class GroupGate:
         statistic, threshold, exceeds = float(self.statistic[i]), float(self.threshold[i]), bool(self.exceeds[i])
         return single.GateResult(decision, statistic, dof, threshold, exceeds, float(self.inflation[i]), self.variance[i])
 
-    def scale_jacobians(self, stack: "ProfileStack") -> Array:
+    def scale_jacobians(self, stack: ProfileStack) -> Array:
         """Return what each profile has of ``biases.scale_jacobian``, shape (n,)."""
         first = stack.observations[0]
         if first.platform_velocity is None or not np.isfinite(first.common_std):
@@ -84,7 +81,7 @@ class GroupGate:
         return GroupGate(**whole, vectors=vectors, along=along, residual_square=residual)
 
 
-def gate_profiles(stack: "ProfileStack", mean: Array, cov: Array, how: tuple[GatingConfig | None, bool, bool]) -> GroupGate:
+def gate_profiles(stack: ProfileStack, mean: Array, cov: Array, how: tuple[GatingConfig | None, bool, bool]) -> GroupGate:
     """Return the gate's decisions on profiles.
 
     Args:

@@ -9,6 +9,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import inside_grid, rotate_to_local, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.observation import Flag, Observation, Reason, usable
+from replay_kit.estimator.update.screening import mark_failed
 
 
 def screen_profiles(profiles: Sequence[Observation], grid: Grid) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
@@ -25,14 +26,7 @@ def screen_profiles(profiles: Sequence[Observation], grid: Grid) -> tuple[NDArra
     below = depth > grid.levels[-1]
     wrong = ~np.isfinite(velocity).all(axis=2) | ~(error_std > 0.0) | ~np.isfinite(error_std)
     wrong &= usable(flags)
-    for failed, reason in (
-        (below, Reason.BELOW_GRID),
-        (outside, Reason.OUTSIDE_REGION),
-        (dry, Reason.ON_LAND),
-        (wrong, Reason.MALFORMED),
-    ):
-        reasons[failed] |= reason
-        flags[failed & usable(flags)] = Flag.FAIL
+    mark_failed(flags, reasons, below, outside, dry, wrong)
     relative = np.array([not np.isfinite(each.common_std) for each in profiles])
     alone = relative & (np.count_nonzero(usable(flags), axis=1) < 2)
     reasons[alone] |= np.int32(Reason.PLATFORM_REFERENCE)

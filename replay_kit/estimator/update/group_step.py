@@ -12,8 +12,9 @@ from replay_kit.core.observation import Flag, GroupTotals, Innovation, Measureme
 from replay_kit.estimator.update.group_gate import DECISIONS
 from replay_kit.estimator.update.group_screening import local_velocities, relative_velocities, screen_profiles
 from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.estimator.update.profile_stack import Factors, ProfileStack, stacked
 from replay_kit.estimator.update.screening import Screened, is_duplicate, unused_innovation
-from replay_kit.estimator.update.superobservation import Column, Factors, GroupUpdate, ProfileStack, stacked
+from replay_kit.estimator.update.superobservation import Column, GroupUpdate
 
 State = TypeVar("State")
 

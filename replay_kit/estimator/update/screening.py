@@ -28,6 +28,23 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
     below = observation.depth > grid.levels[-1]
     wrong = ~np.isfinite(observation.velocity).all(axis=1) | ~(observation.error_std > 0.0) | ~np.isfinite(observation.error_std)
     wrong &= usable(flags)
+    mark_failed(flags, reasons, below, outside, dry, wrong)
+    # relative to a platform of unknown velocity only differences between bins are known, and one bin has none
+    if not np.isfinite(observation.common_std) and (not relative or np.count_nonzero(usable(flags)) < 2):
+        reasons |= np.int32(Reason.PLATFORM_REFERENCE)
+        flags[usable(flags)] = Flag.FAIL
+    return flags, reasons
+
+
+def mark_failed(
+    flags: NDArray[np.int8],
+    reasons: NDArray[np.int32],
+    below: NDArray[np.bool_],
+    outside: NDArray[np.bool_],
+    dry: NDArray[np.bool_],
+    wrong: NDArray[np.bool_],
+) -> None:
+    """Mark in flags and reasons, in place, the bins below the region, outside of it, on land, and those that are malformed."""
     for failed, reason in (
         (below, Reason.BELOW_GRID),
         (outside, Reason.OUTSIDE_REGION),
@@ -36,11 +53,6 @@ def screen(observation: Observation, grid: Grid, relative: bool = False) -> tupl
     ):
         reasons[failed] |= reason
         flags[failed & usable(flags)] = Flag.FAIL
-    # relative to a platform of unknown velocity only differences between bins are known, and one bin has none
-    if not np.isfinite(observation.common_std) and (not relative or np.count_nonzero(usable(flags)) < 2):
-        reasons |= np.int32(Reason.PLATFORM_REFERENCE)
-        flags[usable(flags)] = Flag.FAIL
-    return flags, reasons
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,6 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from replay_kit.core.errors import ConfigError, EstimatorError, ReplayKitError
-from replay_kit.core.tasks import called_by
 
 #: How long a scheduler, and its first worker, are waited for [s].
 TIMEOUT_S = 20.0
@@ -157,25 +156,6 @@ def _used(cluster: Cluster) -> Iterator[Cluster]:
         yield cluster
     finally:
         cluster.close()
-
-
-@contextmanager
-def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[Cluster | None]:
-    """Let workers make the calls of ``core.tasks.each_call`` in the block; those of this process where neither is given.
-
-    Args:
-        scheduler: As in ``open_cluster``.
-        workers: As in ``open_cluster``.
-    """
-    if scheduler is None and workers is None:
-        yield None
-        return
-    from replay_kit.workflows.fleet.workers import check_workers
-
-    with open_cluster(scheduler, workers) as cluster:
-        check_workers(cluster, ())
-        with called_by(cluster.starmap):
-            yield cluster
 
 
 @contextmanager

@@ -1,11 +1,13 @@
-"""Whether workers can do what they will be given: the same versions, the same files, a folder that all write to."""
+"""Calls for workers, and whether these have the same versions, the same files, and a folder that all write to."""
 
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from replay_kit.core.errors import ConfigError
-from replay_kit.workflows.fleet.cluster import Cluster
+from replay_kit.core.tasks import called_by
+from replay_kit.workflows.fleet.cluster import Cluster, open_cluster
 from replay_kit.workflows.replay.provenance import package_versions
 
 
@@ -36,6 +38,23 @@ def check_workers(cluster: Cluster, files: Iterable[Path], out: Path | None = No
             raise ConfigError(f"{worker}: the worker sees another file as {missing[0]}, or none; put the data where all see it")
         if not shared:
             raise ConfigError(f"{worker}: the worker cannot write to {out}; choose a folder on a disk that all workers share")
+
+
+@contextmanager
+def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[Cluster | None]:
+    """Let workers make the calls of ``core.tasks.each_call`` in the block; those of this process where neither is given.
+
+    Args:
+        scheduler: As in ``cluster.open_cluster``.
+        workers: As in ``cluster.open_cluster``.
+    """
+    if scheduler is None and workers is None:
+        yield None
+        return
+    with open_cluster(scheduler, workers) as cluster:
+        check_workers(cluster, ())
+        with called_by(cluster.starmap):
+            yield cluster
 
 
 def _state(sizes: Mapping[str, int], token: str | None) -> tuple[dict[str, str], list[str], bool]:

@@ -76,7 +76,7 @@ def accuracy(
         to_json,
         write_accuracy,
     )
-    from replay_kit.workflows.fleet.cluster import calls_made_by
+    from replay_kit.workflows.fleet.workers import calls_made_by
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     counts = tuple(int(n) for n in numbers(survey.pings, "--pings"))

@@ -37,7 +37,7 @@ def dives(
 
     from replay_kit.estimator.evolving import build_evolving
     from replay_kit.studies.dives import FILES, print_dives, read_dives, run_dives, to_json, write_dives
-    from replay_kit.workflows.fleet.cluster import calls_made_by
+    from replay_kit.workflows.fleet.workers import calls_made_by
     from replay_kit.workflows.replay.build import read_forecasts
     from replay_kit.workflows.replay.look_ahead import look_ahead
     from replay_kit.workflows.replay.region import find_region

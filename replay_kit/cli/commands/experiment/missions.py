@@ -56,7 +56,7 @@ def missions(
 
     from replay_kit.forecast import read_series
     from replay_kit.studies.missions import FILES, STUDIES, MissionJob, print_missions, run_missions, to_json, write_missions
-    from replay_kit.workflows.fleet.cluster import calls_made_by
+    from replay_kit.workflows.fleet.workers import calls_made_by
 
     check_paths(read, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     series = read_series(truths.ensemble, config.forecast)

@@ -51,7 +51,7 @@ def paper(
     config = settings.load(estimator={"modes": sizes.modes})
 
     from replay_kit.studies.paper import FILES, PaperJob, print_paper, run_paper, to_json, write_paper
-    from replay_kit.workflows.fleet.cluster import calls_made_by
+    from replay_kit.workflows.fleet.workers import calls_made_by
 
     check_paths(truths.files, [*existing(out, FILES), outputs.json_file], outputs.overwrite)
     most = None if sizes.modes is None else config.estimator.modes

@@ -64,7 +64,7 @@ def planning(
     config = settings.load()
 
     from replay_kit.studies import planning as study
-    from replay_kit.workflows.fleet.cluster import calls_made_by
+    from replay_kit.workflows.fleet.workers import calls_made_by
 
     possible = [name for name in study.STUDIES if truths.truth is None or name != study.WITHOUT_TRUTH]
     chosen = tuple(possible) if sizes.study is None else tuple(sizes.study.split(","))
