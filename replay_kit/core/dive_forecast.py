@@ -69,15 +69,16 @@ class DiveOutcome:
     @property
     def distance(self) -> float:
         """From the expected place to the actual one [m]."""
-        return float(np.hypot(*self._off))
+        return float(np.hypot(*self.off))
 
     @property
     def direction_deg(self) -> float:
         """From the expected place to the actual one, clockwise from true north."""
-        return float(heading_deg(*self._off))
+        return float(heading_deg(*self.off))
 
     @property
-    def _off(self) -> tuple[float, float]:
+    def off(self) -> tuple[float, float]:
+        """From the expected place to the actual one, true east and north [m]."""
         east, north = to_local(Projection(self.forecast.longitude, self.forecast.latitude), self.fix.longitude, self.fix.latitude)
         return float(east), float(north)
 

@@ -4,6 +4,7 @@ The dive's way through the water is taken as its flight model states it after th
 forecast of that dive is made.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.dive_forecast import SHARES, DiveForecast, DiveOutcome, ellipse_of, forecast_place
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Innovation, Observation, PathMean, usable
+from replay_kit.core.observation import Fix, Observation, PathMean, usable
 from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
 from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
 from replay_kit.estimator.update.grouping import ProfileGroup
@@ -20,6 +21,7 @@ from replay_kit.workflows.replay.estimation import Assimilation, Step
 
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2
+_UNKNOWN = np.full((_BACKGROUNDS, 2), np.nan)
 _MODEL = DiveModel.default(_BACKGROUNDS)
 # m; cells in which a dive's profiles are averaged
 _CELL = 10.0
@@ -49,28 +51,27 @@ class ForecastState:
 def forecast_step(state: ForecastState, step: Step) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     """Return the state after a step of the estimate, and the outcome of the dive that it ends."""
     if isinstance(step.event, PathMean):
-        return forecast_mean(state, step.event, step.assimilation)
+        return forecast_mean(state, step.event, None if step.assimilation is None else _backgrounds(step.event, step.assimilation))
     if isinstance(step.event, Observation):
-        return _with_profile(state, step.event), ()
+        return with_profile(state, step.event), ()
     if isinstance(step.event, ProfileGroup):
         for profile in step.event.profiles:
-            state = _with_profile(state, profile)
+            state = with_profile(state, profile)
     return state, ()
 
 
-def forecast_mean(
-    state: ForecastState, mean: PathMean, assimilation: Assimilation | None = None
-) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+def forecast_mean(state: ForecastState, mean: PathMean, backgrounds: Array | None = None) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     """Return the state after a mean current, and the outcome of its dive; a drift at the surface, or one without fixes, changes nothing.
 
     Args:
         state: Before it.
         mean: The mean current.
-        assimilation: What the estimate said of it; None where it cannot use it.
+        backgrounds: shape (2, 2) [m/s], true east and north, what the ensemble alone and the estimate before the dive say of it; NaN
+            where they say nothing, None where neither does.
     """
     if mean.kind != "dac" or mean.fixes is None:
         return state, ()
-    dive = dive_mean(state, mean, assimilation)
+    dive = dive_mean(state, mean, backgrounds)
     before = _MODEL.initial() if state.model is None else state.model
     outcome = _outcome(state, before, dive, mean)
     after = replace(
@@ -88,11 +89,11 @@ def next_surfacing(state: ForecastState) -> DiveForecast | None:
     if state.model is None or state.last is None:
         return None
     last, fix = state.last, state.outcomes[-1].fix
-    coming = replace(last, time_ns=fix.time_ns + int(0.5e9 * last.seconds), backgrounds=np.full((_BACKGROUNDS, 2), np.nan), inverted=None)
+    coming = replace(last, time_ns=fix.time_ns + int(0.5e9 * last.seconds), backgrounds=_UNKNOWN, inverted=None)
     return _forecast(state, state.model, coming, fix, state.outcomes[-1].forecast.dive + 1)
 
 
-def dive_mean(state: ForecastState, mean: PathMean, assimilation: Assimilation | None) -> DiveMean:
+def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array | None) -> DiveMean:
     """Return what a mean current with fixes says, with the dive's own profiles and with what the ensemble and the estimate say of it."""
     assert mean.fixes is not None
     start, end = mean.fixes
@@ -105,7 +106,7 @@ def dive_mean(state: ForecastState, mean: PathMean, assimilation: Assimilation |
         surface_share=float(mean.weight @ np.exp(-mean.depth / SURFACE_DEPTH)),
         velocity=velocity,
         inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
-        backgrounds=_backgrounds(mean, assimilation),
+        backgrounds=_UNKNOWN if backgrounds is None else backgrounds,
     )
 
 
@@ -141,7 +142,7 @@ def _forecast(state: ForecastState, before: DiveState, dive: DiveMean, start: Fi
     )
 
 
-def _with_profile(state: ForecastState, profile: Observation) -> ForecastState:
+def with_profile(state: ForecastState, profile: Observation) -> ForecastState:
     """Return the state after an absolute profile of a dive; others change nothing."""
     used = usable(profile.flags) & np.isfinite(profile.velocity).all(axis=1)
     if profile.dive == 0 or not np.isfinite(profile.common_std) or not used.any():
@@ -163,16 +164,26 @@ def _along(sums: Array, mean: PathMean) -> Array | None:
     return np.array([mean.weight @ np.interp(mean.depth, depth, component) for component in velocity.T])
 
 
-def _backgrounds(mean: PathMean, assimilation: Assimilation | None) -> Array:
-    """Return the mean current by the ensemble alone and by the estimate before the dive, shape (2, 2); NaN where they are not known."""
-    if assimilation is None or (found := assimilation.innovation).mean_current is None or not np.any(found.mean_current):
-        return np.full((_BACKGROUNDS, 2), np.nan)
-    # both are along the local axes, which the measured mean turns to true ones
-    turn = complex(*mean.velocity) / complex(*found.mean_current)
-    local = np.stack([found.mean_current - _row(found, each) for each in (found.prior_innovation, assimilation.dive_innovation)])
-    turned = (local[:, 0] + 1j * local[:, 1]) * turn
+def backgrounds_of(mean: PathMean, measured: Array, innovations: Sequence[Array]) -> Array:
+    """Return what others say of a mean current, shape (k, 2) [m/s], true east and north; NaN where they say nothing.
+
+    Args:
+        mean: The mean current.
+        measured: shape (2,) [m/s], the same along the local axes.
+        innovations: Each of shape (1, 2) [m/s], along the local axes: measured minus predicted.
+    """
+    if not np.any(measured):
+        return np.full((len(innovations), 2), np.nan)
+    # the measured mean turns local axes to true ones
+    turn = complex(*mean.velocity) / complex(*measured)
+    predicted = np.stack([measured - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations])
+    turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
     return np.column_stack([turned.real, turned.imag])
 
 
-def _row(found: Innovation, values: Array) -> Array:
-    return values[0] if len(values) == found.depth.size == 1 else np.full(2, np.nan)
+def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
+    """Return the mean current by the ensemble alone and by the estimate before the dive, shape (2, 2); NaN where they are not known."""
+    found = assimilation.innovation
+    if found.mean_current is None:
+        return _UNKNOWN
+    return backgrounds_of(mean, found.mean_current, [found.prior_innovation, assimilation.dive_innovation])
