@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serializer, field_validator, model_validator
 
+from replay_kit.config import without
 from replay_kit.config.consistency import ConsistencyConfig
 from replay_kit.config.explain import explain
 from replay_kit.config.gating import RENAMED_KEYS, GatingConfig
@@ -114,6 +115,11 @@ class MeasurementConfig(_Section):
     correlation_depth: float = Field(
         default=0.0, ge=0.0, description="E-folding distance of the correlation of the errors within a ping that states none [m]."
     )
+    without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
+        default=(),
+        description="Measurements that are left out, to see what would have been estimated without them: dac, drift, profiles, "
+        "dives:3-5; what was computed from them before the log was written stays.",
+    )
     map: tuple[TopicMap, ...] = Field(
         default=(), description="How to read topics that no known kind covers; replay-kit info --suggest writes a first version."
     )
@@ -126,6 +132,12 @@ class MeasurementConfig(_Section):
         description="Unit of the velocities in pings whose message states m/s wrongly; stated, a log is used although its speeds are odd.",
     )
     quality: QualityConfig = Field(default_factory=QualityConfig)
+
+    @field_validator("without")
+    @classmethod
+    def _are_rules(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        without.checked(value)
+        return value
 
 
 class ForecastConfig(_Section):

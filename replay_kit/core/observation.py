@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,6 +177,14 @@ class Observation:
         return f"Observation {where}: {bins}\n  u {u}, v {v}, {error}"
 
 
+class Fix(NamedTuple):
+    """A fix at the surface: time [ns, UTC], longitude [degrees east], latitude [degrees north]."""
+
+    time_ns: int
+    longitude: float
+    latitude: float
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PathMean:
     """The current's mean along a path: a dive's depth-averaged current, or the drift at the surface between two fixes.
@@ -193,6 +201,7 @@ class PathMean:
         kind: ``dac`` for a dive's depth-averaged current, ``drift`` for the drift at the surface.
         dive: Number of the dive, or of the dive before the drift; as in ``Observation``.
         source: The message that completed it.
+        fixes: Before and after the path; None where they are not known.
     """
 
     time_ns: int
@@ -206,6 +215,7 @@ class PathMean:
     kind: Literal["dac", "drift"]
     dive: int
     source: Source
+    fixes: tuple[Fix, Fix] | None = None
 
     def __repr__(self) -> str:
         """Return when and over what path the mean was taken, and the mean."""

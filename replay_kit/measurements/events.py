@@ -1,5 +1,6 @@
 """The events of the measurement step: positions, measurements, and whether each message was used."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from replay_kit.core.observation import Observation, PathMean, VehicleState
@@ -39,6 +40,19 @@ class Skipped:
 
 
 Event = VehicleState | Observation | PathMean | Used | Skipped
+
+
+_LEFT_OUT, _BY = "left out: ", " (measurements.without)"
+
+
+def left_out_reason(rules: Sequence[str]) -> str:
+    """Return the reason of a message whose measurement rules of the settings leave out."""
+    return f"{_LEFT_OUT}{', '.join(rules)}{_BY}"
+
+
+def left_out_rules(reason: str) -> list[str]:
+    """Return the rules that a reason names; none where it is another."""
+    return reason.removeprefix(_LEFT_OUT).removesuffix(_BY).split(", ") if reason.startswith(_LEFT_OUT) else []
 
 
 def malformed(error: Exception) -> str:

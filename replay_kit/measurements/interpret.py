@@ -26,6 +26,7 @@ from replay_kit.measurements.messages.profiles import StatedPing
 from replay_kit.measurements.ping.attitude import Orientation
 from replay_kit.measurements.steps import pings, positions
 from replay_kit.measurements.steps.components import alone, take_component
+from replay_kit.measurements.steps.left_out import without
 from replay_kit.measurements.steps.observed import observed
 from replay_kit.measurements.steps.position_matching import PlacedPing, place, split
 from replay_kit.measurements.steps.state import MeasurementState, Step
@@ -109,7 +110,12 @@ def interpret_block(
         state, events = _step(state, message, config)
         states.append(state)
         blocks.append(events)
-    return list(zip(states, observed(blocks, config), strict=True))
+    return list(zip(states, _kept(observed(blocks, config), config), strict=True))
+
+
+def _kept(blocks: list[list[Event]], config: MeasurementConfig) -> list[list[Event]]:
+    """Return the events of messages without the measurements that the settings leave out."""
+    return [without(events, config.without) for events in blocks] if config.without else blocks
 
 
 def _step(state: MeasurementState, message: Message, config: MeasurementConfig) -> Step:
@@ -126,7 +132,7 @@ def _step(state: MeasurementState, message: Message, config: MeasurementConfig) 
 def finish(state: MeasurementState, config: MeasurementConfig) -> list[Event]:
     """Return the events of what still waits when the log ends."""
     waiting = [event for ping in state.waiting for event in place(ping, state.fix, None, state.track, config)]
-    return observed([[*pings.incomplete(state.frames), *alone(state), *waiting]], config)[0]
+    return _kept(observed([[*pings.incomplete(state.frames), *alone(state), *waiting]], config), config)[0]
 
 
 def _expire(state: MeasurementState, now_ns: int, config: MeasurementConfig) -> Step:

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import foxglove
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.finding import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.lossless import save_bytes
@@ -28,6 +29,7 @@ from replay_kit.results.layout.layout import layout_of, layout_text
 from replay_kit.results.mcap_file import ResultFile
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import arrow_scale, arrows_message, depth_slice, grid_message, seabed_message
+from replay_kit.results.surfacings.message import surfacing_message
 
 ESTIMATE_NAME = "estimate.nc"
 #: Beginning of the names of the estimates of windows that the vehicle left; their number and ``.nc`` follow.
@@ -158,6 +160,10 @@ class ResultWriter(ResultFile):
     def outcome(self, outcome: Outcome) -> None:
         """Write a predicted surfacing with the actual one to ``/plan/outcome``."""
         self._log_own("/plan/outcome", "PlanOutcome", messages.plan_outcome(outcome), outcome.time_ns)
+
+    def dive_outcome(self, outcome: DiveOutcome) -> None:
+        """Write where a dive was expected to surface, and where it did, to ``/flow/surfacing``."""
+        self._log_own("/flow/surfacing", "Surfacing", surfacing_message(outcome), outcome.fix.time_ns)
 
     def log(self, time_ns: int, level: messages.Level, text: str) -> None:
         """Write an event to ``/log``."""

@@ -110,6 +110,15 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("bool", "inside_ellipse"),
         *_fields("double", "ellipse_longitude", "ellipse_latitude", "ellipse_major", "ellipse_minor", "ellipse_bearing"),
     ),
+    "Surfacing": (
+        *_fields(TIME, "timestamp", "dive_begin"),
+        *_fields("uint32", "dive", "earlier_dives"),
+        *_fields(".replay_kit.Place", "start", "expected", "actual"),
+        *_fields("double", "distance", "direction_deg", "ellipse_bearing"),
+        *_fields("double", "inner_major", "inner_minor", "outer_major", "outer_minor"),
+        *_fields("bool", "inside_inner", "inside_outer"),
+        *_fields("double", "log_score", "persistent_log_score", "persistent_distance", "persistent_radius"),
+    ),
 }
 
 

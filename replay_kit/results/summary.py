@@ -6,12 +6,18 @@ from dataclasses import dataclass, field
 
 from rich.console import Console
 
+from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
+from replay_kit.core.evidence import Evidence
 from replay_kit.core.finding import Finding, finding_line
 from replay_kit.core.message import Loss
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import Outcome
+from replay_kit.results.evidence.summary import Rival, evidence_json, referee_json
+from replay_kit.results.evidence.words import evidence_sentence, referee_sentences
 from replay_kit.results.losses import loss_words
 from replay_kit.results.summary_plan import outcomes_sentence, plan_sentence
+from replay_kit.results.surfacings.summary import surfacings_json
+from replay_kit.results.surfacings.words import surfacings_sentences
 from replay_kit.results.text import folded, not_used_lines, print_lines, print_table
 from replay_kit.results.verdict import verdict
 
@@ -101,6 +107,11 @@ class ReplaySummary:
         plan: The last plan.
         plan_note: Why there is no plan although a goal was given; empty otherwise.
         outcomes: Predicted surfacings with the actual ones.
+        surfacings: Ends of dives that were expected from the dives before, with the actual ones.
+        evidence: Log evidence of the measurements; None where the estimator states no density.
+        ensemble: Name of the forecast's file, where it is compared with others.
+        rivals: The log evidence under other forecasts.
+        next_surfacing: The coming one, if the vehicle flies as in its last dive; None without a dive.
         truth: Score against a truth, if one was given.
         notes: What the user should know.
         findings: Contradictions in the inputs.
@@ -124,6 +135,11 @@ class ReplaySummary:
     plan: Plan | None = None
     plan_note: str = ""
     outcomes: tuple[Outcome, ...] = ()
+    surfacings: tuple[DiveOutcome, ...] = ()
+    next_surfacing: DiveForecast | None = None
+    evidence: Evidence | None = None
+    ensemble: str = ""
+    rivals: tuple[Rival, ...] = ()
     truth: TruthScore | None = None
     notes: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
@@ -199,6 +215,12 @@ def _further_sentences(summary: ReplaySummary) -> Iterator[str]:
         yield f"Plan: none; {summary.plan_note}"
     if summary.outcomes:
         yield f"Surfacings: {outcomes_sentence(summary.outcomes)}"
+    if summary.evidence is not None:
+        yield f"Log evidence: {evidence_sentence(evidence_json(summary.evidence))}"
+        if summary.rivals:
+            yield from (f"Referee: {text}" for text in referee_sentences(referee_json(summary.ensemble, summary.evidence, summary.rivals)))
+    if summary.surfacings:
+        yield f"Surfacings: {'; '.join(surfacings_sentences(surfacings_json(summary.surfacings, summary.next_surfacing)))}"
     if summary.truth is not None:
         yield from _truth_sentences(summary.truth)
     yield "Time: " + ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in summary.seconds.items())

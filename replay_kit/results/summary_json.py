@@ -10,9 +10,11 @@ import numpy as np
 
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.finding import finding_json
+from replay_kit.results.evidence.summary import evidence_json, referee_json
 from replay_kit.results.losses import loss_json
 from replay_kit.results.summary import ReplaySummary
 from replay_kit.results.summary_plan import outcomes_json, plan_json
+from replay_kit.results.surfacings.summary import surfacings_json
 from replay_kit.results.text import coded
 
 _STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
@@ -45,12 +47,20 @@ def to_json(summary: ReplaySummary) -> dict[str, Any]:
             "seconds": dict(summary.seconds),
             "plan": plan,
             "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
+            "evidence": None if summary.evidence is None else evidence_json(summary.evidence),
+            "referee": _referee(summary),
+            "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing) if summary.surfacings else None,
             "truth": asdict(summary.truth) if summary.truth else None,
             "notes": list(summary.notes),
             "lost_pings": summary.lost_pings,
         }
     )
     return summary_json
+
+
+def _referee(summary: ReplaySummary) -> dict[str, Any] | None:
+    """Return how the forecasts explained the log; None where the run has one alone."""
+    return referee_json(summary.ensemble, summary.evidence, summary.rivals) if summary.rivals and summary.evidence is not None else None
 
 
 def failure_json(error: ReplayKitError, summary: ReplaySummary | None = None) -> dict[str, Any]:

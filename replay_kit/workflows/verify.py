@@ -26,6 +26,7 @@ from replay_kit.results.mcap_writer import CONFIG_NAME, SUMMARY_NAME
 from replay_kit.workflows.replay.inputs import ReplayJob
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.provenance import BATHYMETRY, FOLLOWED, file_hash, with_bathymetry
+from replay_kit.workflows.replay.referee import RIVAL
 from replay_kit.workflows.replay.region import REGION_RECORD, from_record
 from replay_kit.workflows.replay.replay import replay
 
@@ -167,7 +168,10 @@ def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
     where = Place(*(float(part) for part in goal.split(","))) if goal else None
     record = recorded.metadata.get(REGION_RECORD)
     region = None if record is None else from_record(record)
-    return ReplayJob(logs, ensemble, out, goal=where, include_inputs=options.get("include_inputs") == "true", region=region)
+    named = groupby((key for key in sorted(found, key=_numbers) if key.startswith(RIVAL)), lambda key: key.partition("_")[0])
+    against = tuple(tuple(found[key] for key in keys) for _, keys in named)
+    included = options.get("include_inputs") == "true"
+    return ReplayJob(logs, ensemble, out, goal=where, include_inputs=included, region=region, against=against)
 
 
 def _numbers(key: str) -> list[int]:

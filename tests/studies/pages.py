@@ -5,11 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from replay_kit.core.dive_forecast import DiveForecast, DiveOutcome
+from replay_kit.core.observation import Fix
+from replay_kit.core.surfacing import Ellipse
 from replay_kit.estimator.evolving.fit_log import LogSettings
 from replay_kit.studies.accuracy import AccuracyResult
 from replay_kit.studies.accuracy.run import AccuracyRow
 from replay_kit.studies.dives import DivesResult
-from replay_kit.studies.dives.predict import Surfacing
 from replay_kit.studies.dives.run import DivePrediction
 from replay_kit.studies.missions import MissionJob
 from replay_kit.studies.missions.rows import MissionRow
@@ -37,7 +39,10 @@ def dives_result() -> DivesResult:
     def dive(number: int, error: float) -> DivePrediction:
         profiles = {"estimate": np.full((4, 2), error), "last_dive": np.full((4, 2), 2.0 * error)} if number > 1 else {}
         mean = {"estimate": np.full((1, 2), error), "last_dac": np.full((1, 2), 3.0 * error)} if number == 2 else {}
-        found = Surfacing((152.0, -40.0), (152.01, -40.0), 850.0, (900.0, 700.0), True) if number < 3 else None
+        inner, outer = (Ellipse(152.0, -40.0, axis, axis - 200.0, 90.0) for axis in (600.0, 900.0))
+        start, fix = Fix(0, 151.9, -40.0), Fix(3_600 * 10**9, 152.01, -40.0)
+        expected = DiveForecast(number, number - 1, start, fix.time_ns, 152.0, -40.0, inner, outer, NAN)
+        found = DiveOutcome(expected, fix, 2.0, NAN, NAN) if number < 3 else None
         settings = LogSettings(1.0, 0.0, 50.0, 0.01, 1e5, 0.1, 50.0, 1e5)
         errors: dict[str, Any] = {"profiles": profiles, "mean": mean}
         return DivePrediction(number, settings, errors, np.full((4, 2), 0.1), 8.0, 8, found, np.full(3, 0.05), np.full(3, 0.1))

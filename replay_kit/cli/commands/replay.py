@@ -26,6 +26,14 @@ class Inputs:
     """What is replayed, and what it is scored against."""
 
     ensemble: Ensemble
+    against: Annotated[
+        tuple[Path, ...],
+        option(
+            "--against",
+            "Another ensemble, file, folder or pattern, to tell which explained the log better; may be repeated.",
+            metavar="FILE",
+        ),
+    ] = ()
     goal: Annotated[str | None, option("--goal", "Where to go next [degrees, degrees, m].", metavar="LON,LAT,DEPTH"), PLACE] = None
     truth: Truth = None
     truth_radius: Annotated[
@@ -71,12 +79,23 @@ def replay(
     dry_run: Annotated[bool, flag("--dry-run", "Only report what would be used, and the memory and time expected.")] = False,
 ) -> int:
     """Return the exit code of a replay: that of its summary, 0 for a dry run."""
-    following.check({"--dry-run": dry_run, "--smooth": outputs.smooth, "--checkpoint": outputs.checkpoint, "--truth": inputs.truth})
+    following.check(
+        {
+            "--dry-run": dry_run,
+            "--smooth": outputs.smooth,
+            "--checkpoint": outputs.checkpoint,
+            "--truth": inputs.truth,
+            "--against": inputs.against,
+        }
+    )
     radius = inputs.truth_radius
     # no least value of the option, which lets 0 and nan pass
     if radius is not None and not 0.0 < radius < float("inf"):
         raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
-    read, made = (*logs, *inputs.ensemble, truth_path(inputs.truth), settings.file), (outputs.out, outputs.netcdf, outputs.save_estimate)
+    read, made = (
+        (*logs, *inputs.ensemble, *inputs.against, truth_path(inputs.truth), settings.file),
+        (outputs.out, outputs.netcdf, outputs.save_estimate),
+    )
     replaced = outputs.overwrite or following.goes_on(outputs.out)
     status = following.page(outputs.out) if following.follow else None
     check_paths(read, (*made, outputs.smooth, outputs.json_file, outputs.page, status), replaced)
@@ -117,6 +136,7 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs, goal: "Place 
     return ReplayJob(
         logs=logs,
         ensemble=inputs.ensemble,
+        against=inputs.against,
         out=outputs.out,
         goal=goal,
         netcdf=outputs.netcdf,

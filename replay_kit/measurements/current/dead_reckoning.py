@@ -15,7 +15,7 @@ import numpy as np
 
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import PathMean, VehicleState
+from replay_kit.core.observation import Fix, PathMean, VehicleState
 
 # m and s; a longer stretch counts as several, because a current is not linear in depth or along the way
 _LONGEST_DEPTH, _LONGEST_S = 10.0, 300.0
@@ -114,7 +114,12 @@ def path_mean(
         kind=kind,
         dive=dive,
         source=end.source,
+        fixes=(_fix(path.start), _fix(end)),
     )
+
+
+def _fix(position: VehicleState) -> Fix:
+    return Fix(position.time_ns, position.longitude, position.latitude)
 
 
 def drift_velocity(path: Path, end: VehicleState) -> tuple[float, float]:

@@ -6,12 +6,11 @@ time between the fixes; it is the mean of the current along the path (``dead_rec
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.observation import PathMean, Source, VehicleState
+from replay_kit.core.observation import Fix, PathMean, Source, VehicleState
 from replay_kit.measurements.current.dead_reckoning import Path, at_depth, begin, drift_velocity, extend, path_mean
 from replay_kit.measurements.vehicle.dives import dive_begins
 
@@ -19,14 +18,6 @@ from replay_kit.measurements.vehicle.dives import dive_begins
 _SAME_FIX_NS = 60 * 10**9
 # s; a shorter drift is the error of its fixes
 _LEAST_DRIFT_NS = 120 * 10**9
-
-
-class Fix(NamedTuple):
-    """A fix that a mean current states as one of its ends: time [ns, UTC], longitude [degrees east], latitude [degrees north]."""
-
-    time_ns: int
-    longitude: float
-    latitude: float
 
 
 @dataclass(frozen=True, slots=True)

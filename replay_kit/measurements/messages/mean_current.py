@@ -4,7 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from replay_kit.measurements.current.mean import Fix, MeanCurrent
+from replay_kit.core.observation import Fix
+from replay_kit.measurements.current.mean import MeanCurrent
 from replay_kit.measurements.messages.fields import STD_BELIEVED, dive_number, number
 
 _NS = 1_000_000_000

@@ -11,6 +11,7 @@ from replay_kit.results.status import figures
 from replay_kit.results.status.alarms import Alarm, alarms_of
 from replay_kit.results.status.change import change_of, command_text
 from replay_kit.results.status.held import Held
+from replay_kit.results.surfacings.words import surfacings_sentences
 
 _SECOND = 1_000_000_000
 
@@ -154,6 +155,14 @@ def _surfacing(held: Held, now_ns: int) -> _Answer:
         side = f", {inside} its ellipse" if inside else ""
         text.append(f"the last was {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f}° and {_late(one.delay)}{side}")
         values["last"] = {"distance_m": one.distance, "direction_deg": one.direction_deg, "delay_s": one.delay, "inside": inside}
+    if found := held.summary.get("expected_surfacings"):
+        text += surfacings_sentences(found)
+        values["expected"] = {
+            "inside_50": found["inside_50"],
+            "inside_90": found["inside_90"],
+            "count": found["count"],
+            "next": found["next"],
+        }
     return Line("surfacing", "Surfacing", tuple(text), following.planned_ns if following else None), values
 
 

@@ -67,9 +67,9 @@ def _surfacings(dives: Sequence[DivePrediction]) -> Chart:
     found = [(dive.number, dive.surfacing) for dive in dives if dive.surfacing is not None]
     numbers = [number for number, _ in found]
     series = (
-        Series("distance from the fix", numbers, [one.error_m for _, one in found]),
-        Series("longer half axis of the ellipse", numbers, [one.axes_m[0] for _, one in found]),
-        Series("shorter half axis", numbers, [one.axes_m[1] for _, one in found]),
+        Series("distance from the fix", numbers, [one.distance for _, one in found]),
+        Series("longer half axis of the ellipse", numbers, [one.forecast.outer.major for _, one in found]),
+        Series("shorter half axis", numbers, [one.forecast.outer.minor for _, one in found]),
     )
     caption = "How far off the dive surfaced from where the estimate expected it, beside the ellipse's half axes (90 %)."
     return Chart("surfacings", "Predicted and real surfacings", caption, (_DIVES, Axis("distance [m]")), series)

@@ -1,4 +1,4 @@
-"""Predictions of coming observations, and of bins withheld from a profile whose other bins are given."""
+"""Predictions of coming observations by the filter, and of bins withheld from a profile whose other bins are given."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -6,18 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import to_geographic, to_local
-from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Flag, Innovation, Measurement, Observation
 from replay_kit.estimator.evolving import EvolvingEstimator, EvolvingState
 from replay_kit.estimator.evolving.observation_operator import LinearObservation
-from replay_kit.studies.dives.read import Dive
 
 _EVERY = 4
-_ELLIPSE = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,51 +90,3 @@ def withheld(estimator: EvolvingEstimator, state: EvolvingState, profiles: Seque
         flags = profile.flags.copy()
         flags[expected.used[~kept]] = Flag.NOT_EVALUATED
         state, _ = estimator.step(state, replace(profile, flags=flags))
-
-
-@dataclass(frozen=True, slots=True)
-class Surfacing:
-    """Where a dive was expected to end, and where it ended.
-
-    Attributes:
-        expected: Longitude and latitude [degrees].
-        fix: The same of the fix after the dive.
-        error_m: Between them [m].
-        axes_m: Half axes of the ellipse that should hold nine in ten [m], the longer one first.
-        inside: Whether it held the fix.
-    """
-
-    expected: tuple[float, float]
-    fix: tuple[float, float]
-    error_m: float
-    axes_m: tuple[float, float]
-    inside: bool
-
-
-def surfacing(expected: Expected, dive: Dive, projection: Projection) -> Surfacing | None:
-    """Return where a dive was expected to surface: start fix, way through water, and expected mean current times duration.
-
-    The way through water and the mean current that the log states add up to the way between the fixes, so the place lies off the
-    fix by the error of the mean current times the duration. The mean's own error is that of the flight model and the fixes.
-
-    Args:
-        expected: Of the dive's mean current.
-        dive: With its fixes.
-        projection: Of the local axes.
-    """
-    if dive.fixes is None:
-        return None
-    start, end = dive.fixes
-    seconds = (end.time_ns - start.time_ns) * 1e-9
-    off = -seconds * expected.error[0]
-    east, north = to_local(projection, end.longitude, end.latitude)
-    longitude, latitude = to_geographic(projection, float(east) + off[0], float(north) + off[1])
-    limit = float(chdtri(2, 1.0 - _ELLIPSE))
-    axes = seconds * np.sqrt(limit * np.linalg.eigvalsh(expected.cov)[::-1])
-    return Surfacing(
-        (float(longitude), float(latitude)),
-        (end.longitude, end.latitude),
-        float(np.hypot(*off)),
-        (float(axes[0]), float(axes[1])),
-        expected.nis <= limit,
-    )

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from replay_kit.results.surfacings.summary import surfacings_json
+from replay_kit.results.surfacings.words import surfacings_sentences
 from replay_kit.studies.dives.run import DivePrediction, DivesResult
 from replay_kit.studies.reports.tables import Table
 from replay_kit.studies.reports.write import answer_of, number, print_tables
@@ -32,14 +34,19 @@ def sentences_of(result: DivesResult) -> list[str]:
             f"Next dives: NIS per degree of freedom {result.nis_per_dof:.2f}; bins inside their intervals: {next_dive}",
             f"Bins withheld from a dive, given its others, inside their intervals: {held}",
         ]
-    surfacings = [dive.surfacing for dive in result.dives if dive.surfacing is not None]
-    if surfacings:
-        inside, off = sum(found.inside for found in surfacings), np.median([found.error_m for found in surfacings])
-        out.append(f"Surfacings: {inside} of {len(surfacings)} in the predicted ellipse of 90 %; median distance {off:.0f} m")
+    surfacings = surfacings_of(result)
+    if surfacings is not None:
+        out.append(f"Surfacings: {'; '.join(surfacings_sentences(surfacings))}")
     if result.fitted:
         words = ", ".join(f"{name} {value:g}" for name, value in asdict(result.dives[-1].settings).items())
         out.append(f"Fitted to the dives before the last: {words}")
     return out
+
+
+def surfacings_of(result: DivesResult) -> dict[str, Any] | None:
+    """Return hits, score and sharpness of the expected surfacings; None without any."""
+    outcomes = [dive.surfacing for dive in result.dives if dive.surfacing is not None]
+    return surfacings_json(outcomes, None) if outcomes else None
 
 
 def dive_table(result: DivesResult, kind: str) -> Table:
@@ -70,6 +77,7 @@ def to_json(result: DivesResult) -> dict[str, Any]:
         "rmse": {kind: result.rmse(kind) for kind in TITLES},
         "nis_per_dof": result.nis_per_dof,
         "coverage": {name: {f"{share:g}": value for share, value in shares.items()} for name, shares in result.coverages().items()},
+        "surfacings": surfacings_of(result),
         "dives": [_dive_json(dive) for dive in result.dives],
         "ensemble": result.ensemble,
         "fitted": result.fitted,
@@ -85,6 +93,5 @@ def _dive_json(dive: DivePrediction) -> dict[str, Any]:
         "bins": len(dive.std),
         **{f"rmse_{kind}": rmse_of(dive, kind) for kind in TITLES},
         "nis_per_dof": dive.nis / dive.dof if dive.dof else None,
-        "surfacing": None if dive.surfacing is None else asdict(dive.surfacing),
         "settings": asdict(dive.settings),
     }

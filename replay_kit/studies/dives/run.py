@@ -9,6 +9,7 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
+from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.gaussian import coverage
 from replay_kit.core.observation import Measurement, Observation
@@ -18,7 +19,8 @@ from replay_kit.estimator.evolving.dive_error import by_dive, new_dive
 from replay_kit.estimator.evolving.fit_log import LogSettings, fit_to_log, fitted_estimator, initial_settings, with_errors
 from replay_kit.estimator.evolving.likelihood import observed_subspace_estimator
 from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles
-from replay_kit.studies.dives.predict import Expected, Surfacing, expect, surfacing, withheld
+from replay_kit.studies.dives.forecasts import DiveForecasts, after_dive, before_dives
+from replay_kit.studies.dives.predict import Expected, expect, withheld
 from replay_kit.studies.dives.read import Dive
 from replay_kit.studies.jobs.progress import Progress
 from replay_kit.workflows.replay.scoring import rms_length
@@ -36,9 +38,9 @@ class DivePrediction:
         errors: Measured minus predicted [m/s], by kind and method; without methods for the first dive. ``profiles``: shape (n, 2), at all
             bins; ``mean``: shape (1, 2), of the depth-averaged current.
         std: shape (n, 2) [m/s], of the estimate's.
-        nis: Normalised square of the estimate's errors, profile by profile.
+        nis: Normalised square of the filter's errors, profile by profile.
         dof: Its degrees of freedom.
-        surfacing: None where the log has no mean current between fixes.
+        surfacing: Beside what was expected; None where the log has no mean current between fixes.
         withheld: shape (m,) [m/s], errors of the bins withheld from the dive.
         withheld_std: shape (m,) [m/s].
     """
@@ -49,7 +51,7 @@ class DivePrediction:
     std: Array
     nis: float
     dof: int
-    surfacing: Surfacing | None
+    surfacing: DiveOutcome | None
     withheld: Array
     withheld_std: Array
 
@@ -84,7 +86,7 @@ class DivesResult:
 
     @property
     def nis_per_dof(self) -> float:
-        """Normalised square of the estimate's errors over its degrees of freedom, all dives but the first."""
+        """Normalised square of the filter's errors over its degrees of freedom, all dives but the first."""
         dof = sum(dive.dof for dive in self.dives[1:])
         return sum(dive.nis for dive in self.dives[1:]) / dof if dof else math.nan
 
@@ -135,11 +137,11 @@ def run_dives(
 
 def _each_before(
     small: EvolvingEstimator, dives: Sequence[Dive], config: TimeConfig, fit: bool, progress: Progress | None
-) -> Iterator[tuple[EvolvingEstimator, EvolvingState, Sequence[Dive], Dive, LogSettings]]:
+) -> Iterator[tuple[EvolvingEstimator, EvolvingState, Sequence[Dive], Dive, LogSettings, DiveForecasts]]:
     """Yield what each dive is predicted from: estimator, state and dives before it, and the settings; one follows from the other."""
     settings = initial_settings(small, config)
     changed = fitted_estimator(small, config, settings)
-    state = changed.initial()
+    state, known = changed.initial(), before_dives(dives)
     for k, dive in enumerate(dives):
         if progress is not None:
             progress(k, len(dives), f"dive {dive.number}")
@@ -150,7 +152,8 @@ def _each_before(
             state = _after(changed, changed.initial(), before, settings)
         elif k:
             state = _after(changed, state, dives[k - 1].given, settings)
-        yield changed, state, dives[:k], dive, settings
+        known, forecasts = after_dive(known, changed, state, dive, _usable(changed, state, dive, settings))
+        yield changed, state, dives[:k], dive, settings, forecasts
 
 
 def _all_of(dive: Dive) -> Iterator[Measurement]:
@@ -160,27 +163,41 @@ def _all_of(dive: Dive) -> Iterator[Measurement]:
         yield dive.mean
 
 
+def _usable(estimator: EvolvingEstimator, state: EvolvingState, dive: Dive, settings: LogSettings) -> list[tuple[Observation, Expected]]:
+    """Return the profiles of a dive that have a usable bin, with the filter's predictions."""
+    expected = [(profile, expect(estimator, state, profile)) for profile in _own(dive, settings)]
+    return [(profile, found) for profile, found in expected if found is not None]
+
+
+def _own(dive: Dive, settings: LogSettings) -> list[Observation]:
+    """Return the profiles of a dive with the errors of settings."""
+    profiles = [with_errors(profile, settings) for profile in dive.profiles]
+    return [profile for profile in profiles if isinstance(profile, Observation)]
+
+
 def _predicted(
-    estimator: EvolvingEstimator, state: EvolvingState, earlier: Sequence[Dive], dive: Dive, settings: LogSettings
+    estimator: EvolvingEstimator,
+    state: EvolvingState,
+    earlier: Sequence[Dive],
+    dive: Dive,
+    settings: LogSettings,
+    forecasts: DiveForecasts,
 ) -> DivePrediction:
     """Return one dive predicted from the state at its beginning."""
-    profiles = [with_errors(profile, settings) for profile in dive.profiles]
-    own = [profile for profile in profiles if isinstance(profile, Observation)]
-    expected = [(profile, expect(estimator, state, profile)) for profile in own]
-    usable = [(profile, found) for profile, found in expected if found is not None]
+    own, usable = _own(dive, settings), _usable(estimator, state, dive, settings)
     mean = None if dive.mean is None else expect(estimator, state, with_errors(dive.mean, settings))
     held = list(withheld(estimator, state, own))
     return DivePrediction(
         number=dive.number,
         settings=settings,
         errors={
-            "profiles": _profile_errors(estimator, earlier, usable) if earlier and usable else {},
-            "mean": _mean_errors(estimator, earlier, dive, mean) if earlier and mean is not None else {},
+            "profiles": _profile_errors(estimator, earlier, usable, forecasts.error) if earlier and usable else {},
+            "mean": _mean_errors(estimator, earlier, dive, (mean, forecasts)) if earlier and mean is not None else {},
         },
-        std=np.concatenate([np.empty((0, 2)), *(found.std for _, found in usable)]),
+        std=forecasts.std,
         nis=sum(found.nis for _, found in usable),
         dof=sum(found.dof for _, found in usable),
-        surfacing=None if mean is None else surfacing(mean, dive, estimator.basis.grid.projection),
+        surfacing=forecasts.outcome,
         withheld=np.concatenate([np.empty(0), *(error for error, _ in held)]),
         withheld_std=np.concatenate([np.empty(0), *(std for _, std in held)]),
     )
@@ -194,12 +211,12 @@ def _after(estimator: EvolvingEstimator, state: EvolvingState, observations: Seq
 
 
 def _profile_errors(
-    estimator: EvolvingEstimator, earlier: Sequence[Dive], usable: Sequence[tuple[Observation, Expected]]
+    estimator: EvolvingEstimator, earlier: Sequence[Dive], usable: Sequence[tuple[Observation, Expected]], expected: Array
 ) -> dict[str, Array]:
-    """Return the errors of the estimate, of the ensemble, and of the baselines."""
-    errors: dict[str, list[Array]] = {"estimate": [], "ensemble_mean": []}
+    """Return the errors of the estimate, of the filter alone, of the ensemble, and of the baselines."""
+    errors: dict[str, list[Array]] = {"estimate": [expected], "filter_alone": [], "ensemble_mean": []}
     for profile, found in usable:
-        errors["estimate"].append(found.error)
+        errors["filter_alone"].append(found.error)
         errors["ensemble_mean"].append(estimator.innovation(estimator.initial(), profile)[found.used])
         depth, velocity = profile.depth[found.used], profile.velocity[found.used]
         for name, predicted in baseline_profiles(earlier, depth).items():
@@ -207,8 +224,12 @@ def _profile_errors(
     return {name: np.concatenate(parts) for name, parts in errors.items()}
 
 
-def _mean_errors(estimator: EvolvingEstimator, earlier: Sequence[Dive], dive: Dive, found: Expected) -> dict[str, Array]:
-    """Return the errors of the dive's mean current, method by method."""
+def _mean_errors(
+    estimator: EvolvingEstimator, earlier: Sequence[Dive], dive: Dive, found: tuple[Expected, DiveForecasts]
+) -> dict[str, Array]:
+    """Return the errors of the dive's mean current, method by method; without fixes the estimate is the filter alone."""
     assert dive.mean is not None
-    errors = {"estimate": found.error, "ensemble_mean": estimator.innovation(estimator.initial(), dive.mean)}
+    alone, expected = found[0].error, found[1].mean_error
+    errors = {"estimate": alone if expected is None else expected, "filter_alone": alone}
+    errors |= {"ensemble_mean": estimator.innovation(estimator.initial(), dive.mean)}
     return errors | {name: np.array([dive.mean.velocity]) - predicted for name, predicted in baseline_means(earlier).items()}

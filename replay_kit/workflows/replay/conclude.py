@@ -8,21 +8,31 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.netcdf import write_grid
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import ensemble_files
+from replay_kit.results.evidence.summary import Rival
 from replay_kit.results.mcap_writer import WINDOWS_RECORD
 from replay_kit.results.summary import ReplaySummary, TruthScore
 from replay_kit.results.summary_json import to_record
 from replay_kit.workflows.replay.consistency import conclusions
+from replay_kit.workflows.replay.dive_forecasts import next_surfacing
 from replay_kit.workflows.replay.inputs import open_truth
 from replay_kit.workflows.replay.prepared import Prepared
+from replay_kit.workflows.replay.referee import name_of, rival_inputs
 from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.session import Session
 
 
-def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEstimate]:
-    """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result."""
+def conclude(session: Session, inputs: Prepared, others: tuple[Rival, ...] = ()) -> tuple[ReplaySummary, FlowEstimate]:
+    """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result.
+
+    Args:
+        session: After the last message.
+        inputs: What was read.
+        others: The log evidence under other forecasts.
+    """
     job, reports = inputs.job, [reader.report() for reader in inputs.readers]
     if not session.monitoring.explains_no_profile:
         session.statistics.require_usable(reports, inputs.forecasts.ensemble.grid)
+    session.statistics.require_left_out(session.config.measurements.without)
     flow = session.conclude()
     notes = _notes(session, inputs, flow, session.statistics.notes(reports))
     planning, (found, blind) = session.planning, conclusions(session.monitoring, session.statistics, session.config)
@@ -32,6 +42,10 @@ def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEst
         plan=None if planning.result is None else planning.result.plan,
         plan_note=planning.failure,
         outcomes=planning.outcomes,
+        surfacings=session.forecasts.outcomes,
+        next_surfacing=next_surfacing(session.forecasts),
+        ensemble=name_of(job.ensemble) if others else "",
+        rivals=others,
         notes=tuple(notes),
         findings=found,
         doubts=blind + outside,
@@ -39,7 +53,9 @@ def conclude(session: Session, inputs: Prepared) -> tuple[ReplaySummary, FlowEst
     with session.clock.stage("write"):
         if session.writer is not None:
             session.writer.consistency(session.last_ns, found)
-            session.writer.summary(session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble))))
+            session.writer.summary(
+                session.last_ns, to_record(summary, (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values()))
+            )
             if spread := session.estimator.spread_record(session.estimation.current):
                 session.writer.write_metadata("replay_kit.spread", spread)
             if withdrawn := session.publishing.withdrawn:

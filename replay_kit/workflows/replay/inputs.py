@@ -47,6 +47,10 @@ class Following:
     goals: tuple[tuple[int, Place], ...] = ()
 
 
+#: Another ensemble: a file, folder or pattern, or files that belong together.
+Against = Path | tuple[Path, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class ReplayJob:
     """The files that a replay reads and writes, and the goal that it plans for.
@@ -65,6 +69,7 @@ class ReplayJob:
         include_inputs: Whether the logs' messages are copied into the result.
         following: For logs that may grow, without a checkpoint; None for finished ones.
         region: The part of the forecast that an earlier run of the job found; None finds it, where the settings do not state it.
+        against: Other ensembles under which the log's evidence is computed too.
         basis_store: Folder of built estimators that replays share; None builds one for this replay alone.
     """
 
@@ -81,6 +86,7 @@ class ReplayJob:
     include_inputs: bool = False
     following: Following | None = None
     region: FoundRegion | None = None
+    against: tuple[Against, ...] = ()
     basis_store: Path | None = None
 
 
@@ -92,7 +98,8 @@ def check_outputs(job: ReplayJob, also_read: Iterable[Path | None] = (), also_wr
         also_read: Inputs that are not in the job, such as the configuration file.
         also_written: Outputs that are not in the job, such as the JSON summary.
     """
-    inputs = (*job.logs, *ensemble_files(job.ensemble), truth_path(job.truth), *also_read)
+    rivals = [path for each in job.against for path in ensemble_files(each)]
+    inputs = (*job.logs, *ensemble_files(job.ensemble), *rivals, truth_path(job.truth), *also_read)
     check_paths(inputs, (job.out, job.netcdf, job.save_estimate, *also_written), job.overwrite, checkpoint_files(job.checkpoint))
 
 
@@ -103,7 +110,8 @@ def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
         LogError: A folder holds no log.
     """
     logs = [file for path in job.logs for file in logs_in(Path(path))]
-    return stamps_of([*logs, *ensemble_files(job.ensemble), *filter(None, [truth_path(job.truth)])])
+    rivals = [path for each in job.against for path in ensemble_files(each)]
+    return stamps_of([*logs, *ensemble_files(job.ensemble), *rivals, *filter(None, [truth_path(job.truth)])])
 
 
 def reading(logs: Sequence[LogReader | LogFile], progress: Progress, what: str) -> Callable[[], None]:

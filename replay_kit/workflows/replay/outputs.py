@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.dive_forecast import DiveOutcome
 from replay_kit.core.finding import Finding
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection
@@ -121,7 +122,8 @@ class LogWarning:
     text: str
 
 
-#: A position, what a measurement changed, a plan, how a plan turned out, a window's last estimate, contradictions, or a warning.
+#: A position, what a measurement changed, a plan, how a plan or an expected surfacing turned out, a window's last estimate,
+#: contradictions, or a warning.
 Output = (
     VehicleState
     | VehiclePose
@@ -131,6 +133,7 @@ Output = (
     | DepthSlices
     | PublishedPlan
     | Outcome
+    | DiveOutcome
     | LeftWindow
     | Findings
     | LogWarning
@@ -159,6 +162,8 @@ def write(writer: ResultWriter, output: Output) -> None:
             writer.plan(plan, projection)
         case Outcome():
             writer.outcome(output)
+        case DiveOutcome():
+            writer.dive_outcome(output)
         case LeftWindow(number, flow):
             writer.window(number, flow)
         case LogWarning(time_ns, text):

@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.evidence import BlockEvidence, block_of
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, VehicleState, reasons_of
 from replay_kit.estimator.update.grouping import ProfileGroup
 from replay_kit.workflows.replay.estimation import Step
@@ -92,6 +93,7 @@ class ProfileCounts:
         interpolated: Profiles used whose place was interpolated between positions far apart in time.
         position_std: Largest standard error of such a place [m].
         path_means: Mean currents used, by kind.
+        evidence: Log evidence of the measurements, rejected ones too: a forecast must not gain by what it rejects.
     """
 
     rejected: int = 0
@@ -106,6 +108,7 @@ class ProfileCounts:
     interpolated: int = 0
     position_std: float = 0.0
     path_means: Mapping[str, int] = field(default_factory=dict)
+    evidence: Mapping[int, BlockEvidence] = field(default_factory=dict)
 
     def after(self, steps: Sequence[Step]) -> "ProfileCounts":
         """Return the counts after some steps."""
@@ -133,6 +136,7 @@ class ProfileCounts:
             self.interpolated + len(far),
             max([self.position_std, *far]),
             increment(self.path_means, (event.kind for event, _ in used if isinstance(event, PathMean))),
+            _with_evidence(self.evidence, innovations),
         )
 
     def notes(self) -> list[str]:
@@ -170,6 +174,16 @@ def increment(counts: Mapping[Key, int], keys: Iterable[Key]) -> dict[Key, int]:
     out = dict(counts)
     for key in keys:
         out[key] = out.get(key, 0) + 1
+    return out
+
+
+def _with_evidence(evidence: Mapping[int, BlockEvidence], innovations: Sequence[Innovation]) -> dict[int, BlockEvidence]:
+    """Return the log evidence by block with that of more measurements; those without a density, as of an estimate without variance, not."""
+    out = dict(evidence)
+    for one in innovations:
+        if np.isfinite(one.log_likelihood):
+            key = block_of(one.dive, one.time_ns)
+            out[key] = out.get(key, BlockEvidence()).with_measurement(one.log_likelihood, one.dof, one.profiles)
     return out
 
 

@@ -47,7 +47,16 @@ from replay_kit.workflows.replay.look_ahead import check_span, open_readers
 from replay_kit.workflows.replay.planner import PlannerFactory
 from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.prepared import Prepared
-from replay_kit.workflows.replay.provenance import FOLLOWED, forecast_times, lasting, run_metadata, run_options, run_settings_toml
+from replay_kit.workflows.replay.provenance import (
+    FOLLOWED,
+    forecast_times,
+    lasting,
+    named_hash,
+    run_metadata,
+    run_options,
+    run_settings_toml,
+)
+from replay_kit.workflows.replay.referee import check_against, rival_inputs, rivals
 from replay_kit.workflows.replay.session import Session
 from replay_kit.workflows.replay.stopwatch import Stopwatch
 
@@ -80,6 +89,7 @@ def replay(
         PlanError: The goal is outside the region or on land.
         ConfigError: An output exists and may not be replaced, or an option is wrong.
     """
+    check_against(job)
     check_outputs(job)
     with threadpool_limits(limits=config.output.threads), resuming(job.checkpoint):
         return _replay(job, config, planner_of, progress, on_digest, forecasts)
@@ -94,6 +104,8 @@ def _replay(
     forecasts: Forecasts | None,
 ) -> tuple[ReplaySummary, FlowEstimate]:
     read = input_stamps(job)
+    # before the run itself: a forecast that cannot be used should cost no result
+    others = tuple(rivals(job, lambda each: _replay(each, config, None, progress, None, None)[0]))
     session, inputs = _prepare(job, config, planner_of, progress, forecasts)
     checkpoints = _checkpoints(session, inputs)
     try:
@@ -102,7 +114,7 @@ def _replay(
         _loop(session, inputs, checkpoints, stream, reading(inputs.readers, progress, "replaying"))
         check_unchanged(read, may_grow=job.following is not None)
         progress(0, 1, "writing the results")
-        summary, flow = conclude(session, inputs)
+        summary, flow = conclude(session, inputs, others)
     except BaseException as error:
         # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk
         unusable = isinstance(error, ConfigError | MeasurementError | LogError | PlanError)
@@ -153,6 +165,9 @@ def _prepare(
         metadata["replay_kit.forecast"] = times
     if metadata and job.following is not None:
         metadata[FOLLOWED] = job.following.record
+    if metadata and job.against:
+        named = {key: named_hash(path) for key, path in rival_inputs(job.against).items()}
+        metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], **named}
     session = Session(estimator, ensemble.grid.levels, config, problem, clock, speeds)
     return session, Prepared(job, readers, forecasts, prior_flow, truth, metadata)
 

@@ -24,6 +24,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.workflows.replay import consistency, plans
 from replay_kit.workflows.replay.build import flow_at
 from replay_kit.workflows.replay.consistency import MonitoringState
+from replay_kit.workflows.replay.dive_forecasts import ForecastState, forecast_mean, forecast_step
 from replay_kit.workflows.replay.estimation import EstimationState, assimilate
 from replay_kit.workflows.replay.outputs import Findings, LogWarning, Output, write
 from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
@@ -45,6 +46,7 @@ class ReplayState:
         planning: Of the plans.
         statistics: What was counted.
         monitoring: Of the consistency checks.
+        forecasts: Of the surfacings expected.
         last_ns: Time of the last message [ns, UTC].
     """
 
@@ -53,6 +55,7 @@ class ReplayState:
     planning: PlanningState = field(default_factory=PlanningState)
     statistics: RunStatistics = field(default_factory=RunStatistics)
     monitoring: MonitoringState = field(default_factory=MonitoringState)
+    forecasts: ForecastState = field(default_factory=ForecastState)
     last_ns: int = 0
 
 
@@ -102,12 +105,13 @@ class Session:
         """The states of all stages; None while observations wait, for which there is no state yet."""
         if self._buffer:
             return None
-        return ReplayState(self.estimation, self.publishing, self.planning, self.statistics, self.monitoring, self.last_ns)
+        return ReplayState(self.estimation, self.publishing, self.planning, self.statistics, self.monitoring, self.forecasts, self.last_ns)
 
     def restore(self, state: ReplayState) -> None:
         """Continue from a state."""
         self.estimation, self.publishing, self.planning = state.estimation, state.publishing, state.planning
         self.statistics, self.monitoring, self.last_ns = state.statistics, state.monitoring, state.last_ns
+        self.forecasts = state.forecasts
         self.estimator = consistency.trusting(self._built, self.monitoring)
 
     def summarised(self, events: Iterable[Event]) -> Iterator[PingSummary]:
@@ -133,6 +137,9 @@ class Session:
                 self._n_observations += isinstance(event, Measurement)
                 if self._n_observations == self.estimator.block_size or len(self._buffer) == _BUFFERED:
                     self.assimilate_buffer()
+            elif isinstance(event, PathMean):
+                self.forecasts, outcomes = forecast_mean(self.forecasts, event)
+                self._write(outcomes)
 
     def _monitored(self, event: Checked, pings: Iterator[PingSummary]) -> Checked:
         """Return an event as it may be used, after what it showed of the log was acted on."""
@@ -178,6 +185,9 @@ class Session:
             if self.writer is not None:
                 self.publishing, outputs = publish_step(self.publishing, step, self._levels, self.config.output, after)
                 self._write(outputs)
+            with self.clock.stage("expect"):
+                self.forecasts, outcomes = forecast_step(self.forecasts, step)
+            self._write(outcomes)
             self._plan(plans.after_step, step, after)
         self._publish_windows()
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from replay_kit.core.errors import MeasurementError
+from replay_kit.core.evidence import Evidence
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import PathMean
@@ -12,6 +13,7 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.shared.notes import gather, short
 from replay_kit.logs.shared.stamps import ClockJump
 from replay_kit.measurements import NOT_A_KIND, Event, Skipped, Used
+from replay_kit.measurements.events import left_out_rules
 from replay_kit.results.summary import DiveRow, ReplaySummary, TopicRow
 from replay_kit.workflows.replay.estimation import Step
 from replay_kit.workflows.replay.profile_counts import ProfileCounts, increment
@@ -105,6 +107,18 @@ class RunStatistics:
         counts = replace(self.messages, late=merged.late, astray=merged.astray, jumps=merged.jumps)
         return RunStatistics(counts, self.profiles)
 
+    def require_left_out(self, rules: Sequence[str]) -> None:
+        """Raise MeasurementError when a rule of ``measurements.without`` has left nothing out: the answer would be the whole log's."""
+        applied = {rule for _, reason in self.messages.skipped for rule in left_out_rules(reason)}
+        for rule in rules:
+            if rule not in applied:
+                dives = sorted(dive for dive in self.profiles.dives if dive > 0)
+                held = f"dives {dives[0]}..{dives[-1]} with measurements" if dives else "no dive with measurements"
+                raise MeasurementError(
+                    f"--without {rule}: expected something of the log to leave out, but it holds nothing of that; "
+                    f"besides what was left out it has {held}; leave the rule out, or name dives of the log"
+                )
+
     def require_usable(self, reports: Sequence[LogReport], grid: Grid) -> None:
         """Raise MeasurementError when no profile was used; the message lists what was found instead."""
         counts, vehicle = self.profiles, self.profiles.last_position
@@ -193,6 +207,7 @@ class RunStatistics:
             rms_after=total.rms(total.after),
             rms_prior=total.rms(total.prior),
             nis_per_dof=total.nis_per_dof,
+            evidence=Evidence(counts.evidence) if counts.evidence else None,
             by_dive=tuple(
                 DiveRow(dive, sums.profiles, sums.bins, sums.rms(sums.predicted), sums.rms(sums.prior), sums.nis_per_dof)
                 for dive, sums in sorted(counts.dives.items())

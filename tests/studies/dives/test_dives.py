@@ -10,7 +10,6 @@ from scipy.stats import multivariate_normal
 from replay_kit.config.run import EstimatorConfig, RunConfig, load_config
 from replay_kit.config.time import TimeConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
-from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Flag, usable
 from replay_kit.estimator.evolving import build_evolving
@@ -19,7 +18,8 @@ from replay_kit.estimator.evolving.fit_log import fit_to_log, fitted_estimator, 
 from replay_kit.estimator.evolving.likelihood import log_likelihoods, observed_subspace_estimator
 from replay_kit.studies.dives import read_dives, run_dives, to_json
 from replay_kit.studies.dives.baselines import baseline_means, baseline_profiles, column
-from replay_kit.studies.dives.predict import conditional, expect, surfacing
+from replay_kit.studies.dives.forecasts import after_dive, before_dives
+from replay_kit.studies.dives.predict import conditional, expect
 from replay_kit.studies.twins import Twin, make_twin
 from replay_kit.workflows.replay.build import read_forecasts
 from replay_kit.workflows.replay.look_ahead import look_ahead
@@ -168,16 +168,17 @@ def test_a_dive_is_predicted_from_the_dives_before_it_alone(estimator, dives):
 
 
 def test_a_surfacing_is_off_by_the_error_of_the_mean_times_the_duration(estimator, dives):
-    dive = dives[0]
-    found = expect(estimator, estimator.initial(), dive.mean)
-    place = surfacing(found, dive, estimator.basis.grid.projection)
-    seconds = (dive.fixes[1].time_ns - dive.fixes[0].time_ns) * 1e-9
-    (x0, x1), (y0, y1) = to_local(estimator.basis.grid.projection, *zip(place.fix, place.expected, strict=True))
-    np.testing.assert_allclose([x1 - x0, y1 - y0], -seconds * found.error[0], atol=1e-3)
-    inside = found.error[0] @ np.linalg.solve(found.cov, found.error[0]) <= -2.0 * np.log(0.1)
-    assert place.inside == inside
-    area = np.pi * -2.0 * np.log(0.1) * np.sqrt(np.linalg.det(seconds**2 * found.cov))
-    assert np.pi * np.prod(place.axes_m) == pytest.approx(area, rel=1e-9)
+    known, state, found = before_dives(dives), estimator.initial(), []
+    for dive in dives[:3]:
+        known, forecasts = after_dive(known, estimator, state, dive, [])
+        found.append(forecasts)
+    for dive, each in zip(dives[:3], found, strict=True):
+        start, end = dive.mean.fixes
+        seconds, outcome = (end.time_ns - start.time_ns) * 1e-9, each.outcome
+        np.testing.assert_allclose(each.mean_error[0], np.array(outcome.off) / seconds)
+        assert outcome.forecast.earlier == dive.number - dives[0].number
+    # the first is expected with no current of its own, about zero or the ensemble's
+    assert np.hypot(*found[0].mean_error[0]) < 1.0
 
 
 def test_one_dive_is_none_to_predict(tmp_path):
@@ -217,5 +218,5 @@ def test_real_mean_currents_and_surfacings_are_told_as_well_as_by_the_last_one()
     *_, result = run_dives(build_evolving(series, config.estimator, config.time), read_dives(logs, config), config, False, "qg")
     rmse = result.rmse("mean")
     assert rmse["estimate"] <= min(rmse["last_dac"], rmse["zero"], rmse["ensemble_mean"])
-    assert sum(dive.surfacing.inside for dive in result.dives if dive.surfacing is not None) >= 5
+    assert sum(dive.surfacing.in_outer for dive in result.dives if dive.surfacing is not None) >= 5
     assert len(result.dives) == 6

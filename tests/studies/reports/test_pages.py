@@ -77,7 +77,10 @@ def test_dives_say_how_the_estimate_compares(tmp_path: Path) -> None:
     page = (tmp_path / "index.html").read_text()
     words, rms = text_of(page, "answer"), 100.0 * np.sqrt((2 * 0.1**2 + 2 * 0.2**2) / 2.0)
     assert f"Profiles of the current: the estimate errs by {rms:.1f} cm/s (RMS length), the best of the others, last dive, by" in words
-    assert "Surfacings: 2 of 2 in the predicted ellipse of 90 %; median distance 850 m." in words
+    assert (
+        "Surfacings: 2 expected from the dives before each: 0 inside the 50 % ellipse, 2 inside the 90 % one; median distance 854 m"
+        in words
+    )
     found = check_figures(page)
     assert found["errors-profiles"]["tables"]["values"]["estimate: dive [number]"] == [2.0, 3.0]
     np.testing.assert_allclose(found["errors-profiles"]["tables"]["values"]["estimate: RMS error [cm/s]"], [14.142, 28.284])

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from replay_kit.core.arrays import Array
+from replay_kit.results.evidence.words import evidence_sentence, referee_sentences
 from replay_kit.results.page.section import Figure, Section, cm, column, number, table_html
+from replay_kit.results.report.sections.surfacings import surfacings_html
 from replay_kit.results.report.sections.trust_figures import calibration_figure, dives_figure, error_figure
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import thinned
@@ -35,7 +37,10 @@ def trust_section(contents: Contents) -> Section:
     dives = contents.summary.get("by_dive") or []
     if len(dives) > 1:
         figures.append(dives_figure(contents, dives))
-    return Section("trust", "Trust", _coverage_html(found) + _gate_html(contents) + _dives_html(contents, dives), figures, missing)
+    surfacings = _evidence_html(contents) + surfacings_html(contents.summary.get("expected_surfacings"))
+    return Section(
+        "trust", "Trust", _coverage_html(found) + _gate_html(contents) + _dives_html(contents, dives) + surfacings, figures, missing
+    )
 
 
 def _coverage_html(found: Calibration) -> str:
@@ -57,6 +62,15 @@ def _gate_html(contents: Contents) -> str:
     notes = [note for note in contents.summary.get("notes", ()) if "bias" in note]
     biases = "".join(f"<p>{escape(note)}.</p>" for note in notes)
     return table_html(["decision of the gate", "measurements"], rows, "What was done with the measurements") + text + biases
+
+
+def _evidence_html(contents: Contents) -> str:
+    """Return the log evidence of the run, and of the forecasts that it was compared with, in words."""
+    found, compared = contents.summary.get("evidence"), contents.summary.get("referee")
+    if not found:
+        return ""
+    sentences = [f"Log evidence: {evidence_sentence(found)}", *(referee_sentences(compared) if compared else ())]
+    return "".join(f"<p>{escape(sentence)}.</p>" for sentence in sentences)
 
 
 def _dives_html(contents: Contents, dives: list[dict[str, Any]]) -> str:

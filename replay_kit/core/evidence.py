@@ -1,0 +1,112 @@
+"""The log evidence of forecasts: how likely the measurements were before they came, and which of two forecasts said it better."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+_HOUR_NS = 3600 * 10**9
+_LOG_2_PI = math.log(2.0 * math.pi)
+# Of the bootstrap: resamples with a fixed seed, the interval's share, and the least number of dives of which one is made.
+_RESAMPLES, _SHARE, _LEAST = 4000, 0.9, 3
+
+
+@dataclass(frozen=True, slots=True)
+class BlockEvidence:
+    """The log evidence of the measurements of one dive, or of one hour of a log without dives.
+
+    Attributes:
+        log_density: Sum of the logarithms of the measurements' densities, each given those before; without the constant of 2 pi.
+        values: Number of values measured: components of bins.
+        measurements: Number of profiles and mean currents.
+    """
+
+    log_density: float = 0.0
+    values: int = 0
+    measurements: int = 0
+
+    def with_measurement(self, log_density: float, values: int, measurements: int) -> "BlockEvidence":
+        """Return the sums with a measurement, or with several that were combined."""
+        return BlockEvidence(self.log_density + log_density, self.values + values, self.measurements + measurements)
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the joint density [(m/s)^-values]."""
+        return self.log_density - 0.5 * self.values * _LOG_2_PI
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """The log evidence of a log under one forecast.
+
+    Attributes:
+        blocks: By number of the dive; before the first dive and without dives by hour, as minus the hours since 1970.
+    """
+
+    blocks: Mapping[int, BlockEvidence]
+
+    @property
+    def total(self) -> BlockEvidence:
+        """Of the whole log."""
+        each = self.blocks.values()
+        sums = (sum(block.log_density for block in each), sum(block.values for block in each), sum(block.measurements for block in each))
+        return BlockEvidence(*sums)
+
+    @property
+    def by_dive(self) -> dict[int, BlockEvidence]:
+        """Of each dive, in order."""
+        return {dive: self.blocks[dive] for dive in sorted(self.blocks) if dive > 0}
+
+
+def block_of(dive: int, time_ns: int) -> int:
+    """Return the key of a measurement's block."""
+    return dive if dive > 0 else -(time_ns // _HOUR_NS)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two forecasts compared by the same measurements.
+
+    Attributes:
+        blocks: Number of dives, or of hours, compared.
+        skipped: Number of those that were not, because the two forecasts do not cover the same measurements of them.
+        gain: Log evidence of the first less that of the second, in all.
+        mean: The same a block.
+        interval: Ends of the 90 % interval of the mean, from resampling the blocks; NaN with fewer than three.
+    """
+
+    blocks: int
+    skipped: int
+    gain: float
+    mean: float
+    interval: tuple[float, float]
+
+    @property
+    def verdict(self) -> str:
+        """Which explained the log better: ``first``, ``second``, or ``undecided`` where the interval holds zero or there is none."""
+        low, high = self.interval
+        return "first" if low > 0.0 else "second" if high < 0.0 else "undecided"
+
+
+def compare(one: Evidence, other: Evidence) -> Comparison:
+    """Return the comparison of two forecasts, block by block; a block counts where both have as many values of it.
+
+    The interval is the percentile bootstrap's of the mean over blocks (Efron and Tibshirani 1993, chapter 13): measurements of one dive
+    share the errors of the estimate, and one dive that a forecast misses altogether must not decide alone.
+    """
+    keys = sorted(one.blocks.keys() | other.blocks.keys())
+    nothing = BlockEvidence()
+    pairs = [(one.blocks.get(key, nothing), other.blocks.get(key, nothing)) for key in keys]
+    gains = [first.log_density - second.log_density for first, second in pairs if first.values == second.values > 0]
+    gain = math.fsum(gains)
+    mean = gain / len(gains) if gains else math.nan
+    return Comparison(len(gains), len(keys) - len(gains), gain, mean, _interval(gains))
+
+
+def _interval(gains: Sequence[float]) -> tuple[float, float]:
+    if len(gains) < _LEAST:
+        return math.nan, math.nan
+    drawn = np.random.default_rng(0).integers(len(gains), size=(_RESAMPLES, len(gains)))
+    low, high = np.quantile(np.array(gains)[drawn].mean(axis=1), [0.5 - 0.5 * _SHARE, 0.5 + 0.5 * _SHARE])
+    return float(low), float(high)

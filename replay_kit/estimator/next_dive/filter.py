@@ -1,0 +1,201 @@
+"""The mean current of each dive from those before it: Kalman filters of small models, averaged by how well each has predicted so far.
+
+A dive's mean current, as the vehicle's flight model gives it, is
+
+    d = c + o(t) + s(t) f + (a + i b) w + e,
+
+with east and north as one complex number: a constant c; a part o that decorrelates, the same at all depths; a part s trapped at the
+surface, of which a share f is left in the mean over the dive's depths; the flight model's error along and across the way w through the
+water, because d is the displacement over the time less w; and an error e, which no other dive shares. The inverted current of the dive
+gives (a + i b) w alone.
+
+Amplitudes and times are not known: each combination of them is a filter of its own, weighted by the density of the past (Bayesian model
+averaging, Raftery et al. 2005, MWR 133). With some probability the current has changed from one dive to the next by more than it usually
+does; both cases are kept until the dive's mean is known, and joined to one Gaussian after it (Blom and Bar-Shalom 1988, IEEE TAC 33).
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from replay_kit.core.arrays import Array
+from replay_kit.estimator.next_dive.mixture import Mixture, log_densities
+from replay_kit.estimator.next_dive.settings import UNKNOWNS, Settings, combinations
+
+_NS = 1e9
+# m; how far fixes and way through the water miss together, over the dive's time
+_POSITION_STD = 60.0
+# m/s; of the inverted current beside that of the flight model
+_INVERTED_STD = 0.03
+# Probability of a change between two dives, and the factor on the variances of what changes.
+_JUMP, _JUMP_FACTOR = 0.05, 4.0
+_JUMPING = slice(2, 6)
+#: m; depth over which the part trapped at the surface falls by e.
+SURFACE_DEPTH = 50.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiveMean:
+    """What a dive says of the current; velocities are towards true east and north [m/s].
+
+    Attributes:
+        time_ns: Of its middle [ns, UTC].
+        seconds: Its duration [s].
+        way: shape (2,), mean velocity through the water; zero where it is not known.
+        surface_share: Mean of exp(-depth / ``SURFACE_DEPTH``) along its path.
+        velocity: shape (2,), mean current, or mean velocity over ground where the way is not known.
+        inverted: shape (2,), mean along the path of absolute profiles that do not depend on the flight model; None without.
+        backgrounds: shape (k, 2), what others say of the current, in the order of the settings.
+    """
+
+    time_ns: int
+    seconds: float
+    way: Array
+    surface_share: float
+    velocity: Array
+    inverted: Array | None = None
+    backgrounds: Array = field(default_factory=lambda: np.empty((0, 2)))
+
+    @property
+    def design(self) -> Array:
+        """Effect of the unknowns on the mean current, shape (2, 8)."""
+        east, north = self.way
+        ones = np.eye(2)
+        return np.hstack([ones, ones, self.surface_share * ones, [[east, -north], [north, east]]])
+
+    @property
+    def position_variance(self) -> float:
+        """Variance of a component of the mean current that fixes and way cause [m^2/s^2]."""
+        return (_POSITION_STD / self.seconds) ** 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiveState:
+    """What is known after some dives.
+
+    Attributes:
+        mean: shape (h, 8), of the unknowns under each combination of settings.
+        cov: shape (h, 8, 8).
+        log_weights: shape (h,), of the combinations; the weights sum to one.
+        time_ns: Of the last dive [ns, UTC]; None before the first.
+        dives: Number of dives.
+    """
+
+    mean: Array
+    cov: Array
+    log_weights: Array
+    time_ns: int | None = None
+    dives: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiveModel:
+    """The model of dives' mean currents.
+
+    Attributes:
+        settings: The combinations that are averaged.
+    """
+
+    settings: Settings
+
+    @classmethod
+    def default(cls, n_backgrounds: int = 0) -> "DiveModel":
+        """Return the model of all combinations, with so many backgrounds beside none."""
+        return cls(combinations(n_backgrounds))
+
+    def initial(self) -> DiveState:
+        """Return the state before the first dive."""
+        size = self.settings.size
+        cov = self.settings.variance[:, :, None] * np.eye(UNKNOWNS)
+        return DiveState(np.zeros((size, UNKNOWNS)), cov, np.full(size, -np.log(size)))
+
+    def predict(self, state: DiveState, time_ns: int) -> DiveState:
+        """Return the state at a later time, before the dive of that time."""
+        if state.time_ns is None:
+            return replace(state, time_ns=time_ns)
+        kept = np.exp(-max(time_ns - state.time_ns, 0) / _NS / self.settings.scales)
+        cov = state.cov * kept[:, :, None] * kept[:, None, :]
+        cov[:, range(UNKNOWNS), range(UNKNOWNS)] += (1.0 - kept**2) * self.settings.variance
+        return replace(state, mean=state.mean * kept, cov=cov, time_ns=time_ns)
+
+    def forecast(self, state: DiveState, dive: DiveMean) -> Mixture:
+        """Return what is expected of a dive's mean current.
+
+        Args:
+            state: After the dives before.
+            dive: Its time, duration, way, depths and backgrounds; its current is not used.
+        """
+        state = self.predict(state, dive.time_ns)
+        expected = state.mean @ dive.design.T + self._background(dive)
+        parts = [(state.log_weights + log_share, expected, cov) for log_share, cov in self._spread(state, dive)]
+        log_weights, means, covs = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return Mixture(log_weights, means, covs)
+
+    def step(self, state: DiveState, dive: DiveMean) -> DiveState:
+        """Return the state after a dive."""
+        state = self.predict(state, dive.time_ns)
+        errors = dive.velocity - self._background(dive) - state.mean @ dive.design.T
+        changed = self._changed(state.cov)
+        after = [
+            (log_share, *_updated(state.mean, given, dive.design, errors, spread))
+            for (log_share, spread), given in zip(self._spread(state, dive), (state.cov, changed), strict=True)
+        ]
+        log_likelihood = np.stack([log_share + density for log_share, density, _, _ in after])
+        total = logsumexp(log_likelihood, axis=0)
+        mean, cov = _joined(np.exp(log_likelihood - total), [part[2] for part in after], [part[3] for part in after])
+        log_weights = state.log_weights + total
+        state = DiveState(mean, cov, log_weights - logsumexp(log_weights), state.time_ns, state.dives + 1)
+        return state if dive.inverted is None else _with_inverted(state, dive, dive.inverted)
+
+    def flight_bias(self, state: DiveState) -> tuple[Array, Array]:
+        """Return mean and standard deviation of the flight model's error along and across the way, as shares of it; shape (2,) each."""
+        weights = np.exp(state.log_weights)
+        mean = weights @ state.mean[:, 6:]
+        variance = weights @ (state.cov[:, (6, 7), (6, 7)] + (state.mean[:, 6:] - mean) ** 2)
+        return np.asarray(mean), np.sqrt(variance)
+
+    def _background(self, dive: DiveMean) -> Array:
+        """Return what the current is measured about under each combination, shape (h, 2); zero where it is not known."""
+        return np.vstack([np.zeros(2), np.nan_to_num(dive.backgrounds)])[self.settings.background]
+
+    def _changed(self, cov: Array) -> Array:
+        """Return covariances, shape (h, 8, 8), after a change beyond the usual."""
+        changed = cov.copy()
+        parts = np.arange(UNKNOWNS)[_JUMPING]
+        changed[:, parts, parts] += (_JUMP_FACTOR - 1.0) * self.settings.variance[:, _JUMPING]
+        return changed
+
+    def _spread(self, state: DiveState, dive: DiveMean) -> list[tuple[float, Array]]:
+        """Return, without a change and with one, the logarithm of its probability and the mean current's covariances, shape (h, 2, 2)."""
+        own = (self.settings.white_std**2 + dive.position_variance)[:, None, None] * np.eye(2)
+        cases = ((1.0 - _JUMP, state.cov), (_JUMP, self._changed(state.cov)))
+        return [(float(np.log(share)), dive.design @ cov @ dive.design.T + own) for share, cov in cases]
+
+
+def _updated(mean: Array, cov: Array, design: Array, errors: Array, spread: Array) -> tuple[Array, Array, Array]:
+    """Return the log-density of errors, shape (h, 2), with their covariances, and the unknowns' mean and covariance after them."""
+    cross = cov @ design.T
+    gain = cross @ np.linalg.inv(spread)
+    return log_densities(errors, spread), mean + np.einsum("hij,hj->hi", gain, errors), cov - gain @ cross.transpose(0, 2, 1)
+
+
+def _joined(shares: Array, means: list[Array], covs: list[Array]) -> tuple[Array, Array]:
+    """Return mean and covariance of Gaussians joined to one, combination by combination; ``shares`` of shape (cases, h)."""
+    mean = sum((share[:, None] * part for share, part in zip(shares, means, strict=True)), np.zeros_like(means[0]))
+    cov = np.zeros_like(covs[0])
+    for share, part, of_part in zip(shares, means, covs, strict=True):
+        about = part - mean
+        cov += share[:, None, None] * (of_part + about[:, :, None] * about[:, None, :])
+    return mean, cov
+
+
+def _with_inverted(state: DiveState, dive: DiveMean, inverted: Array) -> DiveState:
+    """Return the state after the inverted current: what is left of the mean current without it is the flight model's error."""
+    design = dive.design.copy()
+    design[:, :6] = 0.0
+    errors = dive.velocity - inverted - state.mean @ design.T
+    spread = design @ state.cov @ design.T + (_INVERTED_STD**2 + dive.position_variance) * np.eye(2)
+    density, mean, cov = _updated(state.mean, state.cov, design, errors, spread)
+    log_weights = state.log_weights + density
+    return replace(state, mean=mean, cov=cov, log_weights=log_weights - logsumexp(log_weights))

@@ -1,0 +1,61 @@
+"""Settings of the model of dives' mean currents: none is fitted, all combinations are averaged by the evidence of the dives before."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+
+_HOUR = 3600.0
+# Factors of 2 and of 4 apart: a few dives do not resolve smaller steps.
+_AMPLITUDES = (0.01, 0.02, 0.04, 0.08, 0.16)
+_TIME_SCALES = (6.0 * _HOUR, 24.0 * _HOUR, 96.0 * _HOUR)
+_WHITES = (0.005, 0.01, 0.02, 0.04)
+_FLIGHT_BIASES = (0.05, 0.5)
+_SURFACE_SHARES = (0.0, 1.0, 3.0)
+_CONSTANTS = (0.05, 0.15)
+# s; the wind that drives the surface part changes as fast
+_SURFACE_SCALE = 12.0 * _HOUR
+#: Number of unknowns: a constant, a part that decorrelates, one trapped at the surface, each east and north; and the flight model's bias.
+UNKNOWNS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settings:
+    """Combinations of settings, each a model of its own.
+
+    Attributes:
+        white_std: shape (h,) [m/s], part of a mean current that no other one shares.
+        variance: shape (h, 8), prior variances of the unknowns [m^2/s^2, and 1 of the flight bias].
+        scales: shape (h, 8), their decorrelation times [s]; inf for constants.
+        background: shape (h,), which background the current is measured about; 0 for none.
+    """
+
+    white_std: Array
+    variance: Array
+    scales: Array
+    background: NDArray[np.intp]
+
+    @property
+    def size(self) -> int:
+        """Number of combinations h."""
+        return self.white_std.size
+
+
+def combinations(n_backgrounds: int = 0) -> Settings:
+    """Return all combinations of settings.
+
+    Args:
+        n_backgrounds: Number of currents beside zero that a dive's current may be measured about.
+    """
+    axes = (_AMPLITUDES, _TIME_SCALES, _WHITES, _FLIGHT_BIASES, _SURFACE_SHARES, _CONSTANTS, range(n_backgrounds + 1))
+    amplitude, scale, white, bias, share, constant, background = np.array(list(product(*axes)), dtype=np.float64).T
+    surface = share * amplitude
+    # the part across the way errs half as much
+    std = np.column_stack([constant, constant, amplitude, amplitude, surface, surface, bias, 0.5 * bias])
+    scales = np.full((scale.size, UNKNOWNS), np.inf)
+    scales[:, 2:4] = scale[:, None]
+    scales[:, 4:6] = _SURFACE_SCALE
+    return Settings(white, std**2, scales, background.astype(np.intp))

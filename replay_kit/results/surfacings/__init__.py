@@ -1,0 +1,1 @@
+"""Expected surfacings beside the actual ones: as messages, as JSON and as sentences."""

@@ -1,0 +1,38 @@
+"""The figures of expected surfacings as sentences, without the heavy libraries."""
+
+from collections.abc import Iterator, Mapping
+from statistics import median
+from typing import Any
+
+from replay_kit.core.text import place_text
+
+
+def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the figures of ``surfacings_json``, and the coming surfacing, as sentences."""
+    count, figures, each = found["count"], found["later"] or found, found["each"]
+    radius = median(one["radius_90_m"] for one in each)
+    yield (
+        f"{count} expected from the dives before each: {round(found['inside_50'] * count)} inside the 50 % ellipse, "
+        f"{round(found['inside_90'] * count)} inside the 90 % one; median distance {found['distance_median_m']:.0f} m, "
+        f"median radius of 90 % {radius:.0f} m{_beside(figures)}"
+    )
+    if early := [f"dive {one['dive']} ({_early(one)})" for one in each if one["earlier_dives"] < 2]:
+        yield "of these " + ", ".join(early)
+    if (following := found["next"]) is not None:
+        (longitude, latitude), outer = following["expected"], following["ellipse_90"]
+        yield (
+            f"next, flown as the last dive: {place_text(longitude, latitude)}, 90 % within {outer['major_m']:.0f} x "
+            f"{outer['minor_m']:.0f} m along {outer['bearing_deg']:.0f} degrees"
+        )
+
+
+def _beside(figures: Mapping[str, Any]) -> str:
+    gain, ratio = figures["log_score_gain"], figures["radius_ratio"]
+    if gain is None or ratio is None:
+        return ""
+    return f"; beside the last dive's current with its spread: radius {ratio:.2f} times as large, log score {gain:+.2f} a dive"
+
+
+def _early(one: Mapping[str, Any]) -> str:
+    before = "without an earlier one" if one["earlier_dives"] == 0 else "after a single one"
+    return f"{before}: {'inside' if one['inside_90'] else 'outside'} its 90 % ellipse of {one['radius_90_m']:.0f} m"

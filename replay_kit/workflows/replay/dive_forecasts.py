@@ -1,0 +1,189 @@
+"""The forecasts of surfacings: each dive's end is expected from the dives before it, and scored when its fix has come.
+
+The dive's way through the water is taken as its flight model states it after the dive; the fix after the dive enters nothing before the
+forecast of that dive is made.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.dive_forecast import SHARES, DiveForecast, DiveOutcome, ellipse_of, forecast_place
+from replay_kit.core.geodesy import to_local
+from replay_kit.core.grid import Projection
+from replay_kit.core.observation import Fix, Observation, PathMean, usable
+from replay_kit.estimator.next_dive import DiveMean, DiveModel, DiveState, Persistence
+from replay_kit.estimator.next_dive.filter import SURFACE_DEPTH
+from replay_kit.estimator.update.grouping import ProfileGroup
+from replay_kit.workflows.replay.estimation import Assimilation, Step
+
+# The ensemble alone, and the estimate before the dive.
+_BACKGROUNDS = 2
+_UNKNOWN = np.full((_BACKGROUNDS, 2), np.nan)
+_MODEL = DiveModel.default(_BACKGROUNDS)
+# m; cells in which a dive's profiles are averaged
+_CELL = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForecastState:
+    """What the forecasts of surfacings remember.
+
+    Attributes:
+        model: After the dives so far; None before the first, as it is large.
+        persistence: The baseline.
+        dive: Number of the dive whose profiles are gathered.
+        sums: shape (cells, 3), of the profiles of the dive by depth: number of bins, sums of east and north [m/s].
+        last: The last dive's mean; None before the first.
+        outcomes: Of the dives so far.
+    """
+
+    model: DiveState | None = None
+    persistence: Persistence = field(default_factory=Persistence)
+    dive: int = 0
+    sums: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    last: DiveMean | None = None
+    outcomes: tuple[DiveOutcome, ...] = ()
+
+
+def forecast_step(state: ForecastState, step: Step) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state after a step of the estimate, and the outcome of the dive that it ends."""
+    if isinstance(step.event, PathMean):
+        return forecast_mean(state, step.event, None if step.assimilation is None else _backgrounds(step.event, step.assimilation))
+    if isinstance(step.event, Observation):
+        return with_profile(state, step.event), ()
+    if isinstance(step.event, ProfileGroup):
+        for profile in step.event.profiles:
+            state = with_profile(state, profile)
+    return state, ()
+
+
+def forecast_mean(state: ForecastState, mean: PathMean, backgrounds: Array | None = None) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state after a mean current, and the outcome of its dive; a drift at the surface, or one without fixes, changes nothing.
+
+    Args:
+        state: Before it.
+        mean: The mean current.
+        backgrounds: shape (2, 2) [m/s], true east and north, what the ensemble alone and the estimate before the dive say of it; NaN
+            where they say nothing, None where neither does.
+    """
+    if mean.kind != "dac" or mean.fixes is None:
+        return state, ()
+    dive = dive_mean(state, mean, backgrounds)
+    before = _MODEL.initial() if state.model is None else state.model
+    outcome = _outcome(state, before, dive, mean)
+    after = replace(
+        state,
+        model=_MODEL.step(before, dive),
+        persistence=state.persistence.after(dive.velocity),
+        last=dive,
+        outcomes=(*state.outcomes, outcome),
+    )
+    return after, (outcome,)
+
+
+def next_surfacing(state: ForecastState) -> DiveForecast | None:
+    """Return where the vehicle surfaces next if it flies as in the last dive, from the last fix on; None before the first dive."""
+    if state.model is None or state.last is None:
+        return None
+    last, fix = state.last, state.outcomes[-1].fix
+    coming = replace(last, time_ns=fix.time_ns + int(0.5e9 * last.seconds), backgrounds=_UNKNOWN, inverted=None)
+    return _forecast(state, state.model, coming, fix, state.outcomes[-1].forecast.dive + 1)
+
+
+def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array | None) -> DiveMean:
+    """Return what a mean current with fixes says, with the dive's own profiles and with what the ensemble and the estimate say of it."""
+    assert mean.fixes is not None
+    start, end = mean.fixes
+    seconds, velocity = (end.time_ns - start.time_ns) * 1e-9, np.array(mean.velocity)
+    way = np.array(to_local(Projection(start.longitude, start.latitude), end.longitude, end.latitude)) / seconds - velocity
+    return DiveMean(
+        time_ns=(start.time_ns + end.time_ns) // 2,
+        seconds=seconds,
+        way=way,
+        surface_share=float(mean.weight @ np.exp(-mean.depth / SURFACE_DEPTH)),
+        velocity=velocity,
+        inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
+        backgrounds=_UNKNOWN if backgrounds is None else backgrounds,
+    )
+
+
+def _outcome(state: ForecastState, before: DiveState, dive: DiveMean, mean: PathMean) -> DiveOutcome:
+    assert mean.fixes is not None
+    start, end = mean.fixes
+    persistence = state.persistence
+    off = np.nan if persistence.velocity is None else float(np.hypot(*(dive.velocity - persistence.velocity)))
+    return DiveOutcome(
+        forecast=_forecast(state, before, dive, start, mean.dive),
+        fix=Fix(*end),
+        log_score=_MODEL.forecast(before, dive).log_density(dive.velocity),
+        persistent_log_score=persistence.log_density(dive.velocity),
+        persistent_distance=off * dive.seconds,
+    )
+
+
+def _forecast(state: ForecastState, before: DiveState, dive: DiveMean, start: Fix, number: int) -> DiveForecast:
+    expected = _MODEL.forecast(before, dive)
+    longitude, latitude = forecast_place(start, dive.seconds, dive.way + expected.mean)
+    cov = dive.seconds**2 * expected.cov
+    inner, outer = (ellipse_of(longitude, latitude, cov, radius) for radius in expected.radii(SHARES))
+    return DiveForecast(
+        dive=number,
+        earlier=before.dives,
+        start=start,
+        time_ns=start.time_ns + round(dive.seconds * 1e9),
+        longitude=longitude,
+        latitude=latitude,
+        inner=inner,
+        outer=outer,
+        persistent_radius=state.persistence.radius(SHARES[1]) * dive.seconds,
+    )
+
+
+def with_profile(state: ForecastState, profile: Observation) -> ForecastState:
+    """Return the state after an absolute profile of a dive; others change nothing."""
+    used = usable(profile.flags) & np.isfinite(profile.velocity).all(axis=1)
+    if profile.dive == 0 or not np.isfinite(profile.common_std) or not used.any():
+        return state
+    sums = state.sums if profile.dive == state.dive else np.zeros((0, 3))
+    cell = (np.maximum(profile.depth[used], 0.0) // _CELL).astype(np.int64)
+    more = max(int(cell.max()) + 1 - len(sums), 0)
+    sums = np.vstack([sums, np.zeros((more, 3))])
+    np.add.at(sums, cell, np.column_stack([np.ones(cell.size), profile.velocity[used]]))
+    return replace(state, dive=profile.dive, sums=sums)
+
+
+def _along(sums: Array, mean: PathMean) -> Array | None:
+    """Return the mean along a path of averages by depth, shape (2,), beyond them the nearest; None without any."""
+    known = np.flatnonzero(sums[:, 0])
+    if known.size == 0:
+        return None
+    depth, velocity = (known + 0.5) * _CELL, sums[known, 1:] / sums[known, :1]
+    return np.array([mean.weight @ np.interp(mean.depth, depth, component) for component in velocity.T])
+
+
+def backgrounds_of(mean: PathMean, measured: Array, innovations: Sequence[Array]) -> Array:
+    """Return what others say of a mean current, shape (k, 2) [m/s], true east and north; NaN where they say nothing.
+
+    Args:
+        mean: The mean current.
+        measured: shape (2,) [m/s], the same along the local axes.
+        innovations: Each of shape (1, 2) [m/s], along the local axes: measured minus predicted.
+    """
+    if not np.any(measured):
+        return np.full((len(innovations), 2), np.nan)
+    # the measured mean turns local axes to true ones
+    turn = complex(*mean.velocity) / complex(*measured)
+    predicted = np.stack([measured - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations])
+    turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
+    return np.column_stack([turned.real, turned.imag])
+
+
+def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
+    """Return the mean current by the ensemble alone and by the estimate before the dive, shape (2, 2); NaN where they are not known."""
+    found = assimilation.innovation
+    if found.mean_current is None:
+        return _UNKNOWN
+    return backgrounds_of(mean, found.mean_current, [found.prior_innovation, assimilation.dive_innovation])

@@ -1,0 +1,47 @@
+"""Measurements that are left out: which, that their messages count as not used, and what is refused."""
+
+import pytest
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.config.without import rules_for
+from replay_kit.measurements.events import Skipped, Used, left_out_rules
+from replay_kit.measurements.steps.left_out import without
+from tests import synthetic
+from tests.workflows.replay.test_dive_forecasts import mean
+
+PROFILE = synthetic.random_profiles(synthetic.ensemble(n_members=2).grid, 1)[0]
+
+
+@pytest.mark.parametrize(
+    ("rules", "kind", "dive", "applied"),
+    [
+        ((), "dac", 3, ()),
+        (("dac",), "dac", 0, ("dac",)),
+        (("dac",), "drift", 3, ()),
+        (("dives:3-5",), "profiles", 3, ("dives:3-5",)),
+        (("dives:3-5",), "profiles", 6, ()),
+        (("dives:4", "dac"), "dac", 4, ("dives:4", "dac")),
+        (("dives:1-9",), "dac", 0, ()),
+    ],
+)
+def test_which_rules_leave_a_measurement_out(rules, kind, dive, applied):
+    assert rules_for(rules, kind, dive) == applied
+
+
+def test_what_is_left_out_counts_as_not_used_for_its_own_reason():
+    current, topic = mean(2), PROFILE.source.topic
+    events = [Used(topic), PROFILE, Used("/dac"), current]
+    kept = without(events, ("dac", "dives:3"))
+    assert kept[:3] == [Used(topic), PROFILE, Skipped("/dac", "left out: dac, dives:3 (measurements.without)")]
+    assert left_out_rules(kept[2].reason) == ["dac", "dives:3"]
+    assert left_out_rules("faster than measurements.max_speed") == []
+    assert without(events, ("drift",)) == events
+    assert len(events) == 4
+
+
+@pytest.mark.parametrize("rule", ["current", "dives:", "dives:5-3", "dives:0", "dives:1-2-3", "DAC"])
+def test_a_rule_that_is_none_is_refused(rule):
+    with pytest.raises(ValueError, match="expected dac, drift, profiles or dives:3-5"):
+        MeasurementConfig(without=(rule,))
+    with pytest.raises(ValueError, match="each once"):
+        MeasurementConfig(without=("dac", "dac"))
