@@ -217,6 +217,12 @@ class EstimatorConfig(_Section):
         description="Share of the sample covariance in the prior; the localised covariance has the rest. Default: fitted by leaving "
         "members out.",
     )
+    mean_variance: float | None = Field(
+        default=None,
+        ge=0.0,
+        description="Variance of the amplitude of the ensemble mean, whose mean is 1; 0 takes the mean's amplitude as certain; preset "
+        "default only. Default: 0.1.",
+    )
     shift_distance: float | None = Field(
         default=None,
         ge=0.0,

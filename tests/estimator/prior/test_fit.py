@@ -109,7 +109,8 @@ def test_the_command_writes_settings_that_the_estimator_takes(tmp_path, capsys):
     config = load_config(out).estimator
     data = synthetic.ensemble(n_members=6)
     factor = build_estimator(data, config).prior.factor
-    assert factor.shape[0] == (30 if config.shift_distance else 6)
+    # the ensemble mean has a row too
+    assert factor.shape[0] == (31 if config.shift_distance else 7)
     assert answer["length"] == pytest.approx(correlation_length(data), rel=1e-3)
 
 
