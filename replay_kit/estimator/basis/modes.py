@@ -121,7 +121,8 @@ def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     """Return the basis of the configuration's preset."""
     if config.preset == "paper":
         return _paper_basis(ensemble, config)
-    few = bool(ensemble.made_from) and (config.modes is None or (ensemble.n_members - 1) * ensemble.grid.levels.size < config.modes)
+    spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
+    few = bool(ensemble.made_from) if config.modes is None else spanned < config.modes
     shift = (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance) if few else 0.0
     return _default_basis(ensemble, config, shift)
 
