@@ -226,7 +226,8 @@ class EstimatorConfig(_Section):
     shift_distance: float | None = Field(
         default=None,
         ge=0.0,
-        description="Distance of the members' shifted copies [m], 0 for none; preset default only. Default: one correlation length.",
+        description="Distance of the members' shifted copies [m], 0 for none; preset default only. Default: one correlation length, or "
+        "half of it where that suits members left out better.",
     )
     localisation_radius: float | None = Field(
         default=None,
