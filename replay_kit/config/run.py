@@ -229,10 +229,17 @@ class EstimatorConfig(_Section):
         description="Share of the sample covariance in the prior; the localised covariance has the rest. Default: fitted by leaving "
         "members out.",
     )
+    mean_variance: float | None = Field(
+        default=None,
+        ge=0.0,
+        description="Variance of the amplitude of the ensemble mean, whose mean is 1; 0 takes the mean's amplitude as certain; preset "
+        "default only. Default: 0.1.",
+    )
     shift_distance: float | None = Field(
         default=None,
         ge=0.0,
-        description="Distance of the members' shifted copies [m], 0 for none; preset default only. Default: one correlation length.",
+        description="Distance of the members' shifted copies [m], 0 for none; preset default only. Default: one correlation length, or "
+        "half of it where that suits members left out better.",
     )
     localisation_radius: float | None = Field(
         default=None,

@@ -134,9 +134,8 @@ def transform_update(mean: Array, transform: Array, half_cov: Array, innovation:
 
 def build_etkf(ensemble: Ensemble, config: EstimatorConfig) -> Etkf:
     """Return the ensemble transform filter of an ensemble, in the default preset's basis and error model."""
-    reduced = build_estimator(
-        ensemble, config.model_copy(update={"preset": "default", "sample_share": 1.0, "shift_distance": 0.0, "spread": "as_given"})
-    )
+    settings = {"preset": "default", "sample_share": 1.0, "shift_distance": 0.0, "mean_variance": 0.0, "spread": "as_given"}
+    reduced = build_estimator(ensemble, config.model_copy(update=settings))
     weights = reduced.basis.member_weights
     stacked = weights.reshape(weights.shape[0], -1)
     return Etkf(reduced, (stacked - stacked.mean(axis=0)) / np.sqrt(weights.shape[0] - 1.0))

@@ -30,6 +30,8 @@ from replay_kit.estimator.basis.slices import cell_size, correlation_length, ens
 LENGTH_IN_CELLS = 1.16
 # The default's: with the paper's, the field sags between nodes.
 DEFAULT_LENGTH_IN_CELLS = 2.0
+# Variance of the amplitude of the ensemble mean, whose mean is 1.
+_MEAN_VARIANCE = 0.1
 # Points of a lattice, in all and for each node, beyond which the kernel's columns are cheaper.
 _MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE = 4096, 16
 
@@ -46,6 +48,7 @@ class Basis:
         modes: shape (M, r), latent values of the basis flows, the same at every level.
         singular_values: shape (R,), of all modes, R >= r.
         member_weights: shape (E, Z, r).
+        mean_weights: shape (Z, r), of the ensemble mean, as far as the modes span it; None where its amplitude is certain.
         truncation_std: shape (Z,) [m/s], RMS truncation error of the members for each component.
     """
 
@@ -57,6 +60,7 @@ class Basis:
     singular_values: Array
     member_weights: Array
     truncation_std: Array
+    mean_weights: Array | None = None
 
     @property
     def n_modes(self) -> int:
@@ -108,11 +112,17 @@ class Basis:
         return self.truncation_std if stated is None else np.full_like(self.truncation_std, stated)
 
 
+def mean_variance(config: EstimatorConfig) -> float:
+    """Return the variance of the amplitude of the ensemble mean: the configured one, else 0.1."""
+    return _MEAN_VARIANCE if config.mean_variance is None else config.mean_variance
+
+
 def build_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
     """Return the basis of the configuration's preset."""
     if config.preset == "paper":
         return _paper_basis(ensemble, config)
-    few = bool(ensemble.made_from) and (config.modes is None or (ensemble.n_members - 1) * ensemble.grid.levels.size < config.modes)
+    spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
+    few = bool(ensemble.made_from) if config.modes is None else spanned < config.modes
     shift = (correlation_length(ensemble) if config.shift_distance is None else config.shift_distance) if few else 0.0
     return _default_basis(ensemble, config, shift)
 
@@ -171,25 +181,32 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
 def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) -> Basis:
     """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
 
+    The mean is among what is decomposed, in the size that the variance of its amplitude gives it beside the members' anomalies: so it is
+    as well spanned as these, and no mode is spent on it where its amplitude is certain.
+
     With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
     their own, and what a basis does not span, the estimate's standard error does not contain.
     """
     grid, nodes, n_members = ensemble.grid, ensemble.grid.nodes, ensemble.n_members
     n_levels, functions = grid.levels.size, default_functions(grid, config, config.speed or surface_speed(ensemble))
     mean = np.empty((n_levels, 2, len(nodes)))
+    mean_scale = float(np.sqrt(mean_variance(config) * n_members))
+
+    def with_mean(slices: Array, part: slice) -> Array:
+        return np.concatenate([slices, mean_scale * mean[..., part]]) if mean_scale else slices
 
     def anomalies() -> Iterator[tuple[slice, Array]]:
         for part, block in slice_blocks(ensemble):
             mean[..., part] = block.mean(axis=0)
-            yield part, (block - mean[..., part]).reshape(n_members * n_levels, 2, -1)
+            yield part, with_mean((block - mean[..., part]).reshape(n_members * n_levels, 2, -1), part)
 
     n_slices, spanned = n_members * n_levels, anomalies
     if shift > 0.0:
         slices = ensemble_slices(ensemble)
         mean[:] = slices.mean(axis=0).reshape(mean.shape)
         copies = shifted_copies(slices - mean.reshape(n_levels, -1), nodes, shift).reshape(-1, 2, len(nodes))
-        n_slices, spanned = len(copies), lambda: iter([(slice(None), copies)])
-    found = decompose(spanned, n_slices, len(nodes), config.modes)
+        n_slices, spanned = len(copies), lambda: iter([(slice(None), with_mean(copies, slice(None)))])
+    found = decompose(spanned, n_slices + (n_levels if mean_scale else 0), len(nodes), config.modes)
     # the first copy is not shifted, but weighted
     scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
     weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale
@@ -207,4 +224,5 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
         found.singular_values,
         weights,
         np.hypot(np.sqrt(truncated / (2 * len(nodes) * n_members)), ensemble.representation_error_std),
+        found.products[-n_levels:] / mean_scale if mean_scale else None,
     )

@@ -12,7 +12,7 @@ from replay_kit.config.time import TimeConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.process import ProcessModel
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator.basis.modes import build_basis
+from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
 from replay_kit.estimator.basis.shifts import projector, shift_operators, shifted_in_modes
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.evolving.extras import biases, oscillations
@@ -53,7 +53,7 @@ def build_evolving(
         mean = weights.mean(axis=1, keepdims=True)
         weights = mean + np.sqrt(config.spread) * (weights - mean)
     times_ns = np.array([0 if forecast.time_ns is None else forecast.time_ns for forecast in forecasts], dtype=np.int64)
-    process = _process(weights, members, settings, times_ns, time)
+    process = _with_mean_amplitude(_process(weights, members, settings, times_ns, time), basis, config)
     oscillating = oscillations(time, basis.grid.projection.latitude, float(basis.grid.levels[-1]))
     operator = ObservationOperator(basis, process, oscillating, biases(time), basis.representation_std(config))
     # the squared difference of a current that is forgotten over T grows by 2 variances over T
@@ -96,6 +96,15 @@ def _process(weights: Array, members: Members, settings: PriorSettings, times_ns
     local_scale = decorrelation_time(anomalies, times_ns) if time.scale == "auto" else np.inf if time.scale == "static" else time.scale
     scales = mixture_scale(time.trajectory_scale, local_scale), local_scale
     return ProcessModel(times_ns, mean, np.sqrt(share) * copies, spread, scaled[kept], *scales)
+
+
+def _with_mean_amplitude(process: ProcessModel, basis: Basis, config: EstimatorConfig) -> ProcessModel:
+    """Return a process under which the amplitude of the ensemble mean is uncertain too, the same at all times."""
+    if basis.mean_weights is None:
+        return process
+    factor = config.spread if isinstance(config.spread, float) else 1.0
+    moved = np.sqrt(factor * mean_variance(config)) * (basis.mean_weights + process.mean)
+    return replace(process, trajectories=np.concatenate([process.trajectories, moved[:, None]], axis=1))
 
 
 def directions(vertical: Array, horizontal: Array) -> Array:

@@ -1,6 +1,6 @@
 """The prior of the weights: mean and covariance over the ensemble's members, kept in the parts that it is made of."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -183,3 +183,14 @@ def hybrid_prior(member_weights: Array, velocity_modes: Array, nodes: Array, set
         return HybridPrior(mean.ravel(), anomalies, np.empty((0, n_levels)), np.empty((0, n_modes, n_modes)), settings)
     vertical, horizontal = localised_part(anomalies, velocity_modes, to_modes, nodes, settings.radius)
     return HybridPrior(mean.ravel(), np.sqrt(share) * anomalies, vertical, (1.0 - share) * horizontal, settings)
+
+
+def with_mean_amplitude(prior: HybridPrior, mean_weights: Array, variance: float) -> HybridPrior:
+    """Return a prior under which the amplitude of the ensemble mean is uncertain too.
+
+    Args:
+        prior: Of the members.
+        mean_weights: shape (Z, r), the ensemble mean.
+        variance: Of its amplitude, whose mean is 1.
+    """
+    return replace(prior, factor=np.concatenate([prior.factor, np.sqrt(variance) * mean_weights[None]]))

@@ -16,13 +16,13 @@ from replay_kit.core.flow.evolution import constant
 from replay_kit.core.geodesy import rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Innovation, Measurement, Observation, PathMean, Reason
-from replay_kit.estimator.basis.modes import Basis, build_basis
+from replay_kit.estimator.basis.modes import Basis, build_basis, mean_variance
 from replay_kit.estimator.basis.noise import BinNoise, bin_noise
 from replay_kit.estimator.basis.slices import cell_size, correlation_length
 from replay_kit.estimator.interface import Estimator
 from replay_kit.estimator.prior.amplitude import ScaledPrior, scaled_prior
 from replay_kit.estimator.prior.fit import choose_settings, left_out_amplitude, members_in_basis
-from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior
+from replay_kit.estimator.prior.hybrid import Prior, diagonal_prior, hybrid_prior, with_mean_amplitude
 from replay_kit.estimator.static.group import fitting_step, group_innovation, group_steps
 from replay_kit.estimator.static.spread import SpreadFit
 from replay_kit.estimator.static.state import FilterState
@@ -266,6 +266,8 @@ def build_estimator(ensemble: Ensemble, config: EstimatorConfig, gating: GatingC
     members = members_in_basis(basis)
     settings = choose_settings(members, correlation_length(ensemble), config)
     prior = hybrid_prior(members.weights, members.velocity_modes, members.nodes, settings)
+    if basis.mean_weights is not None:
+        prior = with_mean_amplitude(prior, basis.mean_weights, mean_variance(config))
     spread = None
     if config.spread == "fit" or (config.spread is None and ensemble.made_from):
         expected = left_out_amplitude(members, settings)

@@ -17,6 +17,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation
 from replay_kit.core.tasks import each_call
 from replay_kit.estimator import Estimator
+from replay_kit.studies.accuracy.altered import AS_GIVEN, Alteration, altered_cases
 from replay_kit.studies.accuracy.made import KINDS, Sources, made_cases
 from replay_kit.studies.accuracy.methods import METHODS, build_method
 from replay_kit.studies.jobs.checks import check_counts, check_names, check_not_negative, check_positive
@@ -41,6 +42,7 @@ class AccuracyJob:
         noise: Standard deviation of each component of each bin [m/s].
         seeds: Seeds 0 to seeds - 1 are run.
         methods: Of ``METHODS``.
+        alteration: Of the ensemble and its truth.
     """
 
     leave_out: str | None = None
@@ -48,12 +50,14 @@ class AccuracyJob:
     noise: float = 0.09
     seeds: int = 5
     methods: tuple[str, ...] = METHODS
+    alteration: Alteration = AS_GIVEN
 
     def check(self) -> None:
         """Raise ConfigError when an option is wrong."""
         check_names("--methods", self.methods, METHODS)
         check_counts(self.pings)
         check_positive(seeds=self.seeds)
+        self.alteration.check()
         check_not_negative(noise=self.noise)
 
 
@@ -149,7 +153,7 @@ def run_accuracy(
         MeasurementError: No point of the truth lies in the region.
     """
     job.check()
-    each = list(cases(ensemble, truth, job.leave_out))
+    each = list(altered_cases(ensemble, cases(ensemble, truth, job.leave_out), job.alteration))
     runs = len(each) * len(job.methods) * (len(KINDS) if sources else 1)
     advance = Advance(runs * job.seeds * job.pings[-1], progress)
     in_turn = len(each) > 1

@@ -79,7 +79,7 @@ def test_naive_equals_a_textbook_filter_on_whole_member_modes():
 
 def test_etkf_equals_the_kalman_filter_with_the_sample_covariance():
     observations, _, _ = profiles(6)
-    config = EstimatorConfig(modes=12, sample_share=1.0, shift_distance=0.0)
+    config = EstimatorConfig(modes=12, sample_share=1.0, shift_distance=0.0, mean_variance=0.0)
     textbook, estimator = build_estimator(SMALL, config), build_baseline("etkf", SMALL, config)
     expected, expected_said = run(textbook, observations)
     state, said = run(estimator, observations)

@@ -230,7 +230,8 @@ def test_members_that_begin_from_one_analysis_tell_nothing_there():
     """At the first time all members are the same: scale and local directions come from the other times."""
     later = forecasts(4, days=6.0)
     same = replace(later[0], velocity=np.repeat(later[0].velocity[:1], len(later[0].velocity), axis=0))
-    whole, begun = (build_evolving(series, CONFIG, TimeConfig()) for series in (later[1:], [same, *later[1:]]))
+    certain = CONFIG.model_copy(update={"mean_variance": 0.0})
+    whole, begun = (build_evolving(series, certain, TimeConfig()) for series in (later[1:], [same, *later[1:]]))
     assert begun.operator.process.local_scale == pytest.approx(whole.operator.process.local_scale, rel=0.1)
     start = begun.flow(begun.predict(begun.initial(), same.time_ns)).standard_error(0.0, 0.0, 60.0)
     assert np.all(start < 1e-6)

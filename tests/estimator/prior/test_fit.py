@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,8 +77,28 @@ def test_what_is_set_is_kept_and_what_is_open_is_chosen_alike_each_time():
     assert choose_settings(members, 1e4, fixed) == PriorSettings(0.4, 0.0, 5e4)
     chosen = choose_settings(members, 1e4, EstimatorConfig())
     assert chosen == choose_settings(members, 1e4, EstimatorConfig())
-    assert chosen.shift == 1e4
     assert chosen.sample_share in SHARES
+
+
+@pytest.mark.parametrize(("length", "shift"), [(1e4, 1e4), (2e4, 1e4)])
+def test_the_shift_is_a_length_or_half_of_it_as_suits_members_left_out(length, shift):
+    """The second is tried with the share that suits the first, and has shares of its own where it is better."""
+
+    def eddies(rng, nodes):
+        return np.cos(nodes @ rng.standard_normal((2, 6)) / 8e3 + rng.uniform(0.0, 2.0 * np.pi, 6)).sum(axis=1)
+
+    members = members_of(0, 6, eddies, n_side=3)
+    start = choose_settings(members, length, EstimatorConfig(shift_distance=length))
+    far, near = (
+        {row.settings.sample_share: row.score for row in score_sample_shares(members, replace(start, shift=tried), SHARES, 6)}
+        for tried in (length, 0.5 * length)
+    )
+    chosen = choose_settings(members, length, EstimatorConfig())
+    assert chosen.shift == shift
+    if near[start.sample_share] < min(far.values()):
+        assert chosen == replace(start, shift=0.5 * length, sample_share=min(near, key=near.get))
+    else:
+        assert chosen == start
 
 
 def test_three_members_are_too_few_to_spare_one():
@@ -109,7 +130,8 @@ def test_the_command_writes_settings_that_the_estimator_takes(tmp_path, capsys):
     config = load_config(out).estimator
     data = synthetic.ensemble(n_members=6)
     factor = build_estimator(data, config).prior.factor
-    assert factor.shape[0] == (30 if config.shift_distance else 6)
+    # the ensemble mean has a row too
+    assert factor.shape[0] == (31 if config.shift_distance else 7)
     assert answer["length"] == pytest.approx(correlation_length(data), rel=1e-3)
 
 

@@ -8,7 +8,7 @@ import pytest
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build_estimator
 from replay_kit.estimator.basis.shifts import shifted_copies
-from replay_kit.estimator.basis.slices import cell_size, correlation_length
+from replay_kit.estimator.basis.slices import cell_size, correlation_length, ensemble_slices
 from replay_kit.estimator.update.full_covariance import full_covariance_prior
 from tests import synthetic
 from tests.reference import estimator as slow
@@ -18,21 +18,25 @@ from tests.reference.lattice import matrix as functions_at
 SMALL = synthetic.ensemble(n_members=5, shape=(4, 5), levels=np.array([5.0, 90.0, 220.0]))
 CONFIGS = {
     "hybrid": EstimatorConfig(),
-    "sample": EstimatorConfig(sample_share=1.0, shift_distance=0.0),
+    "sample": EstimatorConfig(sample_share=1.0, shift_distance=0.0, mean_variance=0.0),
     "localised": EstimatorConfig(sample_share=0.0),
     "paper": EstimatorConfig(preset="paper", length_vertical=60.0),
 }
 
 
 def test_the_prior_is_the_twin_s_projected_on_the_modes():
-    share, shift, radius = 0.3, 1.2e4, 4e4
-    config = EstimatorConfig(sample_share=share, shift_distance=shift, localisation_radius=radius)
+    share, shift, radius, of_mean = 0.3, 1.2e4, 4e4, 0.2
+    config = EstimatorConfig(sample_share=share, shift_distance=shift, localisation_radius=radius, mean_variance=of_mean)
     estimator = build_estimator(SMALL, config)
     basis, nodes = estimator.basis, SMALL.grid.nodes
     velocity_modes = functions_at(basis.horizontal, nodes) @ basis.modes
     fields = basis.member_weights @ velocity_modes.T
     twin = slow.hybrid_covariance(fields, velocity_modes, nodes, share, shift, radius, slow_taper)
     projector = np.kron(np.eye(basis.member_weights.shape[1]), np.linalg.pinv(velocity_modes))
+    mean = basis.mean_weights @ velocity_modes.T
+    # but for the nugget, and what no flow without divergence has
+    np.testing.assert_allclose(mean, ensemble_slices(SMALL).mean(axis=0), atol=5e-3 * np.abs(mean).max())
+    twin += of_mean * np.outer(mean, mean)
     np.testing.assert_allclose(estimator.prior.covariance(), projector @ twin @ projector.T, atol=1e-12)
 
 

@@ -28,7 +28,7 @@ VARIANCE = 7.0
 ONE = synthetic.ensemble(n_members=2, shape=(4, 5), levels=np.array([5.0, 90.0]))
 MEMBERS = replace(ONE, velocity=TIMES[:, None, None, None, None] * ONE.velocity[:1])
 FIELD = ensemble_slices(MEMBERS)[0]
-PLAIN = EstimatorConfig(sample_share=1.0, shift_distance=0.0)
+PLAIN = EstimatorConfig(sample_share=1.0, shift_distance=0.0, mean_variance=0.0)
 
 
 def test_the_paper_s_prior():

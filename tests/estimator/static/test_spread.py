@@ -202,14 +202,18 @@ def test_rejected_profiles_do_not_count():
     assert not any(np.array_equal(place, at) for _, at in state.spread.apart)
 
 
-def test_few_made_members_span_their_shifted_copies_too():
+def test_few_members_span_their_shifted_copies_too():
     three = replace(GIVEN, velocity=GIVEN.velocity[:3])
     made = replace(three, made_from="times")
-    # two anomalies at three levels, and four copies of each
-    assert build_estimator(three, EstimatorConfig()).basis.n_modes == 6
-    assert build_estimator(made, EstimatorConfig()).basis.n_modes == 30
-    assert build_estimator(made, EstimatorConfig(shift_distance=0.0)).basis.n_modes == 6
+    # two anomalies and the mean at three levels, and four copies of the anomalies
+    assert build_estimator(made, EstimatorConfig()).basis.n_modes == 33
+    assert build_estimator(three, EstimatorConfig()).basis.n_modes == 33
+    assert build_estimator(three, EstimatorConfig(shift_distance=0.0)).basis.n_modes == 9
+    # "all" modes are those of the members themselves, unless these were made
+    assert build_estimator(three, EstimatorConfig(modes=None)).basis.n_modes == 9
+    assert build_estimator(made, EstimatorConfig(modes=None)).basis.n_modes == 33
+    assert build_estimator(made, EstimatorConfig(mean_variance=0.0)).basis.n_modes == 30
     # as many modes as the members have themselves: nothing is added
-    alike = [build_estimator(ensemble, EstimatorConfig(modes=6)).basis.modes for ensemble in (three, made)]
+    alike = [build_estimator(three, EstimatorConfig(modes=6, shift_distance=shift)).basis.modes for shift in (None, 0.0)]
     np.testing.assert_array_equal(*alike)
-    assert build_estimator(made, EstimatorConfig(modes=7)).basis.n_modes == 7
+    assert build_estimator(three, EstimatorConfig(modes=7)).basis.n_modes == 7

