@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+import shapely
 
 from planners.front.bound import Bound
 from planners.front.current import Complex, CurrentLattice, current_lattice, shares_of_levels, spacing_over
@@ -120,6 +121,13 @@ def passage_past_goals(
             passed += [now] * (places.size - 1 - k)
             break
     return Passage(Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed))
+
+
+def is_beside(task: MissionTask, rings: tuple[Ring, ...], passage: Passage) -> bool:
+    """Return whether a passage leads beside an area or land, so that a wider way may differ from it."""
+    line = shapely.linestrings(passage.route.points)
+    solid = [ring for ring in (*rings, *task.bottom.rings(task.settings.depth)) if not ring.outside and not ring.surface_only]
+    return any(bool(shapely.dwithin(ring.area, line, _WIDER[0])) for ring in solid)
 
 
 def widest_passage(task: MissionTask, water: Water, rings: tuple[Ring, ...], passage: Passage) -> Passage:

@@ -4,7 +4,7 @@
 solved. It follows the way that comes nearest to the goal, each leg aimed where the glider comes up, and says how near that can be.
 
 2. Route. The quickest way past all goals through the current averaged over the dives, round all obstacles. It gives the number of legs and
-the initial guess; where no path clear of obstacles is found from it, a way farther from them that takes hardly longer does.
+the initial guess; beside obstacles a way farther from them that takes hardly longer gives another.
 
 3. Legs. n legs, as many as the route's time takes, are solved; then fewer as long as the goals are still met and the bound leaves room for
 them; else n + 1, n + 2, 1.25 n, 1.5 n, 2 n. Least energy counts the pump's work of each number of dives; with a given number it is least
@@ -36,6 +36,7 @@ from planners.mission.arrival import (
     Water,
     bound_of,
     initial_guess,
+    is_beside,
     longest_time,
     passage_past_goals,
     water_of,
@@ -134,10 +135,10 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
     attempts = [solve(goal_legs_of(passed, settings.legs or likely), False)]
     if settings.legs is not None or not passage.route.arrives or once or task.is_late:
         return attempts
-    if attempts[0].violation is not None:
-        # half-planes have more room along a wider way
-        wider = widest_passage(task, water, rings, passage)
-        attempts += [] if wider is passage else [_solver(task, water, wider)(goal_legs_of(wider.passed, likely), False)]
+    # half-planes have more room along a wider way, and often end in a better optimum
+    wider = _solver(task, water, widest_passage(task, water, rings, passage)) if is_beside(task, rings, passage) else None
+    if wider is not None and attempts[0].violation is not None:
+        attempts.append(wider(goal_legs_of(passed, likely), False))
     for n_legs in range(likely - 1, _fewest_legs(task, bound) - 1, -1):
         if task.is_late or not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
             break
@@ -149,6 +150,9 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
         next_one = n_legs == last.goals.legs[-1] + 1
         last = solve(add_leg(last.goals.legs, last.legs.angles) if next_one else goal_legs_of(passed, n_legs), False)
         attempts.append(last)
+    best = best_of(task, attempts)
+    if wider is not None and attempts[0].violation is None and is_feasible(task, best) and not task.is_late:
+        attempts.append(wider(best.goals.legs, False))
     return attempts
 
 
