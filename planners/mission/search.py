@@ -137,8 +137,9 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
         return attempts
     # half-planes have more room along a wider way, and often end in a better optimum
     wider = _solver(task, water, widest_passage(task, water, rings, passage)) if is_beside(task, rings, passage) else None
-    if wider is not None and attempts[0].violation is not None:
-        attempts.append(wider(goal_legs_of(passed, likely), False))
+    crosses = attempts[0].violation is not None
+    widely = [wider(goal_legs_of(passed, likely), False)] if wider is not None and crosses else []
+    attempts += widely
     for n_legs in range(likely - 1, _fewest_legs(task, bound) - 1, -1):
         if task.is_late or not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
             break
@@ -151,7 +152,7 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
         last = solve(add_leg(last.goals.legs, last.legs.angles) if next_one else goal_legs_of(passed, n_legs), False)
         attempts.append(last)
     best = best_of(task, attempts)
-    if wider is not None and attempts[0].violation is None and is_feasible(task, best) and not task.is_late:
+    if wider is not None and best not in widely and is_feasible(task, best) and not task.is_late:
         attempts.append(wider(best.goals.legs, False))
     return attempts
 
