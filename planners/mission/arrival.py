@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+import shapely
 
 from planners.front.bound import Bound
 from planners.front.current import Complex, CurrentLattice, current_lattice, shares_of_levels, spacing_over
@@ -32,8 +33,6 @@ _AROUND, _SAMPLES = 1.5, 2.0
 _ON_DISC = 12
 # Margins of wider routes [m], the widest first, and the share of time that they may cost.
 _WIDER, _MAY_COST = (600.0, 300.0, 150.0), 0.02
-# A route this much slower than without obstacles is bent by them.
-_BENT = 1.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,14 +123,11 @@ def passage_past_goals(
     return Passage(Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed))
 
 
-def is_bent(task: MissionTask, water: Water, passage: Passage) -> bool:
-    """Return whether obstacles make a passage slower, so that without them the path would cross one."""
-    places, now, first = _places(task), 0.0, water.current.places.size
-    sea = sea_of(water.current, water.speed, places, obstacles_of([ring for ring in task.rings if ring.outside], 0.0, places))
-    for k in range(1, places.size):
-        front = spread(sea, np.array([first + k - 1]), np.array([now]), inf, np.array([first + k]))
-        now = float(front.times[first + k])
-    return bool(passage.route.times[-1] > _BENT * now)
+def is_beside(task: MissionTask, rings: tuple[Ring, ...], passage: Passage) -> bool:
+    """Return whether a passage leads beside an area or land, so that a wider way may differ from it."""
+    line = shapely.linestrings(passage.route.points)
+    solid = [ring for ring in (*rings, *task.bottom.rings(task.settings.depth)) if not ring.outside and not ring.surface_only]
+    return any(bool(shapely.dwithin(ring.area, line, _WIDER[0])) for ring in solid)
 
 
 def widest_passage(task: MissionTask, water: Water, rings: tuple[Ring, ...], passage: Passage) -> Passage:

@@ -3,8 +3,8 @@
 1. Bound. The earliest arrival of any vehicle of this speed (``arrival.py``): a mission whose bound is later than its most legs take is not
 solved. It follows the way that comes nearest to the goal, each leg aimed where the glider comes up, and says how near that can be.
 
-2. Route. The quickest way past all goals through the current averaged over the dives, round all obstacles; or, where that takes hardly
-longer, one farther from them. It gives the number of legs and the initial guess.
+2. Route. The quickest way past all goals through the current averaged over the dives, round all obstacles. It gives the number of legs and
+the initial guess; beside obstacles a way farther from them that takes hardly longer gives another.
 
 3. Legs. n legs, as many as the route's time takes, are solved; then fewer as long as the goals are still met and the bound leaves room for
 them; else n + 1, n + 2, 1.25 n, 1.5 n, 2 n. Least energy counts the pump's work of each number of dives; with a given number it is least
@@ -12,8 +12,7 @@ time. A goal at the surface is met where a leg ends, one below it by the dive th
 nearer to when the route does; the last one by a dive that ends there.
 
 4. Constraints. When the path crosses land, an area, shallows or the region's edge, each step's end must lie within the half-planes that
-touch the three nearest of them; they are placed anew around each path found until there is no more gain. Where obstacles make the route
-slower than it would be without them, that is done at once.
+touch the three nearest of them; they are placed anew around each path found until there is no more gain.
 
 5. Bottom. Where no way round shallows is found, or the mission begins or ends in them, the quickest route through all water is cut into
 legs that turn above the bottom along them (``turning.py``).
@@ -37,7 +36,7 @@ from planners.mission.arrival import (
     Water,
     bound_of,
     initial_guess,
-    is_bent,
+    is_beside,
     longest_time,
     passage_past_goals,
     water_of,
@@ -128,8 +127,7 @@ def _goes_on(task: MissionTask, attempts: list[Attempt]) -> bool:
 def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bound | None, once: bool = False) -> list[Attempt]:
     """Return the attempts with the number of legs that a route clear of rings suggests and, unless once is enough, with fewer or more."""
     settings, passage = task.settings, passage_past_goals(task, water, rings)
-    bent = passage.route.arrives and is_bent(task, water, passage)
-    solve = _solver(task, water, widest_passage(task, water, rings, passage) if bent else passage, bent)
+    solve = _solver(task, water, passage)
     likely = likely_legs(task, passage)
     if not passage.route.arrives and settings.legs is None:
         likely = min(likely, _LEGS_OUT_OF_REACH)
@@ -137,6 +135,11 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
     attempts = [solve(goal_legs_of(passed, settings.legs or likely), False)]
     if settings.legs is not None or not passage.route.arrives or once or task.is_late:
         return attempts
+    # half-planes have more room along a wider way, and often end in a better optimum
+    wider = _solver(task, water, widest_passage(task, water, rings, passage)) if is_beside(task, rings, passage) else None
+    crosses = attempts[0].violation is not None
+    widely = [wider(goal_legs_of(passed, likely), False)] if wider is not None and crosses else []
+    attempts += widely
     for n_legs in range(likely - 1, _fewest_legs(task, bound) - 1, -1):
         if task.is_late or not is_feasible(task, attempts[-1]) or best_of(task, attempts) is not attempts[-1]:
             break
@@ -148,17 +151,20 @@ def _search(task: MissionTask, water: Water, rings: tuple[Ring, ...], bound: Bou
         next_one = n_legs == last.goals.legs[-1] + 1
         last = solve(add_leg(last.goals.legs, last.legs.angles) if next_one else goal_legs_of(passed, n_legs), False)
         attempts.append(last)
+    best = best_of(task, attempts)
+    if wider is not None and best not in widely and is_feasible(task, best) and not task.is_late:
+        attempts.append(wider(best.goals.legs, False))
     return attempts
 
 
-def _solver(task: MissionTask, water: Water, passage: Passage, bent: bool) -> Callable[[tuple[int, ...], bool], Attempt]:
+def _solver(task: MissionTask, water: Water, passage: Passage) -> Callable[[tuple[int, ...], bool], Attempt]:
     """Return the function that solves a passage with the goals met in given legs, where fewer than are known to be enough are told."""
     route = passage.route
 
     def solve(legs: tuple[int, ...], fewer: bool) -> Attempt:
         announce(f"planning: {legs[-1]} legs")
         guess = initial_guess(task, route, water, route.times[-1] * np.arange(legs[-1] + 1) / legs[-1])
-        return solve_legs(task, guess, goal_steps_of(task, passage.passed, legs), route, fewer=fewer, bent=bent)
+        return solve_legs(task, guess, goal_steps_of(task, passage.passed, legs), route, fewer=fewer)
 
     return solve
 
@@ -214,7 +220,7 @@ def _reconsidered(task: MissionTask, water: Water, rest: Attempt) -> list[Attemp
     likely, legs = likely_legs(task, passage), len(rest.legs.headings)
     if not passage.route.arrives or float(rest.flight.time[-1]) <= _RECONSIDERED * passage.passed[-1] or likely >= legs:
         return []
-    solve, found = _solver(task, water, passage, is_bent(task, water, passage)), list[Attempt]()
+    solve, found = _solver(task, water, passage), list[Attempt]()
     for n_legs in (likely, likely + 1):
         if n_legs < legs and not any(is_feasible(task, attempt) for attempt in found):
             found.append(solve(goal_legs_of(passage.passed, n_legs), False))

@@ -49,7 +49,6 @@ def solve_legs(
     route: Route | None,
     *,
     fewer: bool = False,
-    bent: bool = False,
 ) -> Attempt:
     """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path violates a constraint.
 
@@ -60,19 +59,12 @@ def solve_legs(
         route: The route that the guess follows, along which the first half-planes are placed; None for the rest of an earlier plan, which
             is nearly optimal.
         fewer: Whether more legs are known to meet the goals: an attempt that misses them by far is then not refined.
-        bent: Whether obstacles are known to lie in the way: nothing is then solved without half-planes, unless that misses the goals.
     """
     n_legs, settings = len(guess.headings), task.settings
     problem = LegsProblem(task, n_legs, goals)
     # where the miss distance is weighed against other costs, a goal that is not met is no failure
     closest, weighed = settings.objective == "closest", settings.weighs_distance or task.reference_path is not None
     unreachable = route is not None and not route.arrives and not weighed
-    if bent and not unreachable:
-        found = _solve_within_half_planes(problem, fly_guess(problem, guess), guess, _points_along(problem, guess, route), closest)
-        if found.violation is None and (weighed or bool(np.all(found.miss <= settings.tolerance))):
-            return found
-        if fewer and np.any(found.miss > _FAR_OFF * settings.tolerance):
-            return found
     solution = _solve(problem, guess, closest=closest or unreachable, warm_start=route is None)
     best = _fly(problem, solution, 0)
     if unreachable and not closest:
