@@ -70,7 +70,7 @@ class AuvPlan:
 
 
 def plan_path(flow: FlowEstimate, request: PathRequest) -> AuvPlan:
-    """Return the best path found, of those begun at the route of a graph search and at a straight line.
+    """Return the best path found, of those begun at the route of the front and at a straight line.
 
     Args:
         flow: The current, held constant in time.
