@@ -173,7 +173,9 @@ def _solve(
     solution = solve_mission(model, data, guess, warm_start=warm_start)
     if task.spline is None:
         return solution
-    covered = task.spline.covers(solution.guess.places)
+    # what leaves the region is held back by half-planes next, whatever the current is out there
+    places = solution.guess.places
+    covered = task.spline.covers(places[task.region.inside_outline(places)])
     if covered and _strays(problem, solution.guess.angles) <= _MET:
         return solution
     # once more in the flow itself

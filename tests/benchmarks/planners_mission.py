@@ -89,7 +89,7 @@ def rows(flow: FlowEstimate, count: int, tiny: bool) -> list[Row]:
             if there:
                 measured[name].append(seconds(lambda: solve(case), 1 if tiny else 2))  # noqa: B023
     cold = [took for took, _ in measured["ours"]]
-    more = {"cold_asked_s": 1.5, "warm_median_s": float(np.median(again)), "warm_asked_s": 0.4}
+    more = {"cold_asked_s": 0.5, "warm_median_s": float(np.median(again)), "warm_asked_s": 0.1}
     return [
         _row(f"mission of {N} dives, {count} goals, {len(flow.nodes)} nodes, against {name}", cold, measured, name, asked, more)
         for _, name, asked, _ in here
