@@ -173,8 +173,9 @@ def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers
     np.minimum.at(times, seeds, begins)
     pending, width = np.isfinite(times), sea.current.spacing / sea.fastest
     held, later = _strong(sea), sea.current.times[sea.current.times > np.min(begins)] if sea.waits else np.zeros(0)
-    while pending.any():
-        now = float(np.min(times[pending]))
+    while pending.any() or later.size:
+        # a front that stands still may go on at the current's next time
+        now = float(np.min(times[pending], initial=later[0] if later.size and not pending.any() else np.inf))
         if now > until or (goals.size and np.min(times[goals]) <= now):
             break
         if later.size and later[0] <= now:

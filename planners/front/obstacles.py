@@ -94,10 +94,10 @@ def _corners(water: Any) -> Complex:
     """Return the corners of water's outline that point into it, shape (n,) [m]: those of what lies in its way."""
     found = [np.zeros(0, dtype=complex)]
     for part in shapely.get_parts(water):
-        for ring in (part.exterior, *part.interiors):
+        for k, ring in enumerate((part.exterior, *part.interiors)):
             line = np.ascontiguousarray(shapely.get_coordinates(ring)[:-1]).view(complex).ravel()
             # counterclockwise round the water outside, clockwise round what lies in it: water is on the left
-            line = line if shapely.is_ccw(ring) == (ring is part.exterior) else line[::-1]
+            line = line if shapely.is_ccw(ring) == (k == 0) else line[::-1]
             ahead, behind = np.roll(line, -1) - line, line - np.roll(line, 1)
             found.append(line[(ahead * behind.conj()).imag < 0.0])
     corners = np.concatenate(found)

@@ -11,7 +11,7 @@ from planners.mission.check import Violation
 from planners.mission.flight import Flight, Legs
 from planners.mission.program import MissionGuess, MissionShape
 from planners.mission.task import REFINED, MissionTask, YoDepths
-from planners.solver import HOUR, KM, MOST_ITERATIONS
+from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
 
 # An attempt that violates a constraint ranks behind all that do not [m of miss distance].
@@ -45,13 +45,11 @@ class LegsProblem:
         task: The mission.
         n_legs: Number of legs.
         goals: When each goal is to be met.
-        max_iterations: Of each solve.
     """
 
     task: MissionTask
     n_legs: int
     goals: GoalSteps
-    max_iterations: int = MOST_ITERATIONS
 
     @cached_property
     def yo_depths(self) -> tuple[YoDepths, ...]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,8 +14,9 @@ from planners.mission.safety_margin import SafetyMargin
 from planners.mission.solved_flight import fly_solution
 from planners.mission.task import REFINED, MissionTask, turns_of
 from planners.route.hazards import half_planes
-from planners.solver import HOUR, KM, MOST_ITERATIONS
+from planners.solver import HOUR, KM
 from replay_kit.core.arrays import Array
+from replay_kit.core.progress import announce
 
 # Hours that a kilometre of miss distance costs: more than any current takes to carry a glider over it.
 _PENALTY = 50.0
@@ -28,8 +28,6 @@ _CLOSEST = 1e-5, 1.0
 _ROUNDS, _PLANES = 6, 3
 # No further rounds after so many iterations times legs: more of them do not help a mission without a solution.
 _EFFORT = 1500
-# The same, for each solve too, but at least so many iterations, where not even a faster vehicle would arrive.
-_EFFORT_BRIEF, _LEAST_ITERATIONS = 900, 20
 # Rounds with a safety margin: it is known only roughly.
 _ROUNDS_WITH_MARGIN = 3
 # New half-planes must lower the cost by this share.
@@ -51,7 +49,6 @@ def solve_legs(
     route: Route | None,
     *,
     fewer: bool = False,
-    brief: bool = False,
     bent: bool = False,
 ) -> Attempt:
     """Return the optimum of a number of legs that IPOPT finds from a guess, held to half-planes if its path violates a constraint.
@@ -63,12 +60,10 @@ def solve_legs(
         route: The route that the guess follows, along which the first half-planes are placed; None for the rest of an earlier plan, which
             is nearly optimal.
         fewer: Whether more legs are known to meet the goals: an attempt that misses them by far is then not refined.
-        brief: Whether the goals are known to be out of reach: iterations are then limited.
         bent: Whether obstacles are known to lie in the way: nothing is then solved without half-planes, unless that misses the goals.
     """
     n_legs, settings = len(guess.headings), task.settings
-    most = int(np.clip(_EFFORT_BRIEF // n_legs, _LEAST_ITERATIONS, MOST_ITERATIONS)) if brief else MOST_ITERATIONS
-    problem = LegsProblem(task, n_legs, goals, most)
+    problem = LegsProblem(task, n_legs, goals)
     # where the miss distance is weighed against other costs, a goal that is not met is no failure
     closest, weighed = settings.objective == "closest", settings.weighs_distance or task.reference_path is not None
     unreachable = route is not None and not route.arrives and not weighed
@@ -76,10 +71,12 @@ def solve_legs(
         found = _solve_within_half_planes(problem, fly_guess(problem, guess), guess, _points_along(problem, guess, route), closest)
         if found.violation is None and (weighed or bool(np.all(found.miss <= settings.tolerance))):
             return found
+        if fewer and np.any(found.miss > _FAR_OFF * settings.tolerance):
+            return found
     solution = _solve(problem, guess, closest=closest or unreachable, warm_start=route is None)
     best = _fly(problem, solution, 0)
     if unreachable and not closest:
-        # the graph has no route: time counts only if these legs arrive all the same
+        # the front has no route: time counts only if these legs arrive all the same
         closest = bool(np.any(best.miss > settings.tolerance))
         if not closest:
             solution = _solve(problem, solution.guess)
@@ -121,8 +118,8 @@ def solve_with_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) 
 def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: MissionGuess, path: Array, closest: bool) -> Attempt:
     """Return the best path found within half-planes, placed along a path and anew along each path found until there is no more gain."""
     task, best, at, before, iterations = problem.task, free, guess, np.inf, free.iterations
-    effort = _EFFORT if problem.max_iterations == MOST_ITERATIONS else _EFFORT_BRIEF
     for again in range(_ROUNDS):
+        announce(f"planning: {problem.n_legs} legs, round {again + 1} along obstacles")
         solution = _solve(problem, at, _planes(problem, path), closest=closest, warm_start=again > 0)
         flown = _fly(problem, solution, iterations)
         iterations = flown.iterations
@@ -130,7 +127,7 @@ def _solve_within_half_planes(problem: LegsProblem, free: Attempt, guess: Missio
         best = flown if better or best is free else best
         gained = not np.isfinite(before) or solution.objective < before - _PROGRESS * abs(before)
         moved = float(np.max(np.abs(solution.guess.places - at.places)))
-        spent = (iterations - free.iterations) * problem.n_legs >= effort
+        spent = (iterations - free.iterations) * problem.n_legs >= _EFFORT
         if moved < _SAME or spent or (best.violation is None and not gained):
             break
         at, before = solution.guess, solution.objective
@@ -180,12 +177,26 @@ def _solve(
         task.reference_path,
         *_reference_weights_and_limits(task, guess.angles, shape, problem.depths, reference_weight),
     )
-    options: dict[str, Any] = {"warm_start": warm_start, "max_iterations": problem.max_iterations}
     model = MissionModel(task.flow, task.vehicle, shape, task.currents.times, task.spline)
-    solution = solve_mission(model, data, guess, **options)
-    if task.spline is None or task.spline.covers(solution.guess.places):
+    solution = solve_mission(model, data, guess, warm_start=warm_start)
+    if task.spline is None:
         return solution
-    return solve_mission(replace(model, spline=None), data, guess, **options)
+    # what leaves the region is held back by half-planes next, whatever the current is out there
+    places = solution.guess.places
+    covered = task.spline.covers(places[task.region.inside_outline(places)])
+    if covered and _strays(problem, solution.guess.angles) <= _MET:
+        return solution
+    # once more in the flow itself
+    polished = solve_mission(replace(model, spline=None), data, solution.guess if covered else guess, warm_start=covered or warm_start)
+    return replace(polished, iterations=solution.iterations + polished.iterations)
+
+
+def _strays(problem: LegsProblem, angles: Array) -> float:
+    """Return how far the error of the spline may lead a mission astray [m]."""
+    assert problem.task.spline is not None
+    lengths = np.array([np.sum(np.abs(np.diff(steps))) for steps in problem.depths])
+    lasts = np.sum(lengths / np.asarray(problem.task.vehicle.speeds(np, angles)[1])) + np.sum(problem.drifts)
+    return float(lasts * problem.task.spline.largest_error)
 
 
 def _weights(task: MissionTask) -> tuple[float, float | None, float]:

@@ -185,16 +185,15 @@ def mission_task(flow: FlowEstimate | Sequence[FlowEstimate], request: MissionRe
     task = MissionTask(request, currents, region, rings, bottom, start, goals, clock, deadline=deadline)
     if not settings.spline or not task.is_finite:
         return task
-    return replace(task, spline=spline_of(currents.flow, currents.latent[0], settings.spline, *_surroundings(region, start, goals)))
+    return replace(task, spline=spline_of(currents.flow, currents.latent[0], settings.spline, *_surroundings(start, goals)))
 
 
-def _surroundings(region: Region, start: Array, goals: Array) -> tuple[Array, Array]:
+def _surroundings(start: Array, goals: Array) -> tuple[Array, Array]:
     """Return the corners of a box, shape (2,) [m] each, that a mission from a start past goals hardly ever leaves."""
     known = np.concatenate([start[None, :2], goals[:, :2]])
     low, high = known.min(axis=0), known.max(axis=0)
-    around = np.maximum(_AROUND, 0.5 * np.max(high - low))
-    outline = np.array([[f(axis) for axis in (region.grid.east, region.grid.north)] for f in (np.min, np.max)])
-    return np.maximum(low - around, outline[0]), np.minimum(high + around, outline[1])
+    around = max(_AROUND, 0.5 * float(np.max(high - low)))
+    return low - around, high + around
 
 
 def _check_place(rings: tuple[Ring, ...], bottom: Bottom, name: str, point: Array) -> None:

@@ -71,7 +71,7 @@ class AuvPlan:
 
 
 def plan_path(flow: FlowEstimate | Sequence[FlowEstimate], request: PathRequest) -> AuvPlan:
-    """Return the best path found, of those begun at the route of a graph search and at a straight line.
+    """Return the best path found, of those begun at the route of the front and at a straight line.
 
     Args:
         flow: The current, or its estimates for increasing times, between which it is linear; constant before the first and after the last.

@@ -2,19 +2,19 @@
 
 Each leg begins where the one before it ends, which is not known before that is flown. Where the legs are those of a solution it is known to
 some metres: all are flown from there, and what each misses of the next one's beginning is passed on through the derivatives of the legs'
-ends by their beginnings. This is Newton's method; two or three rounds are enough for a micrometre.
+ends by their beginnings. This is Newton's method; two rounds are enough from a solution, some more from a guess.
 """
 
 import numpy as np
 
 from planners.shooting.frames import FrameMap
-from planners.shooting.paths import Starts
+from planners.shooting.paths import Starts, derive, fly_paths
 from planners.shooting.schedule import Schedule
 from planners.shooting.stream import Stream
 from replay_kit.core.arrays import Array
 
-# Legs meet to this [m], within so many rounds. Where they miss each other by more than this, they are better flown one after the other.
-_MEETS, _ROUNDS, _NEARLY = 1e-6, 8, 200.0
+# Legs meet to this [m], within so many rounds.
+_MEETS, _ROUNDS = 1e-4, 8
 
 
 def fly_together(
@@ -29,10 +29,12 @@ def fly_together(
         schedule: Of the legs, whose last is not followed by a drift.
         frames: Of as many legs.
         starts: Where each leg begins, heading and glide angle, shape (L, 4); when the first begins [s]. The first begins exactly there.
-        through: shape (L, 2, 2), derivatives of the legs' ends by their beginnings; None where they are not known, and taken for one.
+        through: shape (L, 2, 2), derivatives of the legs' ends by their beginnings; None where they are not known.
     """
-    legs, begin, before = starts[0].copy(), starts[1], _NEARLY
-    through = np.tile(np.eye(2), (len(legs), 1, 1)) if through is None else through
+    legs, begin, before = starts[0].copy(), starts[1], np.inf
+    if through is None:
+        paths = fly_paths(stream, schedule, _timed(schedule, frames, legs, begin))
+        through = derive(paths, frames.first(legs, schedule.lengths)).places[:, -1, :, :2]
     for _ in range(_ROUNDS):
         flown = _fly(stream, schedule, _timed(schedule, frames, legs, begin))
         missed = flown[0][:-1, -1] - legs[1:, :2]

@@ -9,7 +9,22 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from tests.benchmarks import atsea, estimator, faults, fleet, forecasts, logs, longlogs, planners, safety, scaling, size, start, windows
+from tests.benchmarks import (
+    atsea,
+    estimator,
+    faults,
+    fleet,
+    forecasts,
+    front,
+    logs,
+    longlogs,
+    planners,
+    safety,
+    scaling,
+    size,
+    start,
+    windows,
+)
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
@@ -18,6 +33,7 @@ BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
     "faults": faults.rows,
     "fleet": fleet.rows,
     "forecasts": forecasts.rows,
+    "front": front.rows,
     "logs": logs.rows,
     "long": longlogs.rows,
     "planners": planners.rows,

@@ -31,7 +31,7 @@ def masked_row(count: int) -> Row:
         limits = 0.9 * np.array([flow.grid.east.max(), flow.grid.north.max()])
         begin, end = rng.uniform(-limits, limits, (2, 2))
         beside = [begin if rng.random() < 0.5 else end for _ in range(rng.integers(0, 3))]
-        areas = tuple(_area(flow, at + rng.normal(0.0, 2.5e3, 2), rng, f"area {k}") for k, at in enumerate(beside))
+        areas = tuple(random_area(flow, at + rng.normal(0.0, 2.5e3, 2), rng, f"area {k}") for k, at in enumerate(beside))
         settings = MissionSettings(depth=float(rng.choice([80.0, 200.0, 390.0])), yos=int(rng.integers(1, 4)), surface_time=600.0)
         request = MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas)
         try:
@@ -64,7 +64,8 @@ def crosses(flow: FlowEstimate, plan: MissionPlan, areas: tuple[NoGo, ...]) -> b
     return not region_of(flow.grid).allowed(track).all() or any(bool(ring.inside(track[:, :2]).any()) for ring in rings)
 
 
-def _area(flow: FlowEstimate, centre: Array, rng: np.random.Generator, name: str) -> NoGo:
+def random_area(flow: FlowEstimate, centre: Array, rng: np.random.Generator, name: str) -> NoGo:
+    """Return an area of up to 3 km around a place."""
     bearings, far = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 7))), rng.uniform(300.0, 3000.0)
     corners = [place(flow, *(centre + far * np.array([np.sin(at), np.cos(at)])), 0.0) for at in bearings]
     return NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), name, surface_only=bool(rng.random() < 0.3))

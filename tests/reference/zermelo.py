@@ -39,7 +39,7 @@ def time_in_jet(begin: Array, end: Array, east: Callable[[float], float], speed:
     """Return the least time [s] in a current towards the east that depends on north alone.
 
     Along a quickest path the heading turns with the shear, at d east / d north times sin(heading)^2, clockwise from north
-    (Zermelo 1931). The first heading is found by shooting.
+    (Zermelo 1931). The first heading is found by shooting; where none within 1.5 rad of north or south leads there, the answer is infinity.
     """
 
     def arrival(first: float) -> tuple[float, float]:
@@ -64,7 +64,7 @@ def time_in_jet(begin: Array, end: Array, east: Callable[[float], float], speed:
         for (a, b), (x, y) in zip(pairwise(headings), pairwise(values), strict=True)
         if x * y < 0.0
     ]
-    return min(arrival(root)[1] for root in roots)
+    return min((arrival(root)[1] for root in roots), default=np.inf)
 
 
 def most_frugal_speed(hotel: float, drag: float) -> float:

@@ -1,11 +1,13 @@
 """The B-spline of a flow's stream function: its error and order, its derivatives, missions planned in it."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission
+from planners.mission.program import MissionModel, MissionSolution, solve_mission
 from planners.shooting.spline import spline_of
 from planners.shooting.stream import stream_of
 from replay_kit.core.arrays import Array
@@ -89,6 +91,23 @@ def test_a_mission_planned_in_it_is_the_mission_planned_in_the_flow(flow: FlowEs
     assert splined.duration == pytest.approx(exact.duration, abs=carried / (0.3 * np.cos(np.deg2rad(35.0))))
     assert splined.closest_approach[0] < exact.closest_approach[0] + carried
     assert 0.0 < splined.statistics["spline_rms_error"] < splined.statistics["spline_error"] < 1e-3
+
+
+def test_a_plan_that_a_coarse_spline_leads_astray_is_polished_in_the_flow_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    flow, solved_in = eddying_flow(6), list[bool]()
+
+    def solve(model: MissionModel, *args: Any, **options: Any) -> MissionSolution:
+        solved_in.append(model.spline is not None)
+        return solve_mission(model, *args, **options)
+
+    monkeypatch.setattr("planners.mission.solve.solve_mission", solve)
+    request = MissionRequest(place(flow, -6e3, -6e3, 0.0), (place(flow, 2e3, 2e3, 0.0),))
+    exact, coarse = (
+        plan_mission(flow, replace(request, settings=MissionSettings(depth=300.0, legs=8, spline=points))) for points in (0, 1)
+    )
+    assert coarse.statistics["spline_error"] * coarse.duration > 100.0
+    assert solved_in == [False, True, False]
+    assert coarse.duration == pytest.approx(exact.duration, rel=1e-6)
 
 
 def test_a_flow_that_changes_is_planned_in_a_spline_too() -> None:

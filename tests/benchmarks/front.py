@@ -1,0 +1,250 @@
+"""The earliest arrival: against Zermelo's solutions and rays, against a fine search among obstacles, and missions above its bound."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from planners import MissionRequest, MissionSettings, plan_mission
+from planners.front.current import CurrentLattice, current_lattice, shares_of_levels, spacing_over
+from planners.front.front import sea_of, spread
+from planners.front.obstacles import as_complex
+from planners.front.relax import relax
+from planners.mission.arrival import bound_of, longest_time
+from planners.mission.task import LEAST_DIVE, MissionTask, mission_task
+from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.estimator.basis.modes import embed_member
+from replay_kit.forecast import read_ensemble
+from tests.benchmarks.estimator import row
+from tests.benchmarks.planners_masked import islands, random_area
+from tests.places import DATA
+from tests.planners.flow_samples import eddying_flow, fitted_flow, place
+from tests.reference.fine_search import search_time
+from tests.reference.rays import fan, in_front
+from tests.reference.zermelo import time_in_jet, time_in_solid_rotation, time_in_uniform_current
+
+Row = dict[str, Any]
+QG = DATA / "qg" / "climatology.nc"
+DAY = 86400.0
+# Turning of the water [rad/s], and the current of the uniform case [m/s].
+_RATE, _UNIFORM = 1.2e-5, np.array([0.3, -0.4])
+# Depth of the water that a vehicle flies through on average [m].
+_DEPTH = 800.0
+
+
+def rows(tiny: bool) -> list[Row]:
+    """Return what was measured."""
+    made = zermelo_rows(2 if tiny else 25)
+    flows = _flows(tiny)
+    made += [ray_row(flows, 0.6, *((0.2, 4) if tiny else (2.0, 20)))]
+    if not tiny:
+        # as slow as the current: told, not held to the same
+        made += [ray_row(flows, 0.29, 4.0, 20)]
+    made += [reach_row(*((1, 0, 2e3) if tiny else (100, 20, 600.0)))]
+    made += [bound_row("free", free_case, 1 if tiny else 40, tiny)]
+    if not tiny:
+        made += [bound_row("masked", masked_case, 40, tiny), bound_row("in strong currents", strong_case, 20, tiny)]
+    return [{"peak_mb": None} | one for one in made]
+
+
+def _flows(tiny: bool) -> tuple[FlowEstimate, ...]:
+    """Return pairs of flows, one after the other, between which the current changes."""
+    if tiny or not QG.exists():
+        return tuple(eddying_flow(seed, speed=0.2) for seed in range(2 if tiny else 6))
+    config = RunConfig()
+    ensemble = read_ensemble(QG, config.forecast)
+    return tuple(embed_member(ensemble, member, config.estimator) for member in (5, 6, 23, 24, 41, 42))
+
+
+def _times_of(current: CurrentLattice, speed: float, begin: Array, ends: Array, until: float) -> tuple[Array, float]:
+    """Return when a front is at some places [s], relaxed off the lattice, and the processor time of the front alone [s]."""
+    places, first = as_complex(np.vstack([begin, ends])), current.places.size
+    began = time.process_time()
+    sea = sea_of(current, speed, places)
+    front = spread(sea, np.array([first]), np.zeros(1), until, np.zeros(0, dtype=int))
+    took = time.process_time() - began
+    numbers = first + 1 + np.arange(len(ends))
+    arrived = [
+        float(relax(sea, front.route_to(int(n), 0.0, True), 0.0).times[-1]) if np.isfinite(front.times[n]) else np.inf for n in numbers
+    ]
+    return np.array(arrived), took
+
+
+def zermelo_rows(count: int) -> list[Row]:
+    """Random pairs in currents whose quickest paths are known."""
+
+    def jet(north: Any) -> Any:
+        return 0.6 * np.cos(2.0 * np.pi * north / 6e4)
+
+    cases: dict[str, tuple[Callable[[Any, Any], Any], Callable[[Array, Array], float]]] = {
+        "a uniform current": (lambda x, y: (0 * x + 0.3, 0 * y - 0.4), lambda b, e: time_in_uniform_current(e - b, _UNIFORM, 1.0)),
+        "solid rotation": (lambda x, y: (_RATE * y, -_RATE * x), lambda b, e: time_in_solid_rotation(b, e, _RATE, 1.0)),
+        "a jet": (lambda x, y: (jet(y), 0 * x), lambda b, e: time_in_jet(b, e, lambda y: float(jet(y)), 1.0)),
+    }
+    made = []
+    for name, (velocity, exact) in cases.items():
+        flow, rng, errors, took = fitted_flow(velocity), np.random.default_rng(3), list[float](), list[float]()
+        current = current_lattice(flow, flow.latent, np.zeros(1), spacing_over(flow), np.ones(1))
+        while len(errors) < count:
+            begin, end = rng.uniform(-22e3, 22e3, (2, 2))
+            # the shooting of the jet's solution needs a way across it
+            if abs(end[1] - begin[1]) > max(12e3, abs(end[0] - begin[0])) and np.isfinite(truth := exact(begin, end)):
+                found, seconds = _times_of(current, 1.0, begin, end[None], 1e6)
+                errors.append(float(found[0] / truth - 1.0))
+                took.append(seconds)
+        made.append(_error_row(f"earliest arrival in {name}, {count} pairs", np.array(errors), max(took), "Zermelo's solution"))
+    return made
+
+
+def ray_row(flows: tuple[FlowEstimate, ...], speed: float, days: float, count: int) -> Row:
+    """Ends of Zermelo's rays that no other overtook, in a current that changes from one flow to another within ten days."""
+    errors, took, rng, fastest = list[float](), 0.0, np.random.default_rng(5), 0.0
+    for one, other in zip(flows[::2], flows[1::2], strict=True):
+        times = np.arange(0.0, (days + 1.0) * DAY, 0.5 * DAY)
+        latent = np.hstack([one.latent + at / (10.0 * DAY) * (other.latent - one.latent) for at in times])
+        shares = shares_of_levels(one, min(_DEPTH, float(one.levels[-1])), 0.05)
+        began = time.process_time()
+        current = current_lattice(one, latent, times, spacing_over(one), shares)
+        made = time.process_time() - began
+        mean = np.stack([part @ shares for part in np.split(latent, times.size, axis=1)], axis=1)
+
+        def velocity(at: Array, now: float) -> Array:
+            weights = np.array([np.interp(now, times, unit) for unit in np.eye(times.size)])  # noqa: B023
+            return one.horizontal.velocity(at, (mean @ weights)[:, None])[..., 0]  # noqa: B023
+
+        low, high = (np.array([pick(one.grid.east), pick(one.grid.north)]) for pick in (np.min, np.max))
+        begin = 0.5 * (low + high) + rng.uniform(-0.1, 0.1, 2) * (high - low)
+        fans = fan(velocity, begin, speed, np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False), np.linspace(0.0, days * DAY, 97)[1:])
+        apart = np.max(np.linalg.norm(np.diff(fans[-1], axis=0, append=fans[-1, :1]), axis=1, keepdims=True), axis=1)
+        inside = np.all((fans > low) & (fans < high), axis=(0, 2))
+        usable = np.flatnonzero(in_front(fans, 100.0) & inside & (apart < 3e3) & (np.roll(apart, 1) < 3e3))
+        ends = fans[-1, rng.choice(usable, min(count, usable.size), replace=False)] if usable.size else np.zeros((0, 2))
+        found, seconds = _times_of(current, speed, begin, ends, 1.2 * days * DAY)
+        errors += list(found / (days * DAY) - 1.0)
+        took, fastest = max(took, made + seconds), max(fastest, current.fastest)
+    name = f"earliest arrival at {speed} m/s after {days:g} days in currents up to {fastest:.2f} m/s that change, {len(errors)} rays"
+    return _error_row(name, np.array(errors), took, "Zermelo's rays")
+
+
+def _error_row(name: str, errors: Array, took: float, peer: str) -> Row:
+    known = np.abs(errors[np.isfinite(errors)])
+    error = {"mean_share": float(np.mean(known)), "ninety_five_share": float(np.quantile(known, 0.95))} if known.size else {}
+    extremes = {"earliest": float(np.min(errors)), "latest": float(np.max(errors))} if known.size else {}
+    more = {"not_reached": int(np.sum(~np.isfinite(errors))), "asked_s": 0.5, **extremes}
+    return row(f"{name}: mean 0.3 %, 95 in 100 within 1 % asked", took, peer, None, None, {f"off_{k}": v for k, v in error.items()}, **more)
+
+
+def reach_row(count: int, out_of_reach: int, spacing: float) -> Row:
+    """Random goals among obstacles: none that a fine search reaches may be called out of reach; those far out of reach are, at once."""
+    wrong, said, seen, took, bounds, judged, k = 0, 0, 0, [0.0], list[float](), list[float](), 0
+    goals = 0
+    while goals < count or seen < out_of_reach:
+        flow, request = reach_case(k)
+        k += 1
+        try:
+            task = mission_task(flow, request)
+        except PlanError:
+            continue
+        began = time.process_time()
+        truth, most = _judge(task, spacing), longest_time(task)
+        judged.append(time.process_time() - began)
+        if goals < count:
+            goals += 1
+            began = time.process_time()
+            bound = bound_of(task)[1]
+            bounds.append(time.process_time() - began)
+            wrong += truth <= most and not np.isfinite(bound.time)
+        if truth > 1.1 * most and seen < out_of_reach:
+            plan_mission(flow, request)  # what is made once for all missions of these nodes is not counted
+            began = time.process_time()
+            plan = plan_mission(flow, request)
+            took.append(time.process_time() - began)
+            seen += 1
+            said += plan.status == "unreachable" and "out of reach" in plan.message
+    name = f"{goals} goals among obstacles: none called out of reach that a fine search reaches; {seen} out of reach, each told in 0.5 s"
+    more = {"said": said, "slowest_s": max(took), "asked_s": 0.5}
+    peer, theirs = f"search of a grid of {spacing:g} m", float(np.median(judged))
+    return row(name, float(np.median(bounds)), peer, theirs, 1.0, {"differing": wrong}, **more)
+
+
+def reach_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
+    """Return a mission among islands and areas, its current about as fast as the vehicle."""
+    rng = np.random.default_rng(700 + seed)
+    flow = islands(eddying_flow(seed, speed=float(rng.uniform(0.1, 0.4))), rng)
+    limits = 0.85 * np.array([flow.grid.east.max(), flow.grid.north.max()])
+    begin, end = rng.uniform(-limits, limits, (2, 2))
+    areas = tuple(random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}") for k in range(rng.integers(0, 4)))
+    areas = tuple(replace(area, surface_only=False) for area in areas)
+    settings = MissionSettings(depth=200.0, surface_time=300.0, max_legs=int(rng.integers(10, 60)))
+    return flow, MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings, no_go=areas)
+
+
+def _judge(task: MissionTask, spacing: float) -> float:
+    """Return the earliest arrival that a fine search finds, without margins [s]."""
+    angle, flow = task.vehicle.angles[0], task.flow
+    drift_share = task.settings.surface_time / task.leg_time(angle)
+    shares = shares_of_levels(flow, task.settings.depth, drift_share)
+    walls = [ring.area for ring in (*task.rings, *task.bottom.rings(LEAST_DIVE)) if not ring.surface_only and not ring.outside]
+
+    def velocity(at: Array) -> Array:
+        return np.asarray(flow.horizontal.velocity(at, (task.currents.latent[0] @ shares)[:, None])[..., 0])
+
+    low, high = (np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max))
+    # the outline of the region is curved by less than this
+    box = np.array([low, high]) * 0.99
+    speed = (1.0 - drift_share) * float(task.vehicle.speeds(np, angle)[0])
+    return search_time(velocity, speed, task.start[:2], task.goals[0, :2], box, (spacing, 4), walls)
+
+
+def bound_row(kind: str, case: Callable[[int], tuple[FlowEstimate, MissionRequest]], count: int, tiny: bool) -> Row:
+    """How far missions that arrive lie above the earliest arrival of any vehicle."""
+    above, took, missed = list[float](), list[float](), 0
+    for k in range(count):
+        try:
+            flow, request = case(k)
+            began = time.process_time()
+            plan = plan_mission(flow, request)
+            took.append(time.process_time() - began)
+        except PlanError:
+            continue
+        if "above_bound_percent" in plan.statistics:
+            above.append(float(plan.statistics["above_bound_percent"]))
+        else:
+            missed += 1
+    error = {"below": float(np.sum(np.array(above) < 0.0))}
+    shares = {} if not above else {"above_median": float(np.median(above)), "above_ninety": float(np.quantile(above, 0.9))}
+    name = f"{len(above)} missions, {kind}: median 2.5 %, nine of ten 5 % above the earliest arrival asked"
+    return row(name, float(np.median(took)), "lower bound", None, None, error, **shares, not_reached=missed, slowest_s=max(took))
+
+
+def free_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
+    """Return a mission in a current slower than the vehicle."""
+    return _case(seed, 0.1)
+
+
+def strong_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
+    """Return a mission in a current as fast as the vehicle."""
+    return _case(seed, 0.25)
+
+
+def _case(seed: int, speed: float) -> tuple[FlowEstimate, MissionRequest]:
+    rng, flow = np.random.default_rng(900 + seed), eddying_flow(seed, speed=speed)
+    limits = 0.7 * np.array([flow.grid.east.max(), flow.grid.north.max()])
+    begin, end = rng.uniform(-limits, limits, (2, 2))
+    settings = MissionSettings(depth=390.0, surface_time=600.0)
+    return flow, MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=settings)
+
+
+def masked_case(seed: int) -> tuple[FlowEstimate, MissionRequest]:
+    """Return a mission among islands and areas."""
+    flow, request = free_case(seed)
+    rng = np.random.default_rng(950 + seed)
+    flow = islands(flow, rng)
+    limits = 0.7 * np.array([flow.grid.east.max(), flow.grid.north.max()])
+    areas = tuple(replace(random_area(flow, rng.uniform(-limits, limits), rng, f"area {k}"), surface_only=False) for k in range(3))
+    return flow, replace(request, no_go=areas)

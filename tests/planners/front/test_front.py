@@ -1,0 +1,208 @@
+"""The front: its edges and labels against slow twins, its times against physics, obstacles to the metre."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planners.front.current import CurrentLattice, current_lattice, shares_of_levels
+from planners.front.edges import edge_durations
+from planners.front.front import Front, sea_of, spread
+from planners.front.obstacles import Obstacles, directions_around, obstacles_of
+from planners.front.relax import relax
+from planners.route.hazards import Ring
+from replay_kit.core.arrays import Array
+from tests.planners.flow_samples import eddying_flow
+from tests.reference.front import arrivals, current_at, edge_duration, touches
+
+NONE = np.zeros(0, dtype=int)
+
+
+def lattice(seed: int, fastest: float, times: int = 3, shape: tuple[int, int] = (7, 8), divisions: int = 1) -> CurrentLattice:
+    """Return a smooth random current on a lattice of 1 km, at times a day apart."""
+    rng = np.random.default_rng(seed)
+    rows, columns = ((count - 1) * divisions + 1 for count in shape)
+    y, x = np.meshgrid(np.linspace(0.0, 2.0, rows), np.linspace(0.0, 2.0, columns), indexing="ij")
+    turns = rng.uniform(0.0, 6.0, (times, 2))
+    values = np.stack([np.sin(y + a) + 1j * np.sin(x + b) for a, b in turns])
+    return CurrentLattice(np.array([-3e3, -2e3]), 1e3, 86400.0 * np.arange(times), fastest / np.abs(values).max() * values, divisions)
+
+
+def ring(*corners: tuple[float, float], outside: bool = False) -> Ring:
+    return Ring(np.array(corners, dtype=float), outside, "wall")
+
+
+def box(west: float, south: float, east: float, north: float, outside: bool = False) -> Ring:
+    return ring((west, south), (east, south), (east, north), (west, north), outside=outside)
+
+
+def front_of(current: CurrentLattice, speed: float, ends: list[complex], walls: Obstacles | None = None, waits: bool = False) -> Front:
+    """Return the front from the first of some places."""
+    sea = sea_of(current, speed, np.array(ends), walls, waits=waits)
+    return spread(sea, np.array([current.places.size]), np.zeros(1), np.inf, NONE)
+
+
+def still(half: float, spacing: float = 1e3) -> CurrentLattice:
+    count = int(2 * half / spacing) + 1
+    return CurrentLattice(np.array([-half, -half]), spacing, np.zeros(1), np.zeros((1, count, count), dtype=complex))
+
+
+@pytest.mark.parametrize(("times", "divisions"), [(1, 1), (3, 2)])
+def test_the_current_is_linear_between_entries_as_its_twin(times: int, divisions: int):
+    current, rng = lattice(1, 0.3, times, (4, 5), divisions), np.random.default_rng(2)
+    places, at = rng.uniform(-4e3, 3e3, 20) + 1j * rng.uniform(-3e3, 2e3, 20), rng.uniform(-1e5, 3e5, 20)
+    twin = [current_at(current.values, current.origin, 1e3 / divisions, current.times, *pair) for pair in zip(places, at, strict=True)]
+    np.testing.assert_allclose(current.at(places, at), twin, atol=1e-6)
+
+
+def test_edges_take_as_long_as_their_twins_and_are_closed_where_those_are():
+    current, rng = lattice(3, 0.4), np.random.default_rng(4)
+    begin, end = rng.uniform(-3e3, 4e3, (2, 60)) + 1j * rng.uniform(-2e3, 4e3, (2, 60))
+    depart = rng.uniform(0.0, 1e5, 60)
+    found = edge_durations(current, 0.3, begin, end, depart, 700.0)
+
+    def at(place: complex, time: float) -> complex:
+        return complex(current.at(np.array([place]), np.array([time]))[0])
+
+    twins = [edge_duration(at, 0.3, *given, 700.0) for given in zip(begin.tolist(), end.tolist(), depart.tolist(), strict=True)]
+    np.testing.assert_allclose(found, twins, rtol=1e-9)
+    assert 5 < np.isinf(found).sum() < 55
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_labels_are_those_of_dijkstra_on_the_same_lattice(seed: int):
+    current = lattice(seed, 0.2)
+    sea = sea_of(current, 0.3, np.zeros(0, dtype=complex))
+    front = spread(sea, np.array([19]), np.zeros(1), np.inf, NONE)
+
+    def duration(here: int, there: int, now: float) -> float:
+        ends = sea.places[[here]], sea.places[[there]]
+        return float(edge_durations(current, 0.3, *ends, np.array([now]), sea.piece)[0])
+
+    np.testing.assert_allclose(front.times, arrivals(current.shape, 5, 19, duration), rtol=1e-12)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.25, 0.5))
+def test_a_faster_vehicle_is_nowhere_later_and_none_is_quicker_than_the_fastest_current_carries_it(seed: int, speed: float):
+    current = lattice(seed, 0.2)
+    slow, fast = (front_of(current, v, [0j]) for v in (speed, 1.2 * speed))
+    assert np.all(fast.times <= slow.times + 1e-6)
+    reached = np.isfinite(slow.times)
+    assert np.all(np.abs(slow.sea.places)[reached] <= (speed + current.fastest) * slow.times[reached] + 1e-6)
+    # each label is that of the point before and an edge that is no shorter than nothing
+    assert np.all(slow.times[reached] >= slow.times[slow.before[reached]])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_waiting_is_never_later_and_counts_only_where_the_current_is_faster_than_the_vehicle(seed: int):
+    strong, weak = lattice(seed, 0.5), lattice(seed, 0.2)
+    for current, differs in ((strong, None), (weak, False)):
+        moving, waiting = (front_of(current, 0.3, [0j], waits=waits).times for waits in (False, True))
+        assert np.all(waiting <= moving + 1e-6)
+        if differs is False:
+            np.testing.assert_allclose(waiting, moving)
+
+
+def test_an_edge_that_opens_later_is_waited_for():
+    # an eastward current of 0.5 m/s that stops after a day: a vehicle of 0.3 m/s then goes west
+    values = np.zeros((3, 3, 9), dtype=complex)
+    values[:2] = 0.5
+    current = CurrentLattice(np.array([-4e3, -1e3]), 1e3, np.array([0.0, 86400.0, 86401.0]), values)
+    west = [0j, -3e3 + 0j]
+    assert np.isinf(front_of(current, 0.3, west).times[-1])
+    assert front_of(current, 0.3, west, waits=True).times[-1] == pytest.approx(86401.0 + 3e3 / 0.3, rel=1e-3)
+
+
+def test_in_still_water_a_route_is_straight_once_it_is_relaxed():
+    ends = [-8.3e3 - 2.1e3j, 7.7e3 + 5.2e3j]
+    front = front_of(still(10e3), 0.3, ends)
+    route = relax(front.sea, front.route_to(front.times.size - 1, 0.0, True), 0.0)
+    straight = abs(ends[1] - ends[0]) / 0.3
+    assert straight <= route.times[-1] <= 1.0005 * straight
+    assert route.times[-1] <= front.times[-1] <= 1.006 * straight
+
+
+@pytest.mark.parametrize(("gap", "passes"), [(101.0, True), (99.0, False)])
+@pytest.mark.parametrize("offset", [0.0, 333.0])
+def test_a_gap_is_passed_when_it_is_wider_than_two_margins(gap: float, passes: bool, offset: float):
+    ends = np.array([-5e3 + 0j, 5e3 + 0j])
+    walls = [box(-100.0, offset + 0.5 * gap, 100.0, 30e3), box(-100.0, -30e3, 100.0, offset - 0.5 * gap)]
+    sea = sea_of(still(8e3), 0.3, ends, obstacles_of([*walls, box(-8e3, -8e3, 8e3, 8e3, outside=True)], 50.0, ends))
+    front = spread(sea, np.array([sea.current.places.size]), np.zeros(1), np.inf, NONE)
+    assert np.isfinite(front.times[sea.current.places.size + 1]) == passes
+
+
+def test_round_an_area_the_way_is_the_shortest_past_its_corner_less_the_margin():
+    ends, wall = np.array([-5e3 + 0j, 5e3 + 0j]), box(-1e3, -2e3, 1e3, 2.6e3)
+    frame = box(-9e3, -9e3, 9e3, 9e3, outside=True)
+    walls = obstacles_of([wall, frame], 50.0, ends)
+    front = front_of(still(9e3), 0.3, [*ends], walls)
+    corner = complex(1.05e3, -2.05e3)
+    shortest = (2.0 * abs(ends[1] - corner) + 2.1e3) / 0.3
+    route = relax(front.sea, front.route_to(front.sea.current.places.size + 1, 0.0, True), 0.0)
+    assert shortest <= route.times[-1] + 1e-6
+    assert route.times[-1] <= 1.002 * shortest
+    # without the area nothing is later
+    free = front_of(still(9e3), 0.3, [*ends])
+    count = free.times.size
+    assert np.all(free.times <= front.times[:count] + 1e-6)
+
+
+@pytest.mark.parametrize("clear", [11.0, 70.0])
+def test_near_a_start_or_goal_the_margin_shrinks(clear: float):
+    # a goal so near to a wall that the margin would forbid it
+    ends = np.array([-5e3 + 0j, 0j])
+    walls = [box(clear, -3e3, 2e3, 3e3), box(-8e3, -8e3, 8e3, 8e3, outside=True)]
+    front = front_of(still(8e3), 0.3, [*ends], obstacles_of(walls, 50.0, ends))
+    assert front.times[front.sea.current.places.size + 1] == pytest.approx(5e3 / 0.3, rel=2e-3)
+    # elsewhere along the wall it does not
+    far = obstacles_of(walls, 50.0, ends)
+    assert not far.free(np.array([complex(clear - 30.0, 2e3)]))[0]
+    assert far.free(np.array([complex(clear - 55.0, 2e3)]))[0]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6))
+def test_lines_touch_the_outline_as_their_twins_say(seed: int):
+    rng = np.random.default_rng(seed)
+    corners = 1e3 * np.sort(rng.uniform(0.3, 1.0, 7)) * np.exp(1j * np.sort(rng.uniform(0.0, 2.0 * np.pi, 7)))
+    wall = ring(*zip(corners.real, corners.imag, strict=True))
+    walls = obstacles_of([wall, box(-5e3, -5e3, 5e3, 5e3, outside=True)], 0.2, np.array([4e3 + 4e3j]))
+    begin, end = 1.5e3 * (rng.uniform(-1.0, 1.0, (2, 20)) + 1j * rng.uniform(-1.0, 1.0, (2, 20)))
+    edges = list(zip(corners, np.roll(corners, -1), strict=True))
+    twins = [any(touches(b, e, *edge) for edge in edges) for b, e in zip(begin, end, strict=True)]
+    if wall.area.geom_type == "Polygon":
+        np.testing.assert_array_equal(walls.crossed(begin, end), twins)
+
+
+def test_a_disc_lies_within_the_places_around_it():
+    around = directions_around(3.0 + 4.0j, 250.0, 12)
+    middles = 0.5 * (around + np.roll(around, -1))
+    assert np.min(np.abs(middles - (3.0 + 4.0j))) == pytest.approx(250.0)
+
+
+def test_a_flow_on_the_lattice_is_the_mean_of_the_flow_over_depth():
+    flow = eddying_flow(4)
+    shares = shares_of_levels(flow, 300.0, 0.1)
+    current = current_lattice(flow, flow.latent, np.zeros(1), 800.0, shares)
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-35e3, -25e3], [35e3, 25e3], (40, 2))
+    depths = np.linspace(0.0, 300.0, 101)
+
+    def exact(point: Array) -> complex:
+        dive = flow.velocity(*np.tile(point, (101, 1)).T, depths).mean(axis=0)
+        east, north = 0.9 * dive + 0.1 * flow.velocity(point[0], point[1], 0.0)
+        return complex(east, north)
+
+    found = current.at(points[:, 0] + 1j * points[:, 1], np.zeros(40))
+    assert np.max(np.abs(found - [exact(point) for point in points])) < 2e-3
+
+
+def test_the_bearing_of_an_approach_is_kept_to_the_time_that_is_left():
+    ends = [0j, 9e3 + 0j]
+    sea = sea_of(still(10e3), 0.3, np.array(ends))
+    front = spread(sea, np.array([sea.current.places.size]), np.zeros(1), 20e3, NONE)
+    nearest, when = front.approach(ends[1], 20e3)
+    assert nearest == pytest.approx(9e3 - 6e3, abs=60.0)
+    assert when <= 20e3

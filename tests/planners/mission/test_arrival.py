@@ -1,0 +1,101 @@
+"""What the front tells a mission: its bound, how many legs, a goal by a wall, a pilot's habit, the rest of a plan that goes astray."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners import MissionPlan, MissionRequest, MissionSettings, NoGo, plan_mission
+from planners.mission.arrival import bound_of, initial_guess, passage_past_goals, water_of
+from planners.mission.attempt import is_feasible
+from planners.mission.course import habit
+from planners.mission.search import _fewest_legs, _more_legs, likely_legs
+from planners.mission.task import mission_task
+from replay_kit.core.flow.estimate import FlowEstimate
+from tests.planners.flow_samples import eddying_flow, place, still_flow, uniform_flow
+
+SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
+
+
+def request_in(flow: FlowEstimate, begin: tuple[float, float], end: tuple[float, float], **more: object) -> MissionRequest:
+    asked = MissionRequest(place(flow, *begin, 0.0), (place(flow, *end, 0.0),), settings=SETTINGS)
+    return replace(asked, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_mission_is_told_against_a_bound_that_it_does_not_beat(seed: int):
+    flow = eddying_flow(seed, speed=0.1)
+    plan = plan_mission(flow, request_in(flow, (-12e3, -3e3), (9e3, 6e3)))
+    above = float(plan.statistics["above_bound_percent"])
+    assert plan.status == "reached"
+    assert 0.0 < above < 8.0
+    assert f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make" in plan.message
+    assert plan.duration / 3600.0 == pytest.approx(float(plan.statistics["bound_h"]) * (1.0 + above / 100.0))
+
+
+def test_in_a_uniform_current_the_bound_is_zermelos_to_the_disc_less_the_lattices_error():
+    flow = uniform_flow(0.08, 0.05)
+    task = mission_task(flow, request_in(flow, (-10e3, -2e3), (10e3, 4e3)))
+    _, bound = bound_of(task)
+    way, current = task.goals[0, :2] - task.start[:2], np.array([0.08, 0.05])
+    share = SETTINGS.surface_time / task.leg_time(task.vehicle.angles[0])
+    speed = (1.0 - share) * float(task.vehicle.speeds(np, task.vehicle.angles[0])[0])
+    unit = way / np.linalg.norm(way)
+    along, across = float(unit @ current), float(unit[0] * current[1] - unit[1] * current[0])
+    exact = (np.linalg.norm(way) - SETTINGS.tolerance) / (along + np.sqrt(speed**2 - across**2))
+    assert 0.985 * exact < bound.time < 0.997 * exact
+
+
+def test_a_goal_by_a_wall_is_reached_though_the_margin_would_forbid_it():
+    flow = still_flow()
+    wall = [(11.0, -4e3), (3e3, -4e3), (3e3, 4e3), (11.0, 4e3)]
+    corners = [place(flow, *corner, 0.0) for corner in wall]
+    area = NoGo(tuple((corner.longitude, corner.latitude) for corner in corners), "range")
+    plan = plan_mission(flow, request_in(flow, (-8e3, 1e3), (0.0, 0.0), no_go=(area,)))
+    assert plan.status == "reached"
+    assert np.isfinite(bound_of(mission_task(flow, request_in(flow, (-8e3, 1e3), (0.0, 0.0), no_go=(area,))))[1].time)
+
+
+def test_the_front_gives_the_number_of_legs_and_the_bound_the_fewest():
+    flow = still_flow()
+    task = mission_task(flow, request_in(flow, (-10e3, 0.0), (10e3, 0.0)))
+    water, bound = bound_of(task)
+    likely = likely_legs(task, passage_past_goals(task, water, task.rings))
+    # a leg leads as far as a glide to 300 m and back at 15 degrees
+    assert likely == int(np.ceil(20e3 / (600.0 / np.tan(np.deg2rad(15.0)))))
+    assert likely - 1 <= _fewest_legs(task, bound) <= likely
+    assert _more_legs(task, 8) == [9, 10, 12, 16]
+    assert _more_legs(replace(task, request=replace(task.request, settings=replace(SETTINGS, max_legs=10))), 8) == [9, 10]
+
+
+def test_a_guess_is_the_route_cut_into_legs_of_equal_time():
+    flow = eddying_flow(2, speed=0.1)
+    task = mission_task(flow, request_in(flow, (-10e3, -4e3), (10e3, 4e3)))
+    water = water_of(task)
+    route = passage_past_goals(task, water, task.rings).route
+    guess = initial_guess(task, route, water, np.linspace(0.0, route.times[-1], 6))
+    np.testing.assert_allclose(guess.places[-1], task.goals[0, :2], atol=1e-6)
+    np.testing.assert_allclose(guess.places, route.at(np.linspace(0.0, route.times[-1], 6)[1:]))
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_no_mission_is_later_than_one_that_heads_at_the_goal_at_each_surfacing(seed: int):
+    flow = eddying_flow(seed, speed=0.12)
+    asked = request_in(flow, (-9e3, 5e3), (8e3, -4e3))
+    task, plan = mission_task(flow, asked), plan_mission(flow, asked)
+    flown = habit(task, water_of(task), 30, 1e6)
+    assert flown is not None
+    assert is_feasible(task, flown)
+    assert plan.duration <= float(flown.flight.time[-1])
+    assert habit(task, water_of(task), 30, 0.9 * float(flown.flight.time[-1])) is None
+
+
+def test_the_rest_of_a_plan_with_too_many_legs_is_replaced_by_one_with_as_many_as_the_front_suggests():
+    flow = eddying_flow(3, speed=0.1)
+    asked = request_in(flow, (-12e3, 0.0), (6e3, 2e3))
+    crowded = plan_mission(flow, replace(asked, settings=replace(SETTINGS, legs=16)))
+    cold = plan_mission(flow, asked)
+    assert len(crowded.headings_deg) == 16 > len(cold.headings_deg) + 3
+    again: MissionPlan = plan_mission(flow, asked, warm=crowded)
+    assert again.duration <= 1.001 * cold.duration
+    assert len(again.headings_deg) < 16
