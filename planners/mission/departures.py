@@ -6,11 +6,19 @@ from itertools import pairwise
 
 import numpy as np
 
+from planners.mission.attempt import Attempt, is_feasible
 from planners.mission.flight import Sample
 from planners.mission.plan import plan_mission
+from planners.mission.result import to_plan
+from planners.mission.scenarios import with_n_legs
+from planners.mission.search import rest_of
+from planners.mission.solve import solve_legs
+from planners.mission.task import MissionTask, mission_task
 from planners.mission.values import MissionPlan, MissionRequest
 from replay_kit.core.errors import PlanError
 
+# Share by which a time in still water may be short of that in the current.
+_ROUGHLY = 1.01
 # Of the statuses the better one first.
 _RANKS = ("reached", "uncertain", "unreachable")
 
@@ -18,8 +26,8 @@ _RANKS = ("reached", "uncertain", "unreachable")
 def plan_departures(flow: Sample, request: MissionRequest, starts_ns: Sequence[int]) -> tuple[MissionPlan, ...]:
     """Return the best mission found for each departure.
 
-    The first is planned by itself; each other one starts from the plan before it, and is planned by itself where that plan's number of legs
-    is too large.
+    The first is planned by itself. Each other one is solved from the plan before it, with a leg more or less where that is needed or might
+    do, and planned by itself where that is no good plan either. Only plans by themselves are told against the lower bound of the time.
 
     Args:
         flow: The current, or its estimates for increasing times.
@@ -35,9 +43,8 @@ def plan_departures(flow: Sample, request: MissionRequest, starts_ns: Sequence[i
     for start_ns in starts_ns:
         asked = replace(request, start_time_ns=start_ns)
         # leaving later, all legs of the plan before are still to be flown
-        before = replace(plans[-1], start_time_ns=start_ns) if plans and plans[-1].status == "reached" else None
-        made = plan_mission(flow, asked, warm=before)
-        plans.append(_or_anew(flow, asked, made) if before is not None else made)
+        made = _from_neighbour(flow, asked, replace(plans[-1], start_time_ns=start_ns)) if plans else None
+        plans.append(plan_mission(flow, asked) if made is None else made)
     return tuple(plans)
 
 
@@ -53,17 +60,35 @@ def best_departure(plans: Sequence[MissionPlan]) -> int:
     return min(range(len(plans)), key=lambda k: rank(plans[k]))
 
 
-def _or_anew(flow: Sample, request: MissionRequest, made: MissionPlan) -> MissionPlan:
-    """Return a plan, or a cheaper one found without an earlier plan: sought where a leg less, at the shallowest angle, takes no less time.
+def _from_neighbour(flow: Sample, request: MissionRequest, before: MissionPlan) -> MissionPlan | None:
+    """Return the mission with the legs of another departure's, solved for its own; None where that is no good plan."""
+    if before.status != "reached":
+        return None
+    task = mission_task(flow, request)
+    attempts = rest_of(task, before)
+    alike = all(max(leg) == task.settings.depth for leg in before.yo_depths)
+    if attempts and alike and request.settings.legs is None:
+        attempts += _with_another_number(task, attempts[0])
+    made = to_plan(task, attempts)
+    return made if made.status == "reached" and not (request.settings.legs is None and _spares_a_leg(made)) else None
 
-    A least number of legs leaves no room for one less; an earlier plan whose number is too large is no guide.
-    """
-    settings, n_legs = request.settings, len(made.headings_deg)
-    if settings.legs is not None or made.status != "reached" or n_legs <= len(request.goals):
-        return made
-    _, down = request.vehicle.speeds(np, request.vehicle.angles[0])
-    longest = 2.0 * settings.yos * max(max(leg) for leg in made.yo_depths) / float(down) + settings.surface_time
-    if made.duration > (n_legs - 1) * longest:
-        return made
-    anew = plan_mission(flow, request)
-    return anew if best_departure([anew, made]) == 0 else made
+
+def _with_another_number(task: MissionTask, attempt: Attempt) -> list[Attempt]:
+    """Return an attempt with a leg more where one misses its goals, with a leg less where that might do; none where neither is so."""
+    feasible, n_legs = is_feasible(task, attempt), len(attempt.legs.headings)
+    wanted = n_legs - 1 if feasible else n_legs + 1
+    if wanted > task.settings.max_legs or (feasible and not _spares_a_leg(to_plan(task, [attempt]))):
+        return []
+    other = with_n_legs(task, attempt, wanted)
+    return [solve_legs(task, other.guess, other.goals, None, fewer=feasible)]
+
+
+def _spares_a_leg(plan: MissionPlan) -> bool:
+    """Return whether a mission might do with a leg less: at the shallowest glide angle it would be over in the time of one less."""
+    settings, vehicle, n_legs = plan.settings, plan.vehicle, len(plan.headings_deg)
+    if n_legs <= len(plan.goals):
+        return False
+    along, down = (float(speed) for speed in vehicle.speeds(np, vehicle.angles[0]))
+    slower = float(np.mean(vehicle.speeds(np, np.deg2rad(plan.glide_angles_deg))[0])) / along
+    longest = 2.0 * settings.yos * max(max(leg) for leg in plan.yo_depths) / down + settings.surface_time
+    return plan.duration * slower <= _ROUGHLY * (n_legs - 1) * longest

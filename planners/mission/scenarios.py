@@ -207,12 +207,12 @@ def _widen_margin(task: MissionTask, before: Attempt, margin: SafetyMargin) -> A
     for longer in range(n_legs + 1, min(n_legs + _LONGER, task.settings.max_legs) + 1):
         if (is_feasible(task, found) and found.plane_violation < _KEPT) or task.settings.legs is not None:
             break
-        more = solve_with_margin(task, _with_n_legs(task, before, longer), margin)
+        more = solve_with_margin(task, with_n_legs(task, before, longer), margin)
         found = min(found, more, key=lambda one: (not is_feasible(task, one), one.plane_violation))
     return found
 
 
-def _with_n_legs(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
+def with_n_legs(task: MissionTask, attempt: Attempt, n_legs: int) -> Attempt:
     """Return an attempt whose guess has ``n_legs`` legs of equal time along the same path."""
     flight, duration = attempt.flight, float(attempt.flight.time[-1])
     at = duration * np.arange(1, n_legs + 1) / n_legs

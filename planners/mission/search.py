@@ -82,7 +82,7 @@ def solve_attempts(task: MissionTask, warm: MissionPlan | None = None) -> list[A
     water, bound = bound_of(task) if _is_bounded(task) else (water_of(task), None)
     if bound is not None and bound.goal >= 0:
         return [replace(_approach(task, water, bound), bound=bound)]
-    attempts = [] if warm is None else _rest_of(task, warm)
+    attempts = [] if warm is None else rest_of(task, warm)
     if any(is_feasible(task, attempt) for attempt in attempts):
         attempts += _reconsidered(task, water, attempts[0])
     else:
@@ -278,7 +278,7 @@ def add_leg(goal_legs: tuple[int, ...], angles: Array) -> tuple[int, ...]:
     return tuple(number + int(k >= shallowest) for k, number in enumerate(goal_legs))
 
 
-def _rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
+def rest_of(task: MissionTask, warm: MissionPlan) -> list[Attempt]:
     """Return the attempt with the legs of an earlier plan that are still to be flown; none when there are none, or not as many as asked."""
     begun = warm.legs_flown(task.request.start_time_ns)
     left = len(warm.headings_deg) - begun

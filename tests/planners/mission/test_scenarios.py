@@ -12,7 +12,7 @@ from planners.mission.feedback import aim, fly_corrected
 from planners.mission.flight import Flight, currents_of, currents_of_samples, fly_legs
 from planners.mission.flights import fly_mission, legs_of_plan
 from planners.mission.safety_margin import SafetyMargin, tolerance_factor
-from planners.mission.scenarios import _with_n_legs, most_violations_allowed, passes_binomial_test, points_at, summarise_flights
+from planners.mission.scenarios import most_violations_allowed, passes_binomial_test, points_at, summarise_flights, with_n_legs
 from planners.mission.search import solve_attempts
 from planners.mission.task import mission_task
 from planners.vehicle import Glider
@@ -166,7 +166,7 @@ def test_points_are_those_nearest_in_time():
 def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path():
     task = mission_task(FLOW, MissionRequest(START, (GOAL,), Glider(), SETTINGS))
     before = solve_attempts(task)[0]
-    same, more = (_with_n_legs(task, before, n_legs) for n_legs in (5, 6))
+    same, more = (with_n_legs(task, before, n_legs) for n_legs in (5, 6))
     # five legs of a current that hardly changes last the same: cut in five they are what they were
     np.testing.assert_allclose(same.guess.places, before.guess.places, atol=150.0)
     np.testing.assert_allclose(same.guess.headings, before.legs.headings, atol=1e-3)
@@ -186,7 +186,7 @@ def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_shor
     hours, turning = 3600.0 * np.arange(6), np.array([-0.1, 0.1, 0.2, 0.3, 0.4])
     flight = Flight(hours, np.zeros(6), np.zeros((1, 6, 2)), np.array([0, 0, 1, 2, 3, 4]), np.arange(1, 6))
     legs = replace(before.legs, headings=turning % (2.0 * np.pi))
-    headings = _with_n_legs(task, replace(before, flight=flight, legs=legs), 4).guess.headings
+    headings = with_n_legs(task, replace(before, flight=flight, legs=legs), 4).guess.headings
     # the middles of four legs are after 0.625, 1.875, 3.125 and 4.375 hours
     expected = np.interp([0.625, 1.875, 3.125, 4.375], np.arange(6), turning[flight.leg])
     np.testing.assert_allclose(np.column_stack([np.sin(headings), np.cos(headings)]), np.column_stack([np.sin(expected), np.cos(expected)]))

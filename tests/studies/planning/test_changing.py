@@ -81,7 +81,8 @@ def test_a_mission_is_flown_in_all_ways():
     assert row.perfect < 300.0
     assert row.held > row.perfect
     assert np.isfinite(row.known)
-    assert row.known <= row.known_habit * 1.001
+    # the plan is to surface at the goal, 1.5 km after the passage that counts: of 13 km that may cost a hundredth
+    assert row.known <= row.known_habit * 1.01
     assert row.plans >= 1
 
 

@@ -126,6 +126,7 @@ def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
     assert all(row["arrival"] in page for row in said)
 
 
+@pytest.mark.full
 def test_fewer_legs_are_tried_where_a_later_departure_needs_fewer():
     speeds = ((-0.1, 0), (-0.1, 20), (0.2, 24), (0.2, 96))
     flows = [replace(uniform_flow(speed, 0.0), time_ns=NOON + hours * HOUR) for speed, hours in speeds]
