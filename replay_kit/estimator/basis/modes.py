@@ -194,7 +194,10 @@ def _default_basis(ensemble: Ensemble, config: EstimatorConfig, shift: float) ->
     scale = SHIFT_WEIGHTS[0] if shift > 0.0 else 1.0
     weights = found.products[: n_members * n_levels].reshape(n_members, n_levels, -1) / scale
     truncated = found.residual_square[: n_members * n_levels].reshape(n_members, n_levels).sum(axis=0) / scale**2
-    latents = embed(functions, nodes, np.hstack([mean.reshape(n_levels, -1).T, found.vectors]), config.nugget)
+    given = np.hstack([mean.reshape(n_levels, -1).T, found.vectors])
+    # a view, so that no second copy of the vectors takes memory beside the band of a large region
+    found = replace(found, vectors=given[:, n_levels:])
+    latents = embed(functions, nodes, given, config.nugget)
     return Basis(
         grid,
         functions,
